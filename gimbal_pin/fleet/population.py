@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,7 +128,17 @@ class Comparison:
 
 
 class _Fit(NamedTuple):
-    """Mean, its variance, τ², ρ² (P,), covariance of (τ², ρ²) (P, 2, 2), and the likelihood ratio to τ = 0, (P,)."""
+    """Estimates of every parameter, (P,).
+
+    Attributes:
+        mean: μ.
+        mean_var: Its variance.
+        spread: τ²; where no unit has two logs with ρ² in it.
+        repeat: ρ²; 0 there.
+        covariance: Of τ² and ρ², (P, 2, 2).
+        ratio: Likelihood ratio to τ = 0.
+        freedom: Degrees of freedom between units, and within them, (P, 2).
+    """
 
     mean: Array
     mean_var: Array
@@ -136,13 +146,15 @@ class _Fit(NamedTuple):
     repeat: Array
     covariance: Array
     ratio: Array
+    freedom: Array
 
 
 class _Tests(NamedTuple):
-    """Each direction's size in a unit's residual, its standard deviation and p-value, and the limit of t, (P, K)."""
+    """Of each direction in a unit's residual, (P, K): size, deviation, twice the likelihood gained, p and t's limit."""
 
     size: Array
     std: Array
+    gain: Array
     p_value: Array
     limit: Array
 
@@ -267,18 +279,25 @@ def _describe_population(names: Sequence[str], logs: _Logs, fit: _Fit) -> tuple[
 
 
 def _describe_deviation(logs: _Logs, u: int, p: int, name: str, tests: _Tests) -> Deviation:
-    """Return a unit's deviation in one parameter: the least probable of the directions."""
-    k, when = int(tests.p_value[p].argmin()), logs.when[logs.rows[u]]
+    """Return a unit's deviation in one parameter."""
+    k, when = int(_choose_direction(tests)[p]), logs.when[logs.rows[u]]
     kind = Kind.DRIFT if k == len(when) else Kind.STEP if k else Kind.OFFSET
     size, std = (float(logs.scale[p] * own[p, k]) for own in (tests.size, tests.std))
     since = float(when[k if kind is Kind.STEP else 0])
     return Deviation(logs.labels[u], name, kind, size, std, float(tests.p_value[p, k]), since)
 
 
+def _choose_direction(tests: _Tests) -> NDArray[np.intp]:
+    """Place of the direction that fits best, of those that are significant where one is, (P,)."""
+    is_significant = np.abs(tests.size) > tests.limit * tests.std
+    gain = np.where(is_significant | ~is_significant.any(axis=1, keepdims=True), np.nan_to_num(tests.gain), -1.0)
+    return np.asarray(gain.argmax(axis=1))
+
+
 def _estimate_unit(logs: _Logs, u: int, tests: _Tests, fit: _Fit, deviates: NDArray[np.bool_]) -> UnitEstimate:
     """Return a unit's posterior means, the fleet the prior of parameters that do not deviate."""
     y, variance = logs.y[logs.rows[u]], logs.variance[logs.rows[u]]
-    step = tests.p_value.argmin(axis=1)
+    step = _choose_direction(tests)
     begin = np.where(deviates & (step < len(y)), step, 0)
     w = np.where(np.arange(len(y))[:, None] >= begin, _weights(variance, fit), 0.0)
     prior = np.where(deviates, 0.0, 1.0 / np.maximum(fit.spread + fit.mean_var, FLOOR))
@@ -307,7 +326,8 @@ def _start_fit(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:
     covariance = np.zeros((len(error), 2, 2))
     covariance[:, 0, 0] = 2 / 0.37 * np.square(between + error) / (count - 1)
     covariance[:, 1, 1] = 2 / 0.37 * np.square(within + error) / np.maximum(pairs, 1)
-    return _Fit(_nanmedian(means), np.pi / 2 * (between + error) / count, between, within, covariance, between)
+    mean_var, freedom = np.pi / 2 * (between + error) / count, 0.37 * np.stack([count - 1.0, pairs], axis=1)
+    return _Fit(_nanmedian(means), mean_var, between, within, covariance, between, freedom)
 
 
 def _nanmedian(x: Array) -> Array:
@@ -330,13 +350,13 @@ def _fit(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:
     return _Fit(*map(np.array, zip(*rows)))
 
 
-def _fit_one(y: Array, variance: Array, unit: NDArray[np.intp]) -> tuple[float, float, float, float, Array, float]:
+def _fit_one(y: Array, variance: Array, unit: NDArray[np.intp]) -> tuple[Any, ...]:
     """Return what `_Fit` holds of one parameter; nothing is known from fewer than two units."""
     from scipy.optimize import minimize
 
     count = unit.max(initial=-1) + 1
     if count < 2:
-        return np.nan, np.nan, np.nan, np.nan, np.full((2, 2), np.nan), 0.0
+        return np.nan, np.nan, np.nan, np.nan, np.full((2, 2), np.nan), 0.0, np.zeros(2)
     has_repeats = len(y) > count
 
     def sum_units(x: Array) -> Array:
@@ -377,13 +397,40 @@ def _fit_one(y: Array, variance: Array, unit: NDArray[np.intp]) -> tuple[float, 
         *found.x.tolist(),
         covariance,
         max(float(alike.fun - found.fun), 0.0),
+        np.array([count - 1.0, len(y) - count]),
     )
 
 
 def _test_directions(y: Array, variance: Array, directions: Array, fit: _Fit, false_alarms: float) -> _Tests:
-    """Test one unit's logs (m, P) for each direction (K, m), by generalised least squares with the fleet's variances.
+    """Test one unit's logs (m, P) for an offset, and for each other direction (K - 1, m), by the fleet's variances.
 
+    Where no other unit has two logs, those of one may differ as much as units do: changes are tested as if they did.
     The p-values count all K directions of all P parameters (Bonferroni).
+    """
+    has_repeats = fit.freedom[:, 1] > 0
+    between_logs = fit._replace(
+        repeat=np.where(has_repeats, fit.repeat, fit.spread),
+        covariance=np.where(has_repeats[:, None, None], fit.covariance, fit.covariance[:, :1, :1]),
+    )
+    fewest = np.where(has_repeats, fit.freedom[:, 1], fit.freedom[:, 0])[:, None]
+    offset = _fit_directions(y, variance, directions[:1], fit, fit.freedom[:, :1])
+    size, std, freedom, gain = _fit_directions(y, variance, directions, between_logs, fewest)
+    for own, first in zip((size, std, freedom), offset):
+        own[:, :1] = first
+    with np.errstate(all="ignore"):
+        p_value = np.minimum(1.0, 2 * size.size * stdtr(freedom, -np.abs(size) / std))
+        limit = -stdtrit(freedom, false_alarms / (2 * size.size))
+    return _Tests(size, std, gain, np.where(np.isfinite(p_value), p_value, 1.0), limit)
+
+
+def _fit_directions(
+    y: Array, variance: Array, directions: Array, fit: _Fit, fewest: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return each direction's size, its standard deviation, that one's degrees of freedom, and the fit's gain, (P, K).
+
+    Satterthwaite's ν = 2 V² / var(V) of the variance V falls without bound where the spread is small beside the errors
+    that it was estimated from. No variance that counts has fewer than its own sum of squares, `fewest`: V is raised to
+    what has that many, which of one log is the variance of logs like those of the fleet.
     """
     w = _weights(variance, fit).T[:, None]
     shrink = (fit.spread / (1 + fit.spread * w[:, 0].sum(axis=1)))[:, None, None]
@@ -394,9 +441,8 @@ def _test_directions(y: Array, variance: Array, directions: Array, fit: _Fit, fa
         weighted = weighted / precision[:, :, None]
         size = (weighted * (y - fit.mean).T[:, None]).sum(axis=2)
         gradient = np.stack([weighted.sum(axis=2) ** 2, (weighted**2).sum(axis=2)], axis=2)
+        gain = size**2 * precision
         square = 1 / precision + gradient[:, :, 0] * fit.mean_var[:, None]
-        freedom = 2 * square**2 / np.einsum("pki,pij,pkj->pk", gradient, fit.covariance, gradient)
-        std, several = np.sqrt(square), precision.size
-        p_value = np.minimum(1.0, 2 * several * stdtr(freedom, -np.abs(size) / std))
-        limit = -stdtrit(freedom, false_alarms / (2 * several))
-    return _Tests(size, std, np.where(np.isfinite(p_value), p_value, 1.0), limit)
+        uncertainty = np.einsum("pki,pij,pkj->pk", gradient, fit.covariance, gradient)
+        square = np.maximum(square, np.sqrt(fewest * uncertainty / 2))
+        return size, np.sqrt(square), 2 * square**2 / uncertainty, gain

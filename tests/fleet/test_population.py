@@ -138,3 +138,15 @@ def test_unknown_values_accuse_nobody_and_hide_nothing() -> None:
 def test_a_single_unit_has_nothing_to_be_compared_with() -> None:
     with pytest.raises(UsageError, match="fewer than two units"):
         compare(draw_fleet(np.random.default_rng(8), 1, logs=3))
+
+
+def test_what_exceeds_any_spread_is_found_though_the_spread_is_within_the_errors() -> None:
+    rng = np.random.default_rng(9)
+    units = [f"unit {k:02d}" for k in range(11)] + ["worn"] * 4
+    values, times = rng.normal(size=(15, len(NAMES))), np.concatenate([np.zeros(11), np.arange(4.0)])
+    values[11:, 0] += np.array([0.0, 40.0, 80.0, 120.0])
+    found = compare_units(NAMES, values, np.ones(values.shape), units, times)
+    assert [(own.unit, own.parameter, own.kind) for own in found.deviations] == [("worn", NAMES[0], Kind.DRIFT)]
+    values[11:, 0] = 100.0
+    found = compare_units(NAMES, values, np.ones(values.shape), units, times)
+    assert [(own.unit, own.parameter, own.kind) for own in found.deviations] == [("worn", NAMES[0], Kind.OFFSET)]
