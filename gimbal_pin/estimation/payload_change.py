@@ -11,12 +11,11 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.regression import (
     Block,
     Design,
-    compute_covariance,
     compute_residual_power,
     count_effective_rows,
     factor_rows,
     find_camera_body,
-    solve_factors,
+    solve,
     weigh_and_solve,
 )
 
@@ -39,12 +38,6 @@ def halves(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
                 part.append(some)
         left -= len(block.t)
     return parts
-
-
-def half_estimate(blocks: Sequence[Block], scale: Array) -> tuple[Array, Array]:
-    """Return parameters and covariance of one half, with the weights of the whole."""
-    found = solve_factors(factor_rows(blocks), scale)
-    return found.theta, compute_covariance(blocks, found, scale)
 
 
 def payload_directions(rows: Design) -> Array:
@@ -72,7 +65,8 @@ def compare_halves(blocks: Sequence[Block], rows: Design) -> float:
     count = count_effective_rows(blocks)
     factors = factor_rows(blocks)
     *_, scale = weigh_and_solve(factors, lambda theta: compute_residual_power(factors, theta, count))
-    return score([half_estimate(part, scale) for part in parts], payload_directions(rows))
+    each = [solve(part, scale=scale) for part in parts]
+    return score([(one.theta, one.covariance) for one in each], payload_directions(rows))
 
 
 def score(parts: Sequence[tuple[Array, Array]], directions: Array) -> float:

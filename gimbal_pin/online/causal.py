@@ -370,7 +370,7 @@ def smoothed(design: StreamDesign, running: Running, noise: Noise, frame: Frame)
 
 
 def fused(design: StreamDesign, noise: Noise, derived: Array, rate: Array, slow: Array) -> tuple[Array, Array, Array]:
-    """Combine the angle's derivative with the measured rate, each where it is better, as `samples.fuse_rates` does.
+    """Combine the angle's derivative with the measured rate, each where it is better, as `regression.samples` does.
 
     ``v = rate + L (derived - rate)`` with a low-pass L of first order at the crossover 2π f = σ_v/σ_q, the steady
     Kalman filter of an angle and its rate; its memory is its output, so that the crossover may follow the noise.

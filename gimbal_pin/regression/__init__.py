@@ -11,7 +11,6 @@ from gimbal_pin.regression.covariance import join_columns as join_columns
 from gimbal_pin.regression.design import CHUNK_SAMPLES as CHUNK_SAMPLES
 from gimbal_pin.regression.design import MASK_TAPER as MASK_TAPER
 from gimbal_pin.regression.design import SMOOTHER_MEMORY as SMOOTHER_MEMORY
-from gimbal_pin.regression.design import STANDSTILL_DEVIATIONS as STANDSTILL_DEVIATIONS
 from gimbal_pin.regression.design import Block as Block
 from gimbal_pin.regression.design import Design as Design
 from gimbal_pin.regression.design import DesignBlocks as DesignBlocks
@@ -44,7 +43,6 @@ from gimbal_pin.regression.noise import join_blocks as join_blocks
 from gimbal_pin.regression.physical import TRUST as TRUST
 from gimbal_pin.regression.physical import anchor as anchor
 from gimbal_pin.regression.physical import build_program as build_program
-from gimbal_pin.regression.physical import build_urdf_prior as build_urdf_prior
 from gimbal_pin.regression.physical import check_trust as check_trust
 from gimbal_pin.regression.physical import factor_wide_states as factor_wide_states
 from gimbal_pin.regression.physical import fit_bounded_bodies as fit_bounded_bodies
@@ -57,7 +55,6 @@ from gimbal_pin.regression.recursive import Prior as Prior
 from gimbal_pin.regression.recursive import loosen_prior as loosen_prior
 from gimbal_pin.regression.recursive import solve_recursive as solve_recursive
 from gimbal_pin.regression.recursive import taper_lags as taper_lags
-from gimbal_pin.regression.samples import Excerpt as Excerpt
 from gimbal_pin.regression.samples import Filtering as Filtering
 from gimbal_pin.regression.samples import Flags as Flags
 from gimbal_pin.regression.samples import Samples as Samples
@@ -75,9 +72,7 @@ from gimbal_pin.regression.samples import subsample_log as subsample_log
 from gimbal_pin.regression.solve import RANK as RANK
 from gimbal_pin.regression.solve import Estimate as Estimate
 from gimbal_pin.regression.solve import Estimator as Estimator
-from gimbal_pin.regression.solve import Solution as Solution
 from gimbal_pin.regression.solve import choose_columns as choose_columns
-from gimbal_pin.regression.solve import compute_covariance as compute_covariance
 from gimbal_pin.regression.solve import compute_residual_power as compute_residual_power
 from gimbal_pin.regression.solve import compute_residuals as compute_residuals
 from gimbal_pin.regression.solve import count_effective_rows as count_effective_rows
@@ -89,6 +84,5 @@ from gimbal_pin.regression.solve import fit_weighted as fit_weighted
 from gimbal_pin.regression.solve import merge_factors as merge_factors
 from gimbal_pin.regression.solve import solve as solve
 from gimbal_pin.regression.solve import solve_factors as solve_factors
-from gimbal_pin.regression.solve import triangularise as triangularise
 from gimbal_pin.regression.solve import weigh_and_solve as weigh_and_solve
 from gimbal_pin.regression.solve import weigh_joints as weigh_joints

@@ -64,7 +64,7 @@ def fit_residual_noise(
     for _ in range(PASSES):
         processes = [fit_autoregression(each, float(count)) for each, count in zip(gamma.T, rows)]
         spread = gain @ compute_score_covariance(lent, processes, weight).sum(axis=0) @ gain.T
-        gamma = seen + compute_absorbed_autocovariance(whole, lent, processes, gain, spread, weight)
+        gamma = seen + _compute_absorbed_autocovariance(whole, lent, processes, gain, spread, weight)
     processes = [fit_autoregression(each, float(count)) for each, count in zip(gamma.T, rows)]
     return ResidualNoise(processes, gamma, np.maximum(rows - len(theta) / len(rows), 1.0))
 
@@ -109,7 +109,7 @@ def compute_coloured_covariance(
     return np.asarray(out * np.outer(widening, widening))
 
 
-def compute_absorbed_autocovariance(
+def _compute_absorbed_autocovariance(
     whole: Sequence[Block],
     columns: Sequence[Array],
     processes: Sequence[Autoregression],

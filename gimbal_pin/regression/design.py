@@ -299,11 +299,11 @@ class Design:
         # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
         sections = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
         smoother = partial(signals.zero_phase, sections=sections)
-        jumping = filter_columns(self.compute_effect_columns(moved), smoother, way.few)
+        jumping = _filter_columns(self.compute_effect_columns(moved), smoother, way.few)
         channels, moved = channels.select(way.few), moved.select(way.few)
         rigid = self.compute_rigid_columns(moved)
         tau = channels.tau - self.compute_unfitted_torque(moved, rigid) - self.compute_stated_torque(moved)
-        A = filter_columns(np.concatenate([rigid, jumping], axis=2), way.low_pass, way.rows, way.moving)
+        A = _filter_columns(np.concatenate([rigid, jumping], axis=2), way.low_pass, way.rows, way.moving)
         share = np.clip(way.low_pass(way.moving)[way.rows], 0.0, 1.0)
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
         t, q, v = (x[way.rows].copy() for x in (channels.t, channels.q, channels.v))
@@ -347,7 +347,9 @@ class Design:
         return out
 
 
-def filter_columns(columns: Array, low_pass: Callable[[Array], Array], keep: slice, mask: Array | None = None) -> Array:
+def _filter_columns(
+    columns: Array, low_pass: Callable[[Array], Array], keep: slice, mask: Array | None = None
+) -> Array:
     """Run a filter over columns, (m, n, k), and return the samples `keep`, (r, n, k).
 
     Joint by joint, and only those columns that a joint feels: of a long chain's most feel hardly half.

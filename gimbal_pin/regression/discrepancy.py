@@ -61,7 +61,7 @@ class Misfit(NamedTuple):
         return brief(self)
 
 
-def fit_misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
+def _fit_misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
     """Return what each joint's residual holds, and δ's columns at it, (m, f) each."""
     A, b, q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in FIELDS)
     used, found, columns = count_effective_rows(blocks), [], []
@@ -79,11 +79,11 @@ def build_discrepancy_columns(q: Array, v: Array) -> Array:
     beside the rows' low-pass, which is left out.
     """
     turn = np.outer(q, np.arange(1, ANGLES // 2 + 1))
-    whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else build_cosines(q, ANGLES)
-    return np.hstack([whole, build_cosines(v, RATES), np.sign(v)[:, None] * whole[:, :SIGNED]])
+    whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else _build_cosines(q, ANGLES)
+    return np.hstack([whole, _build_cosines(v, RATES), np.sign(v)[:, None] * whole[:, :SIGNED]])
 
 
-def build_cosines(x: Array, count: int) -> Array:
+def _build_cosines(x: Array, count: int) -> Array:
     """``cos(π k (x - min)/(max - min))``, k from 1, (m, count)."""
     along = (x - x.min()) / max(float(np.ptp(x)), 1e-9)
     return np.asarray(np.cos(np.pi * np.outer(along, np.arange(1, count + 1))))
@@ -154,7 +154,7 @@ def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) ->
         estimate: What was estimated from them.
         cameras: Of how many cameras the joints are, one's after another's.
     """
-    found, columns = fit_misfits(blocks)
+    found, columns = _fit_misfits(blocks)
     weight = np.ones(len(found)) if estimate.method == "ols" else weigh_joints(estimate.residual_std**2)
     gain = solve_factors(factor_rows(blocks), weight).gain
     moved = np.zeros((len(found), len(gain), len(GROUPS)))

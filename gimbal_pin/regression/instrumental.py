@@ -41,7 +41,7 @@ def fit_instrumental(blocks: Sequence[Block], instruments: Sequence[Array]) -> E
     """
     if [Z.shape for Z in instruments] != [block.A.shape for block in blocks]:
         raise UsageError("instruments", "do not have the shape of the regressors", "build them with the same rows")
-    return solve_instrumental(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)])
+    return _solve_instrumental(blocks, [(Z, block.A) for Z, block in zip(instruments, blocks)])
 
 
 def fit_repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
@@ -59,13 +59,13 @@ def fit_repeated(blocks: Sequence[Block], twins: Sequence[Block]) -> Estimate:
     middle = [block._replace(A=(block.A + twin.A) / 2) for block, twin in zip(blocks, twins)]
     half = [(block.A - twin.A) / 2 for block, twin in zip(blocks, twins)]
     # (AᵀB + BᵀA) / 2 = MᵀM - DᵀD with the mean M and half the difference D.
-    return solve_instrumental(middle, [(block.A, block.A) for block in middle], half)
+    return _solve_instrumental(middle, [(block.A, block.A) for block in middle], half)
 
 
 Pairs = Sequence[tuple[Array, Array]]
 
 
-def solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()) -> Estimate:
+def _solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Array] = ()) -> Estimate:
     """Solve ``(Σ ZᵀWA - Σ DᵀWD) theta = Σ ZᵀWb``, W from each joint's residual in turn.
 
     `pairs`: per block (Z, A); `noise`: per block D, whose power is taken off. Residuals are the blocks' own.
@@ -80,13 +80,13 @@ def solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[Ar
         power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
         weight = weigh_joints(power) ** 2
     spread = compute_coloured_covariance(blocks, [Z for Z, _ in pairs], theta, inverse, weight)
-    spread = spread + inverse @ compute_product_covariance(noise, theta, weight) @ inverse.T
+    spread = spread + inverse @ _compute_product_covariance(noise, theta, weight) @ inverse.T
     blind = ~np.any(inverse != 0.0, axis=1)
     spread[blind, blind] = np.inf
     return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), "instrumental")
 
 
-def compute_product_covariance(noise: Sequence[Array], theta: Array, weight: Array) -> Array:
+def _compute_product_covariance(noise: Sequence[Array], theta: Array, weight: Array) -> Array:
     """Covariance that ``Σ DᵀWD theta`` and its like in ``Σ MᵀWM theta`` have by chance, (k, k).
 
     Noise times noise: the mean of two readings and half their difference hold as much of it, independent of each other.

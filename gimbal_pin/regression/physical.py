@@ -158,14 +158,14 @@ def fit_bounded_bodies(
     lower, upper = (np.array([getattr(c, name) for c in limits]) for name in ("lower", "upper"))
     fixed_values = np.full(len(limits), np.nan)
     while True:
-        phi, others = fit_bodies(rows.rig.phi, rows.mixing, stacked, fixed_values, weights)
+        phi, others = _fit_bodies(rows.rig.phi, rows.mixing, stacked, fixed_values, weights)
         low, high = others < lower, others > upper
         if not (low | high).any():
             return phi, others
         fixed_values[low], fixed_values[high] = lower[low], upper[high]
 
 
-def fit_bodies(
+def _fit_bodies(
     start: Array, mixing: Array, stacked: Array, fixed_values: Array, weights: Sequence[float] = consistency.WEIGHTS
 ) -> tuple[Array, Array]:
     """Return the bodies, (10 n,), and the other coefficients, that fit best ``[U z]``, (any, k + 1).

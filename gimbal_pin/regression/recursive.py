@@ -149,22 +149,22 @@ def solve_recursive(moments: Moments, prior: Prior | None = None) -> Known:
     equations = None if prior is None else prior.equations
     found, power, scale = weigh_and_solve(factors, power_of, equations)
     theta = found.theta
-    total, pairs = sum_lagged_residuals(moments, theta, prior)
+    total, pairs = _sum_lagged_residuals(moments, theta, prior)
     freedom = np.ones(len(count)) if prior else count / np.maximum(count - width / len(count), 1.0)
-    products = symmetrise_products(moments, width)
+    products = _symmetrise_products(moments, width)
     positive = total / np.maximum(pairs[0], 1.0)
     for gamma in (total / np.maximum(pairs, 1.0), positive):
         score = np.einsum("lj,ljab->ab", gamma * freedom * scale**4 * taper_lags()[:, None], products)
         if equations is not None:
             score = score + equations[:, :-1].T @ equations[:, :-1]
-        covariance = sandwich_score(found, score)
+        covariance = _sandwich_score(found, score)
         # Few rows can have an autocovariance that is none, each lag being divided by its own number of pairs.
         if (np.diag(covariance) > 0).all():
             break
     return Known(Estimate(theta, covariance, np.sqrt(power), found.condition, moments.rows, "recursive"), positive)
 
 
-def sum_lagged_residuals(moments: Moments, theta: Array, prior: Prior | None) -> tuple[Array, Array]:
+def _sum_lagged_residuals(moments: Moments, theta: Array, prior: Prior | None) -> tuple[Array, Array]:
     """Sum of each joint's residual times itself at every lag, (N m)², and the number of pairs, (LAGS + 1, n) each."""
     error = np.append(theta, -1.0)
     total = np.einsum("ljab,a,b->lj", moments.products[:, :, :-1, :-1], error, error, optimize=True)
@@ -174,7 +174,7 @@ def sum_lagged_residuals(moments: Moments, theta: Array, prior: Prior | None) ->
     return np.asarray(total), np.asarray(pairs)
 
 
-def symmetrise_products(moments: Moments, width: int) -> Array:
+def _symmetrise_products(moments: Moments, width: int) -> Array:
     """``Σ A_t A_{t+l}ᵀ``, and its transpose where l > 0, (LAGS + 1, n, k, k)."""
     products = moments.products[:, :, :width, :width]
     lagged = products[1:]
@@ -204,7 +204,7 @@ def taper_lags() -> Array:
     return np.asarray(1.0 - np.arange(LAGS + 1) / (LAGS + 1), dtype=np.float64)
 
 
-def sandwich_score(found: Solution, score: Array) -> Array:
+def _sandwich_score(found: Solution, score: Array) -> Array:
     """``H⁻¹ S H⁻¹``, with infinite variances where H⁻¹ has them, (k, k).
 
     S is that of Newey and West 1987: its sums over lags are all that constant memory allows. The batch fits each

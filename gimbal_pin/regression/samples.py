@@ -63,12 +63,12 @@ class Filtering:
 
 def compute_settling_time(filtering: Filtering) -> float:
     """Time around a sample that its row depends on, s: both filters' memory."""
-    own = GAUSSIAN_REACH * compute_gaussian_deviation(filtering.cutoff)
+    own = GAUSSIAN_REACH * _compute_gaussian_deviation(filtering.cutoff)
     own = own if filtering.compact else signals.settling(filtering.cutoff)
     return own + signals.settling(filtering.cutoff * filtering.smoothing)
 
 
-def compute_gaussian_deviation(cutoff: float) -> float:
+def _compute_gaussian_deviation(cutoff: float) -> float:
     """Deviation of the Gaussian whose response is one half at a cutoff, s: ``√(ln 2 / 2) / (π f)``."""
     return float(np.sqrt(np.log(2.0) / 2.0) / (np.pi * cutoff))
 
@@ -77,7 +77,7 @@ def design_row_filter(filtering: Filtering, rate: float) -> Callable[[Array], Ar
     """Return the low-pass along the first axis that makes rows, for samples at `rate` Hz."""
     if not filtering.compact:
         return partial(signals.zero_phase, sections=signals.lowpass(filtering.cutoff, rate))
-    deviation = compute_gaussian_deviation(filtering.cutoff) * rate
+    deviation = _compute_gaussian_deviation(filtering.cutoff) * rate
     return partial(gaussian_filter1d, sigma=deviation, axis=0, mode="nearest", truncate=GAUSSIAN_REACH)
 
 
@@ -179,7 +179,7 @@ def smooth_samples(
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
     grid = np.asarray(segment.start + dt * np.arange(first, last), dtype=np.float64)
-    near = find_log_rows(segment, filtering, grid)
+    near = _find_log_rows(segment, filtering, grid)
     t = log.t[near]
     sections = signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / dt)
     raw_q = signals.resample(t, log.q[near], grid)
@@ -188,7 +188,7 @@ def smooth_samples(
     rate_std = signals.noise_std(raw_q) * signals.noise_gain(sections, 1 / dt, 1)
     if log.v is not None:
         raw_v = signals.resample(t, log.v[near], grid)
-        v, rate_std = fuse_rates(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
+        v, rate_std = _fuse_rates(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
     slide = v
     if filtering.direction is not None:
         slower = signals.lowpass(filtering.cutoff * filtering.direction, 1 / dt)
@@ -196,28 +196,28 @@ def smooth_samples(
         noise = signals.noise_std(raw_q) * signals.noise_gain(slower, 1 / dt, 1)
         rate_std = np.maximum(noise, REST * np.sqrt(np.mean(slide**2, axis=0)))
     tau = signals.zero_phase(resample_torque(segment, filtering, grid), sections)
-    platform = None if base_link is None else resample_base_motion(log, base_link, near, grid, sections)
+    platform = None if base_link is None else _resample_base_motion(log, base_link, near, grid, sections)
     lost = inside(segment.holes, grid) if len(segment.holes) else None
     return Samples(grid, q, v, signals.differentiate(v, dt), tau, slide, rate_std, platform, lost)
 
 
-def compute_torque_delay(segment: Segment, filtering: Filtering) -> float:
+def _compute_torque_delay(segment: Segment, filtering: Filtering) -> float:
     """Time by which the torque acts later than its stamp, s."""
     return segment.dt / 2 if filtering.alignment is None else filtering.alignment
 
 
-def find_log_rows(segment: Segment, filtering: Filtering, grid: Array) -> slice:
+def _find_log_rows(segment: Segment, filtering: Filtering, grid: Array) -> slice:
     """Rows of the log that a grid is resampled from."""
-    reach = 4 * segment.dt + abs(compute_torque_delay(segment, filtering))
+    reach = 4 * segment.dt + abs(_compute_torque_delay(segment, filtering))
     begin, end = np.searchsorted(segment.log.t, [grid[0] - reach, grid[-1] + reach])
     return slice(max(begin, segment.rows.start), min(end, segment.rows.stop))
 
 
 def resample_torque(segment: Segment, filtering: Filtering, grid: Array) -> Array:
     """The measured torque as it acts at the times of a grid, N m, (m, n), not smoothed."""
-    log, near = segment.log, find_log_rows(segment, filtering, grid)
+    log, near = segment.log, _find_log_rows(segment, filtering, grid)
     assert log.tau is not None
-    return signals.resample(log.t[near] + compute_torque_delay(segment, filtering), log.tau[near], grid)
+    return signals.resample(log.t[near] + _compute_torque_delay(segment, filtering), log.tau[near], grid)
 
 
 class UnfilteredTorque(NamedTuple):
@@ -246,12 +246,12 @@ class UnfilteredTorque(NamedTuple):
     @staticmethod
     def of(segment: Segment, filtering: Filtering, grid: Array, step: int) -> UnfilteredTorque:
         """What `smooth_samples` was given to come to every `step`-th sample of a grid."""
-        log, near = segment.log, find_log_rows(segment, filtering, grid)
+        log, near = segment.log, _find_log_rows(segment, filtering, grid)
         assert log.tau is not None
         cutoff = filtering.cutoff * filtering.smoothing
         sections = signals.lowpass(cutoff, 1 / segment.dt)
         return UnfilteredTorque(
-            log.t[near] + compute_torque_delay(segment, filtering), log.tau[near], grid, sections, step, cutoff
+            log.t[near] + _compute_torque_delay(segment, filtering), log.tau[near], grid, sections, step, cutoff
         )
 
     def smoothed(self, torque: Array) -> Array:
@@ -267,7 +267,7 @@ def compute_lost_impulse(segment: Segment, filtering: Filtering, grid: Array) ->
     return whole - signals.zero_phase(whole, signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / segment.dt))
 
 
-def resample_base_motion(log: Log, base_link: str, near: slice, grid: Array, sections: Array) -> Platform:
+def _resample_base_motion(log: Log, base_link: str, near: slice, grid: Array, sections: Array) -> Platform:
     """Return the base's motion on a uniform grid, smoothed like the other channels."""
     imu, t = log.imus[base_link], log.t[near]
     if imu.gyro is None or imu.accel is None:
@@ -276,7 +276,7 @@ def resample_base_motion(log: Log, base_link: str, near: slice, grid: Array, sec
     return Platform(grid, f, w, signals.differentiate(w, float(grid[1] - grid[0])))
 
 
-def fuse_rates(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) -> tuple[Array, Array]:
+def _fuse_rates(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: float) -> tuple[Array, Array]:
     """Combine the angle's derivative with the measured rate; return rate and its standard deviation.
 
     The derivative of an angle with white noise σ_q is the better rate below the frequency where 2π f σ_q = σ_v, the

@@ -12,7 +12,7 @@ from gimbal_pin.dynamics.model import Doubt
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.estimation.identification.checks import FAINT
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, compute_autocovariance, join_blocks
+from gimbal_pin.regression import Block, compute_autocovariance, count_independent_rows, join_blocks
 from gimbal_pin.rig.brief import brief
 
 EXPLAINED = 90.0
@@ -74,7 +74,7 @@ def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: 
     fit = 100 * (1 - np.linalg.norm(error, axis=0) / np.where(spread > FAINT * np.sqrt(rows), spread, np.nan))
     used = np.mean(share**2, axis=0)
     lags = compute_autocovariance(errors, [block.share for block in whole])
-    effective = rows / (1 + 2 * np.sum((lags[1:] / np.maximum(lags[0], 1e-300)) ** 2, axis=0))
+    effective = count_independent_rows(lags, rows)
     return Accuracy(how, *(dict(zip(joints, values.tolist())) for values in (rmse, fit, used, effective)))
 
 
