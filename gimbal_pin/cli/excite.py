@@ -85,8 +85,8 @@ def excite(
     """Design an excitation trajectory under the rig's limits."""
     import numpy as np
 
+    from gimbal_pin.excitation import build_sequential_criterion, count_periods
     from gimbal_pin.excitation import excite as run
-    from gimbal_pin.excitation import repeats, sequential
     from gimbal_pin.log.io import write_motion
 
     camera = payload or mounted(model)
@@ -99,10 +99,10 @@ def excite(
     found = run(
         plant.rig,
         seconds=seconds,
-        periods=repeats(seconds) if periods is None else periods,
+        periods=count_periods(seconds) if periods is None else periods,
         harmonics=harmonics,
         starts=starts,
-        criterion=sequential(plant.rig, read, seconds, shown) if read else criterion,
+        criterion=build_sequential_criterion(plant.rig, read, seconds, shown) if read else criterion,
         effects=shown,
         torque_model=plant,
         margin=margin,

@@ -32,8 +32,8 @@ from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.excitation.clearance import Clearance
 from gimbal_pin.excitation.columns import Columns
 from gimbal_pin.excitation.criteria import Determinant
-from gimbal_pin.excitation.design import CLEARANCE, COARSE, cleared
-from gimbal_pin.excitation.fourier import LONGEST, Series
+from gimbal_pin.excitation.design import CLEARANCE, COARSE, enforce_clearance
+from gimbal_pin.excitation.fourier import LONGEST_PERIOD, Series
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.excitation.problem import Problem as Limits
 from gimbal_pin.log.log import Array, Motion
@@ -167,7 +167,7 @@ def next_experiment(
     causes: Mapping[str, type[Cause]] = CAUSES,
     *,
     rng: np.random.Generator,
-    seconds: float = LONGEST,
+    seconds: float = LONGEST_PERIOD,
     tries: int = TRIES,
     dt: float = 1e-3,
 ) -> NextExperiment | None:
@@ -215,10 +215,10 @@ def next_experiment(
     possible = most >= 1  # less than the noise's own deviation is nothing
     best, moving = max(motions, key=lambda one: one.value), None
     if possible.any():
-        x = best.limits.repaired(best.x)
+        x = best.limits.repair(best.x)
         if x is None:
-            raise best.limits.infeasible()
-        best = tried(best.limits, cleared(best.limits, x)[0])
+            raise best.limits.explain_infeasibility()
+        best = tried(best.limits, enforce_clearance(best.limits, x)[0])
         moving = motion(best.limits, best.x, dt)
     partings = (each.parting(apart if ok else None) for each, apart, ok in zip(contests, best.apart, possible))
     return NextExperiment(rig.joints, moving, tuple(partings), finished)
@@ -240,8 +240,8 @@ def searched(
             if 2 * k >= tries:
                 limits, best, _ = max(motions, key=lambda one: one.value)
                 change = SMALLEST ** rng.random() * np.sqrt(np.mean(best**2)) * rng.standard_normal(len(best))
-                x = limits.repaired(best + change, rough=True)
-            motions.append(tried(limits, limits.start(rng) if x is None else x))
+                x = limits.repair(best + change, rough=True)
+            motions.append(tried(limits, limits.draw_start(rng) if x is None else x))
     except KeyboardInterrupt:
         if not motions:
             raise

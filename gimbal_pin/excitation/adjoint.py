@@ -15,7 +15,7 @@ import pinocchio as pin
 from gimbal_pin.log.log import Array, Motion
 
 
-def cross_tensor() -> Array:
+def _build_cross_tensor() -> Array:
     """T with ``(m x)_ab = sum_k T_abk m_k`` for motions, linear part first, (6, 6, 6)."""
     spin = np.cross(np.eye(3)[:, None], np.eye(3)[None]).transpose(2, 1, 0)  # spin_abk: [e_k x]_ab
     out = np.zeros((6, 6, 6))
@@ -23,7 +23,7 @@ def cross_tensor() -> Array:
     return out
 
 
-def inertia_tensor() -> Array:
+def _build_inertia_tensor() -> Array:
     """T with the inertia matrix ``I_ab = sum_p T_abp phi_p`` of a body's ten parameters (`rig.PHI`), (6, 6, 10)."""
     unit = np.eye(10)[0]  # Pinocchio's inertias divide by the mass, which must not be nothing
     mass = pin.Inertia.FromDynamicParameters(unit).matrix()
@@ -31,7 +31,7 @@ def inertia_tensor() -> Array:
     return np.stack([mass, *rest], axis=2)
 
 
-CROSS, INERTIA = cross_tensor(), inertia_tensor()
+_CROSS, _INERTIA = _build_cross_tensor(), _build_inertia_tensor()
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Link:
     parts: Array
 
 
-def waves(tree: tuple[Link, ...], q: Array) -> Array:
+def _compute_waves(tree: tuple[Link, ...], q: Array) -> Array:
     """1, s and c of every joint at angles or travels q (n, N), (n, 1, 3, N)."""
     turns = np.array([link.turns for link in tree])[:, None]
     return np.stack([np.ones_like(q), np.where(turns, np.sin(q), q), np.where(turns, 1 - np.cos(q), 0.0)], axis=1)[
@@ -63,13 +63,13 @@ def waves(tree: tuple[Link, ...], q: Array) -> Array:
     ]
 
 
-def links(model: pin.Model) -> tuple[Link, ...]:
+def build_links(model: pin.Model) -> tuple[Link, ...]:
     """The tree of a fixed-base model whose joints have one angle or travel each, base to tips."""
     data, out = model.createData(), []
     for i, joint in enumerate(list(model.joints)[1:], start=1):
         joint.calc(data.joints[i], np.zeros(model.nq))
         axis = np.array(data.joints[i].S, dtype=np.float64).ravel()
-        cross, first = CROSS @ axis, model.jointPlacements[i].inverse().action
+        cross, first = _CROSS @ axis, model.jointPlacements[i].inverse().action
         parts = np.stack([first, -cross @ first, cross @ cross @ first], axis=2)
         out.append(Link(model.parents[i] - 1, bool(np.any(axis[3:])), axis, cross, parts))
     return tuple(out)
@@ -94,7 +94,7 @@ class Frames:
         """``V = X V' + S v``, ``A = X A' + S a + V x S v``, ``J = X J'`` from base to tips; gravity (3,), m/s²."""
         n, count = len(tree), len(motion)
         v, a = motion.v.T, motion.a.T
-        passages = np.stack([link.parts for link in tree]) @ waves(tree, motion.q.T)
+        passages = np.stack([link.parts for link in tree]) @ _compute_waves(tree, motion.q.T)
         columns, arrived = np.zeros((2, n, 6, 2 + n, count))
         base = np.zeros((6, 2 + n, count))
         base[:3, 0] = -gravity[:, None]
@@ -108,23 +108,23 @@ class Frames:
             own[:, 2 + i] = along
         return Frames(columns, arrived, passages)
 
-    def bars(self, weights: Array) -> Array:
+    def compute_adjoints(self, weights: Array) -> Array:
         """Adjoints of the columns in ``sum_ij J_j' (I_ij A + V x* I_ij V)``, I_ij of the parameters (n, 10, n, N)."""
         n, _, _, count = self.columns.shape
-        inertia = (INERTIA.reshape(36, 10) @ weights.reshape(n, 10, -1)).reshape(n, 6, 6, n, count)
+        inertia = (_INERTIA.reshape(36, 10) @ weights.reshape(n, 10, -1)).reshape(n, 6, 6, n, count)
         A, V, J = self.columns[:, :, 0], np.ascontiguousarray(self.columns[:, :, 1]), self.columns[:, :, 2:]
-        turning = (CROSS.reshape(36, 6) @ V).reshape(n, 6, 6, count)
+        turning = (_CROSS.reshape(36, 6) @ V).reshape(n, 6, 6, count)
         momenta = np.einsum("iabjt,ibt->iajt", inertia, V)
         turned = np.einsum("iabt,ibjt->iajt", turning, J)
         products = np.einsum("iajt,ibjt->iabt", momenta, J).reshape(n, 36, count)
         bars = np.empty_like(self.columns)
         bars[:, :, 0] = np.einsum("iabjt,ibjt->iat", inertia, J)
-        bars[:, :, 1] = -CROSS.reshape(36, 6).T @ products - np.einsum("iabjt,ibjt->iat", inertia, turned)
+        bars[:, :, 1] = -_CROSS.reshape(36, 6).T @ products - np.einsum("iabjt,ibjt->iat", inertia, turned)
         bars[:, :, 2:] = np.einsum("iabjt,ibt->iajt", inertia, A) - np.einsum("iabt,iajt->ibjt", turning, momenta)
         return bars
 
 
-def regressor_gradient(tree: tuple[Link, ...], gravity: Array, motion: Motion, weights: Array) -> Array:
+def compute_regressor_gradient(tree: tuple[Link, ...], gravity: Array, motion: Motion, weights: Array) -> Array:
     """Gradient of ``sum weights * Y(q, v, a)`` to q, v, a, exact, (3, N, n).
 
     The sum is ``sum_ij J_j' (I_ij A_i + V_i x* I_ij V_i)`` over the bodies i and the joints j that move them, I_ij the
@@ -132,13 +132,13 @@ def regressor_gradient(tree: tuple[Link, ...], gravity: Array, motion: Motion, w
     recursion, backwards), once for all parameters.
 
     Args:
-        tree: `links` of the model.
+        tree: `build_links` of the model.
         gravity: Acceleration of gravity in the base frame, m/s², (3,).
         motion: The motion, N samples.
         weights: One per entry of Y, by body, its parameter, row and sample, (n, 10, n, N).
     """
     frames = Frames.of(tree, gravity, motion)
-    bars = frames.bars(weights)
+    bars = frames.compute_adjoints(weights)
     out = np.empty((3, len(tree), len(motion)))
     for i, link in reversed(list(enumerate(tree))):
         bar, v = bars[i, :, : 2 + i], motion.v[:, i]  # the own axis is fixed, and later ones do not move this body

@@ -19,19 +19,6 @@ from gimbal_pin.rig import urdf
 from gimbal_pin.rig.meshes import find_meshes, stl
 from gimbal_pin.rig.rig import Rig
 
-STATES = 100
-"""States spread over the limits on which it is seen which pairs can come near each other."""
-
-NEAR = 0.008
-"""Distance beyond the required one, m, within which a pair must come on one of them to be watched while optimising;
-the finished motion is checked for all pairs anyway."""
-
-UNIT = 0.1
-"""Distance, m, that counts as one share of a limit does."""
-
-STRIDE = 8
-"""Samples of a dense motion between two on which all pairs are measured; between them where need be."""
-
 
 class Gap(NamedTuple):
     """The smallest distance, m, and the links between which it is."""
@@ -63,24 +50,26 @@ class Clearance:
 
     @staticmethod
     def of(rig: Rig, required: float, envelope: Envelope) -> Clearance:
-        """The rig's parts, those pairs watched that can come near each other within the envelope.
+        """The rig's parts, those pairs watched that come within 8 mm of too near on a hundred states of the envelope.
+
+        All pairs are checked on the finished motion.
 
         Raises:
             RigError: A mesh cannot be read.
         """
-        geometry, unchecked = parts(rig)
+        geometry, unchecked = build_collision_geometry(rig)
         every = Clearance(rig, geometry, required, (), unchecked)
-        found = every.distances(envelope.spread().q[:STATES], range(len(geometry.collisionPairs)))
+        found = every.compute_distances(envelope.spread().q[:100], range(len(geometry.collisionPairs)))
         built = set(np.flatnonzero(found.max(axis=0) < required).tolist()) if found.size else set()
         pairs = list(geometry.collisionPairs)
         geometry.removeAllCollisionPairs()
         for k, pair in enumerate(pairs):
             if k not in built:
                 geometry.addCollisionPair(pair)
-        near = np.delete(found, list(built), axis=1).min(axis=0, initial=np.inf) < required + NEAR
+        near = np.delete(found, list(built), axis=1).min(axis=0, initial=np.inf) < required + 0.008
         return replace(every, watched=tuple(np.flatnonzero(near).tolist()))
 
-    def distances(self, q: Array, pairs: range | tuple[int, ...]) -> Array:
+    def compute_distances(self, q: Array, pairs: range | tuple[int, ...]) -> Array:
         """Distance of each pair at angles q (N, n), m, (N, pairs); less than zero where they are inside each other."""
         model, geometry, measure = self.rig.model, self.geometry, pin.computeDistance
         data, at = model.createData(), geometry.createData()
@@ -90,12 +79,12 @@ class Clearance:
             row[...] = [measure(geometry, at, k).min_distance for k in pairs]
         return out
 
-    def room(self, q: Array) -> Array:
-        """What the watched pairs have left, in units of `UNIT`, (N, pairs)."""
-        return (self.distances(q, self.watched) - self.required) / UNIT
+    def compute_room(self, q: Array) -> Array:
+        """What the watched pairs have left, dm, which weighs about as a share of a limit does, (N, pairs)."""
+        return (self.compute_distances(q, self.watched) - self.required) / 0.1
 
-    def room_slopes(self, q: Array) -> Array:
-        """Derivative of `room` to the angles, (N, pairs, n).
+    def differentiate_room(self, q: Array) -> Array:
+        """Derivative of `compute_room` to the angles, (N, pairs, n).
 
         ``n' (J_2(p_2) - J_1(p_1))``: nearest points p_1, p_2, normal n from first to second, J(p) the motion of p.
         """
@@ -112,11 +101,11 @@ class Clearance:
         along = (
             np.concatenate([np.broadcast_to(normal, points.shape), np.cross(points, normal)], axis=3) @ axes[:, None]
         )
-        moved = along * self.moved[list(self.watched)]
-        return (moved[:, :, 1] - moved[:, :, 0]) / UNIT
+        moved = along * self.is_moved[list(self.watched)]
+        return (moved[:, :, 1] - moved[:, :, 0]) / 0.1
 
     @cached_property
-    def moved(self) -> Array:
+    def is_moved(self) -> Array:
         """1 where a joint moves a pair's first and second part, (pairs, 2, n)."""
         model, objects = self.rig.model, self.geometry.geometryObjects
         out = np.zeros((len(self.geometry.collisionPairs), 2, self.rig.n))
@@ -125,28 +114,29 @@ class Clearance:
                 side[[joint - 1 for joint in model.supports[objects[part].parentJoint] if joint]] = 1.0
         return out
 
-    def smallest(self, q: Array) -> Gap | None:
+    def find_smallest_gap(self, q: Array) -> Gap | None:
         """The smallest distance of any pair at any of the consecutive angles q (N, n); None where there is no pair.
 
-        All pairs are measured at every `STRIDE`th sample, and at those between only where a pair can have come nearer
-        than the nearest so far: by no more than ``sum_j reach_j |dq_j|``.
+        All pairs are measured at every eighth sample, and at those between only where a pair can have come nearer than
+        the nearest so far: by no more than ``sum_j reach_j |dq_j|``.
         """
+        stride = 8
         pairs = range(len(self.geometry.collisionPairs))
         if not pairs:
             return None
-        measured = np.minimum(STRIDE // 2 + STRIDE * np.arange(-(-len(q) // STRIDE)), len(q) - 1)
-        rough = self.distances(q[measured], pairs)
+        measured = np.minimum(stride // 2 + stride * np.arange(-(-len(q) // stride)), len(q) - 1)
+        rough = self.compute_distances(q[measured], pairs)
         place = np.unravel_index(np.argmin(rough), rough.shape)
         best, pair = float(rough[place]), int(place[1])
-        own = np.minimum(np.arange(len(q)) // STRIDE, len(measured) - 1)
-        slack = np.abs(q - q[measured[own]]) @ self.reach(q)
+        own = np.minimum(np.arange(len(q)) // stride, len(measured) - 1)
+        slack = np.abs(q - q[measured[own]]) @ self.bound_reach(q)
         for k in np.flatnonzero(rough.min(axis=0) - slack.max() < best).tolist():
             open_samples = np.flatnonzero(rough[own, k] - slack < best)
-            nearer = float(self.distances(q[open_samples], (k,)).min(initial=np.inf))
+            nearer = float(self.compute_distances(q[open_samples], (k,)).min(initial=np.inf))
             best, pair = (nearer, k) if nearer < best else (best, pair)
-        return Gap(best, self.names(pair))
+        return Gap(best, self.get_links(pair))
 
-    def reach(self, q: Array) -> Array:
+    def bound_reach(self, q: Array) -> Array:
         """Most that any part's points move per unit of each joint, (n,), m/rad: the tree's lengths added up."""
         model = self.rig.model
         slides = np.array([joint.shortname().startswith("JointModelP") for joint in list(model.joints)[1:]])
@@ -160,24 +150,27 @@ class Clearance:
                 size += float(np.linalg.norm(model.jointPlacements[joint].translation)) + travel
         return out
 
-    def names(self, pair: int) -> tuple[str, str]:
+    def get_links(self, pair: int) -> tuple[str, str]:
         """The links of a pair."""
         both = self.geometry.collisionPairs[pair]
         objects, frames = self.geometry.geometryObjects, self.rig.model.frames
         first, second = (frames[objects[part].parentFrame].name for part in (both.first, both.second))
         return first, second
 
-    def watching(self, q: Array) -> Clearance:
+    def watch_close_pairs(self, q: Array) -> Clearance:
         """The same, every pair watched that is too near at one of the angles q (N, n)."""
-        near = self.distances(q, range(len(self.geometry.collisionPairs))).min(axis=0, initial=np.inf) < self.required
+        near = (
+            self.compute_distances(q, range(len(self.geometry.collisionPairs))).min(axis=0, initial=np.inf)
+            < self.required
+        )
         return replace(self, watched=tuple(sorted({*self.watched, *np.flatnonzero(near).tolist()})))
 
 
-def parts(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ...]]:
+def build_collision_geometry(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ...]]:
     """Return the collision geometry with all pairs that can hit each other, and the links whose mesh is not there."""
     robot = urdf.parse(rig.urdf, str(rig.path))
     with TemporaryDirectory() as folder:
-        unchecked = resolved(robot, rig, Path(folder))
+        unchecked = _resolve_meshes(robot, rig, Path(folder))
         try:
             geometry = pin.buildGeomFromUrdfString(
                 rig.model, urdf.skeleton(robot, "collision"), pin.GeometryType.COLLISION
@@ -197,7 +190,7 @@ def parts(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ...]]:
     return geometry, unchecked
 
 
-def resolved(robot: etree._Element, rig: Rig, folder: Path) -> tuple[str, ...]:
+def _resolve_meshes(robot: etree._Element, rig: Rig, folder: Path) -> tuple[str, ...]:
     """Name every collision mesh by a file of its triangles in `folder`, in place; drop those that are not there.
 
     Returns:

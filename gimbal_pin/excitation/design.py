@@ -14,10 +14,10 @@ from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.clearance import Clearance, Gap
-from gimbal_pin.excitation.columns import Columns, condition_number
-from gimbal_pin.excitation.criteria import Criterion, Sequential, named
+from gimbal_pin.excitation.columns import Columns
+from gimbal_pin.excitation.criteria import Criterion, Determinant, find_criterion
 from gimbal_pin.excitation.fourier import Series
-from gimbal_pin.excitation.limits import QUANTITIES, Envelope, check_stated
+from gimbal_pin.excitation.limits import QUANTITIES, Envelope, check_stated_limits
 from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.brief import brief
@@ -27,9 +27,6 @@ from gimbal_pin.rig.rig import Rig
 TOLERANCE = 3e-4
 """Gain in the criterion per step at which a descent ends; the log of a condition number need not be known better."""
 
-STEPS = 100
-"""Most steps of a descent."""
-
 COARSE, FINE = 12, 24
 """Samples per period of the highest harmonic: from every start, and for the best one in the end."""
 
@@ -38,12 +35,6 @@ CLEARANCE = 0.005
 
 SPEED = 0.3
 """Rms rate that every joint should reach, as a share of its rate limit."""
-
-SHORTEST = 0.5
-"""Shortest motion, s."""
-
-FEW = 3
-"""Periods of which too few are left to tell noise by, once the first has gone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +49,7 @@ class Excitation:
         coefficients: Its coefficients (2 L + 1, n): q0 rad, a_l and b_l rad/s.
         criterion: Name of what was minimised.
         value: Its value.
-        condition_number: Of the columns in unit torque (see `condition_number`).
+        condition_number: Of the columns in unit torque (`Columns.compute_condition_number`).
         limits_used: Joint → q, dq, ddq, tau → the largest share of the limit that is used; 0 where there is none.
         finished: False if it was interrupted; it is then the best found until that moment.
         speed: Joint → its rms rate, rad/s.
@@ -110,7 +101,7 @@ class Excitation:
     @property
     def repeated(self) -> str:
         """What its periods are for."""
-        if self.periods > FEW:
+        if self.periods > 3:  # the first is the start's, and two tell no noise
             what = "what differs from one to the next is noise, and what all of them show is not"
             return f"{self.periods} periods: {what}; record them in one go, the first is the start's"
         return f"too few repeats to tell noise from what a model misses ({self.periods}): --seconds 25 has five"
@@ -164,7 +155,7 @@ def excite(
         rig: The rig and its limits. A revolute joint without angle limits is moved by at most half a turn either
             way; an acceleration without a limit is bounded by the motor's torque.
         seconds: Length, s.
-        periods: Periods in it, one or more: what differs between them is noise, see `fourier.repeats`.
+        periods: Periods in it, one or more: what differs between them is noise, see `fourier.count_periods`.
         harmonics: Harmonics of one over the period, two or more; None: up to half a hertz, at least five, a period of
             more than 20 s being parted into several (`Series.of`).
         starts: Random motions to begin from, one or more.
@@ -185,9 +176,8 @@ def excite(
     Raises:
         UsageError: An argument is out of range, the rig cannot move within its limits, or states no limit.
     """
-    if not seconds >= SHORTEST * max(periods, 1):
-        least = f"give at least {SHORTEST:g} for each period: no rig shows itself in less"
-        raise UsageError("seconds", f"is {seconds:g}", least)
+    if not seconds >= 0.5 * max(periods, 1):
+        raise UsageError("seconds", f"is {seconds:g}", "give at least 0.5 for each period: no rig shows itself in less")
     samples = round(seconds / dt) if dt > 0 else 0
     if samples < 1 or abs(samples * dt - seconds) > 1e-9 * seconds:
         raise UsageError("dt", f"is {dt:g}", f"give an interval of which {seconds:g} s is a whole number")
@@ -199,12 +189,12 @@ def excite(
     if not 0 <= speed < 1:
         raise UsageError("speed", f"is {speed:g}", "give a share of the rate limits from 0 up to under 1")
     envelope = Envelope.of(rig, margin, share)
-    check_stated(rig)
+    check_stated_limits(rig)
     problem = Problem(
         model,
         Series.of(seconds, harmonics, periods),
         Columns.of(rig, effects),
-        named(criterion),
+        find_criterion(criterion),
         envelope,
         COARSE,
         Clearance.of(rig, clearance, envelope),
@@ -212,56 +202,51 @@ def excite(
     )
     generator, seed = seeded(rng)
     x, finished = optimise(problem, starts, generator)
-    x, gap = cleared(problem, x)
+    x, gap = enforce_clearance(problem, x)
     motion = problem.series.motion(problem.coefficients(x), np.linspace(0.0, seconds, samples + 1))
-    return replace(described(problem, x, motion, finished), clearance=gap, seed=seed)
+    return replace(describe(problem, x, motion, finished), clearance=gap, seed=seed)
 
 
-def cleared(problem: Problem, x: Array) -> tuple[Array, Gap | None]:
+def enforce_clearance(problem: Problem, x: Array) -> tuple[Array, Gap | None]:
     """Return x and its smallest clearance; scaled down where parts come too near each other that nobody watched."""
     if problem.clearance is None:
         return x, None
     q = problem.motion(x, problem.dense).q
-    gap = problem.clearance.smallest(q)
+    gap = problem.clearance.find_smallest_gap(q)
     if gap is None or gap.distance >= problem.clearance.required:
         return x, gap
-    clearance = problem.clearance.watching(q)
+    clearance = problem.clearance.watch_close_pairs(q)
     if clearance.watched == problem.clearance.watched:
         return x, gap  # they keep it but for rounding
     watching = replace(problem, clearance=clearance)
-    repaired = watching.repaired(x)
+    repaired = watching.repair(x)
     if repaired is None:
-        raise watching.infeasible()
-    return cleared(watching, repaired)
+        raise watching.explain_infeasibility()
+    return enforce_clearance(watching, repaired)
 
 
-def described(problem: Problem, x: Array, motion: Motion, finished: bool) -> Excitation:
+def describe(problem: Problem, x: Array, motion: Motion, finished: bool) -> Excitation:
     """Return x as an `Excitation`, its figures from the dense grid."""
-    rig = problem.columns.rig
-    dense = problem.motion(x, problem.dense)
-    shares = Envelope.of(rig).shares(problem.model, dense)
+    rig, criterion, dense = problem.columns.rig, problem.criterion, problem.motion(x, problem.dense)
+    narrowed = None
+    if isinstance(criterion, Determinant) and criterion.seconds is not None:
+        narrowed = criterion.compare_deviations(problem.columns.scale_rows(dense))
+    shares = Envelope.of(rig).find_largest_shares(problem.model, dense)
     return Excitation(
         rig=rig.name,
         joints=rig.joints,
         motion=motion,
         series=problem.series,
         coefficients=problem.coefficients(x),
-        criterion=problem.criterion.name,
+        criterion=criterion.name,
         value=problem.evaluate(x)[0],
-        condition_number=condition_number(rig, dense, problem.columns.effects[2 * rig.n :]),
+        condition_number=problem.columns.compute_condition_number(dense),
         limits_used={joint: dict(zip(QUANTITIES, column.tolist())) for joint, column in zip(rig.joints, shares.T)},
         speed=dict(zip(rig.joints, np.sqrt(np.mean(dense.v**2, axis=0)).tolist())),
         finished=finished,
-        narrowed=narrowed(problem, dense),
+        narrowed=narrowed,
         unchecked=() if problem.clearance is None else problem.clearance.unchecked,
     )
-
-
-def narrowed(problem: Problem, dense: Motion) -> Array | None:
-    """How much the motion narrows what earlier logs left open, where there are any."""
-    if not isinstance(problem.criterion, Sequential):
-        return None
-    return problem.criterion.narrowed(problem.columns.unit(dense, np.sign(dense.v)))
 
 
 def optimise(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[Array, bool]:
@@ -271,7 +256,7 @@ def optimise(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[A
     An interior-point method of our own with three times as many starts reached condition numbers 0.94-1.00 times these
     (medians of three seeds, three bundled rigs, 5 and 20 s) in 0.4-1.3 times the time.
     """
-    tried = [problem.start(rng) for _ in range(starts)]
+    tried = [problem.draw_start(rng) for _ in range(starts)]
     fine, finished = replace(problem, per_period=FINE), True
     try:
         for k in trange(starts + 1, desc="excitation", unit="descent", disable=None, leave=False):
@@ -280,9 +265,9 @@ def optimise(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[A
             descend(problem if k < starts else fine, tried, k)
     except KeyboardInterrupt:
         finished = False
-    repaired = [x for x in map(fine.repaired, tried) if x is not None]
+    repaired = [x for x in map(fine.repair, tried) if x is not None]
     if not repaired:
-        raise problem.infeasible()
+        raise problem.explain_infeasibility()
     return min(repaired, key=lambda x: fine.evaluate(x)[0]), finished
 
 
@@ -293,8 +278,8 @@ def descend(problem: Problem, tried: list[Array], k: int) -> None:
     def keep(x: Array) -> None:
         tried[k] = x.copy()
 
-    limits = {"type": "ineq", "fun": problem.room, "jac": problem.room_slopes}
-    options = {"ftol": TOLERANCE, "maxiter": STEPS}
+    limits = {"type": "ineq", "fun": problem.compute_room, "jac": problem.differentiate_room}
+    options = {"ftol": TOLERANCE, "maxiter": 100}
     found = minimize(
         problem.evaluate, tried[k], jac=True, method="SLSQP", constraints=limits, callback=keep, options=options
     )

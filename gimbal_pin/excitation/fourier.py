@@ -11,15 +11,12 @@ import numpy as np
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array, Motion
 
-FASTEST, FEWEST = 0.5, 5
-"""Frequency, Hz, that the highest harmonic reaches whatever the period, and the fewest harmonics of a short one."""
-
-LONGEST = 20.0
+LONGEST_PERIOD = 20.0
 """Longest period, s, whose harmonics nobody chose: a longer motion repeats. Forty harmonics gain three per cent in the
 condition number over ten, and take ten times as long to find."""
 
-REPEATS, SHORTEST = 5, 4.0
-"""Periods of a motion that nobody chose, and the shortest of them, s: `repeats`.
+MOST_PERIODS, SHORTEST_PERIOD = 5, 4.0
+"""Periods of a motion that nobody chose, and the shortest of them, s: `count_periods`.
 
 What differs between periods is noise, what all of them show and the model does not is structure (Swevers et al. 1997;
 Pintelon and Schoukens 2012): the first has the start in it, and four are left. Five of 5 s tell the parameters of
@@ -29,9 +26,9 @@ arm within its limits cannot go far, to 0.74-1.44 times at 4.1-10.5.
 """
 
 
-def repeats(seconds: float) -> int:
-    """Return how often a motion of so many seconds repeats where nobody says: `REPEATS`, fewer where they get short."""
-    return max(1, min(REPEATS, int(seconds / SHORTEST)))
+def count_periods(seconds: float) -> int:
+    """Return how many periods a motion of so many seconds has by default: `MOST_PERIODS`, unless they get short."""
+    return max(1, min(MOST_PERIODS, int(seconds / SHORTEST_PERIOD)))
 
 
 @dataclass(frozen=True)
@@ -64,16 +61,16 @@ class Series:
     def of(seconds: float, harmonics: int | None = None, periods: int = 1) -> Series:
         """Return the series for a motion of `seconds`, which repeats it a whole number of times, a multiple of periods.
 
-        With the number of harmonics left free the highest one has half a hertz or a little more, however long the
-        motion is: inertias show by acceleration, and a fixed number of harmonics would slow down a longer motion.
+        With the number of harmonics left free it is five at least, and the highest has half a hertz or a little more,
+        however long the motion is: inertias show by acceleration, and a fixed number would slow down a longer motion.
         """
         if periods < 1:
             raise UsageError("periods", f"is {periods}", "give one or more")
         period = seconds / periods
         if harmonics is not None or not isfinite(seconds):
-            return Series(period, FEWEST if harmonics is None else harmonics)
-        period /= max(1, ceil(period / LONGEST))
-        return Series(period, max(FEWEST, ceil(FASTEST * period)))
+            return Series(period, 5 if harmonics is None else harmonics)
+        period /= max(1, ceil(period / LONGEST_PERIOD))
+        return Series(period, max(5, ceil(0.5 * period)))
 
     @property
     def order(self) -> Array:

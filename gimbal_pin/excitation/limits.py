@@ -9,16 +9,12 @@ import numpy as np
 
 from gimbal_pin.dynamics.configurations import filling, pace, travel
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.adjoint import differentiate_rnea, differentiate_samples
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.rig import Rig
 
 QUANTITIES = ("q", "dq", "ddq", "tau")
-
-SIGNS = (1.0, -1.0)
-"""Directions of a torque."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +59,11 @@ class Envelope:
         return Envelope(ends.mean(axis=1), *(values * (1 - margin) for values in limits.values()))
 
     @property
+    def kinematic(self) -> Array:
+        """Limits of the angle from the centre, the rate and the acceleration, (3, n)."""
+        return np.stack([self.half, self.velocity, self.acceleration])
+
+    @property
     def pace(self) -> Array:
         """Rate limits, (n,); where none is stated: what half a hertz over the full travel takes."""
         return pace(self.half, self.velocity)
@@ -71,17 +72,21 @@ class Envelope:
         """States spread evenly over the limits, always the same ones, (N, n); not a motion in time: see `filling`."""
         return filling(self.centre, self.half, self.velocity, self.acceleration)
 
-    def kinematic(self, motion: Motion) -> Array:
+    def compute_kinematic_shares(self, motion: Motion) -> Array:
         """Angle from the centre, rate and acceleration as shares of their limits, signed, (3, N, n)."""
         return np.stack([(motion.q - self.centre) / self.half, motion.v / self.velocity, motion.a / self.acceleration])
 
-    def torques(self, model: Model, motion: Motion) -> Array:
+    def compute_torque_shares(self, model: Model, motion: Motion) -> Array:
         """Largest torque up and down as shares of the limit, (2, N, n), whichever way dry friction pushes."""
-        rigid = None if model.loaded else rnea(model.rig, motion.q, motion.v, motion.a)
-        return np.stack([sign * pushed(model, motion, sign, rigid) for sign in SIGNS]) / self.torque
+        return np.stack([sign * self._push(model, motion, sign) for sign in (1.0, -1.0)]) / self.torque
 
-    def torque_slopes(self, model: Model, motion: Motion) -> Array:
-        """Derivative of `torques` of each joint to each joint's q, v, a, (2, 3, N, n, n).
+    @staticmethod
+    def _push(model: Model, motion: Motion, sign: float) -> Array:
+        """The model's torque with all dry friction in one direction, N m, (N, n)."""
+        return model.inverse(motion.q, motion.v, motion.a, np.full_like(motion.q, sign), motion.t)
+
+    def differentiate_torque_shares(self, model: Model, motion: Motion) -> Array:
+        """Derivative of `compute_torque_shares` of each joint to each joint's q, v, a, (2, 3, N, n, n).
 
         ``tau = rnea + passive(tau)``, hence ``d tau = (d rnea + d passive) / (1 - d passive/d tau)``; what a
         term reads of the weight changes with every joint's angle.
@@ -89,12 +94,12 @@ class Envelope:
         rigid, out = differentiate_rnea(model.rig.model, motion), []
         still = replace(motion, v=np.zeros_like(motion.v), a=np.zeros_like(motion.a))
         weight = model.weight(motion.q)
-        for sign in SIGNS:
+        for sign in (1.0, -1.0):
 
             def passive(q: Array, v: Array, a: Array, tau: Array, weight: Array, sign: float = sign) -> Array:
                 return model.passive(q, v, a, np.full_like(q, sign), tau, motion.t, weight=weight)
 
-            at = [motion.q, motion.v, motion.a, pushed(model, motion, sign), weight]
+            at = [motion.q, motion.v, motion.a, self._push(model, motion, sign), weight]
             *own, per_tau, per_weight = differentiate_samples(passive, at)
             change = np.stack(own)[..., None] * np.eye(model.rig.n)
             if per_weight.any():
@@ -102,11 +107,11 @@ class Envelope:
             out.append(sign * (rigid + change) / (1 - per_tau)[..., None])
         return np.stack(out) / self.torque[:, None]
 
-    def shares(self, model: Model, motion: Motion) -> Array:
+    def find_largest_shares(self, model: Model, motion: Motion) -> Array:
         """Largest share of each limit that a motion uses, rows as `QUANTITIES`, (4, n); 0 where there is no limit."""
-        used = np.swapaxes(self.kinematic(motion), 0, 1)
+        used = np.swapaxes(self.compute_kinematic_shares(motion), 0, 1)
         kinematic = np.maximum(find_crest(used), find_crest(-used))
-        torque = find_crest(np.swapaxes(self.torques(model, motion), 0, 1)).max(axis=0)
+        torque = find_crest(np.swapaxes(self.compute_torque_shares(model, motion), 0, 1)).max(axis=0)
         return np.vstack([kinematic, np.maximum(torque, 0.0)])
 
 
@@ -123,7 +128,7 @@ def find_crest(x: Array) -> Array:
     return np.asarray(np.concatenate([x, vertex]).max(axis=0))
 
 
-def check_stated(rig: Rig) -> None:
+def check_stated_limits(rig: Rig) -> None:
     """Raise `UsageError` where nothing bounds a joint's rate or torque: a motion must not be designed on a guess.
 
     An acceleration that is not stated is bounded by the motor's torque limit.
@@ -135,11 +140,3 @@ def check_stated(rig: Rig) -> None:
     if missing:
         mend = f"give --limit {missing[0]}=NUMBER (rad/s, N m) for each, or state them in its YAML under limits"
         raise UsageError(f"rig {rig.name}", f"states no limit for {', '.join(missing)}", mend)
-
-
-def pushed(model: Model, motion: Motion, sign: float, rigid: Array | None = None) -> Array:
-    """The model's torque with all dry friction in one direction, N m, (N, n); `rigid`: its rigid part, if known."""
-    slide = np.full_like(motion.q, sign)
-    if rigid is None:
-        return model.inverse(motion.q, motion.v, motion.a, slide, motion.t)
-    return rigid + model.passive(motion.q, motion.v, motion.a, slide, rigid, motion.t)

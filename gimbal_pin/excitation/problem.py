@@ -20,26 +20,13 @@ from gimbal_pin.regression import compute_direction
 DENSE = 240
 """Samples per period of the highest harmonic on which the limits are checked afterwards."""
 
-NEAR = 0.8
-"""Share of its limit that a torque must be able to reach to be watched while optimising, if the joints' other limits
-are all stated; the dense grid sees all of them anyway."""
-
 SLOW = 100.0
 """What a joint that does not move at all costs; the criteria are logarithms."""
-
-POSES = 200
-"""Random poses that are tried before it is said that the motors can hold none."""
-
-SHRINKS = 14
-"""Bisections of the amplitude, where the torque exceeds its limit."""
-
-ROUNDING = 1e-9
-"""Share by which amplitudes stay below a limit, so that rounding cannot carry them over."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Minimise ``criterion(W(x)) + SLOW * lack(x)`` subject to ``shares(x) <= 1``; x: the free coefficients, flattened.
+    """Minimise ``criterion(W(x)) + SLOW * deficit(x)`` subject to ``shares(x) <= 1``; x: the free coefficients, flat.
 
     Attributes:
         model: Rig and torques (friction included) that the limits are checked with.
@@ -91,14 +78,14 @@ class Problem:
     def evaluate(self, x: Array) -> tuple[float, Array]:
         """The objective on the coarse grid, and its gradient: through the columns' factors to q, v, a, and to x."""
         motion = self.motion(x, self.coarse)
-        seen = self.columns.unit(motion, compute_direction(motion.v, motion.a, self.step))
-        lack, too_slow = self.lack(motion)
-        slopes = self.columns.gradient(motion, self.step, *self.criterion.factors(seen))
+        seen = self.columns.scale_rows(motion, compute_direction(motion.v, motion.a, self.step))
+        lack, too_slow = self.compute_rate_deficit(motion)
+        slopes = self.columns.compute_gradient(motion, self.step, *self.criterion.factors(seen))
         slopes[1] += SLOW * too_slow
         gradient = np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
         return self.criterion.value(seen) + SLOW * lack, gradient
 
-    def lack(self, motion: Motion) -> tuple[float, Array]:
+    def compute_rate_deficit(self, motion: Motion) -> tuple[float, Array]:
         """``sum_j max(0, 1 - rms(v_j)/(speed pace_j))^2``, and its derivative to the rates, (N, n)."""
         wished = self.speed * self.envelope.pace
         rms = np.sqrt(np.mean(motion.v**2, axis=0))
@@ -108,45 +95,35 @@ class Problem:
         return float(lack @ lack), -2 * lack / (wished * rms * len(motion)) * motion.v
 
     @cached_property
-    def stated(self) -> Array:
-        """Which kinematic limits there are, (3, n)."""
-        return np.isfinite(np.stack([self.envelope.half, self.envelope.velocity, self.envelope.acceleration]))
-
-    @cached_property
     def driven(self) -> Array:
-        """Joints whose torque can come near its limit while the other limits hold, (n); the others need no watching."""
-        near = self.envelope.torques(self.model, self.envelope.spread()).max(axis=(0, 1)) > NEAR
-        return np.isfinite(self.envelope.torque) & (near | (not self.stated.all()))
+        """Joints whose torque can come near its limit while the other limits hold, (n); the others need no watching.
 
-    def room(self, x: Array) -> Array:
+        Near is four fifths, as the states that are looked at are not all there are; the dense grid sees all joints.
+        """
+        near = self.envelope.compute_torque_shares(self.model, self.envelope.spread()).max(axis=(0, 1)) > 0.8
+        return np.isfinite(self.envelope.torque) & (near | (not np.isfinite(self.envelope.kinematic).all()))
+
+    def compute_room(self, x: Array) -> Array:
         """What is left of every limit at every coarse sample, as a share; all >= 0 if the limits hold."""
-        parts: list[Array] = [self.kinematic_room + self.kinematic_slopes @ x]
-        if not (self.driven.any() or self.apart):
-            return parts[0]
+        room, slopes = self.kinematic
+        parts: list[Array] = [room + slopes @ x]
         motion = self.motion(x, self.coarse)
         if self.driven.any():
-            parts.append(1 - self.envelope.torques(self.model, motion)[:, :, self.driven].ravel())
+            parts.append(1 - self.envelope.compute_torque_shares(self.model, motion)[:, :, self.driven].ravel())
         if self.apart is not None:
-            parts.append(self.apart.room(motion.q).ravel())
+            parts.append(self.apart.compute_room(motion.q).ravel())
         return np.concatenate(parts)
 
-    @cached_property
-    def kinematic_room(self) -> Array:
-        """What the kinematic limits leave of x = 0."""
-        still = self.motion(np.zeros(self.kinematic_slopes.shape[1]), self.coarse)
-        used = np.swapaxes(self.envelope.kinematic(still), 1, 2)[self.stated].ravel()
-        return np.concatenate([1 - used, 1 + used])
-
-    def room_slopes(self, x: Array) -> Array:
-        """Exact Jacobian of `room`, (rows, len(x))."""
-        parts = [self.kinematic_slopes]
+    def differentiate_room(self, x: Array) -> Array:
+        """Exact Jacobian of `compute_room`, (rows, len(x))."""
+        parts, motion = [self.kinematic[1]], self.motion(x, self.coarse)
         if self.driven.any():
-            slopes = self.envelope.torque_slopes(self.model, self.motion(x, self.coarse))[:, :, :, self.driven]
+            slopes = self.envelope.differentiate_torque_shares(self.model, motion)[:, :, :, self.driven]
             parts.append(-np.einsum("sctji,ctk->stjki", slopes, self.coarse[1]).reshape(-1, len(x)))
         if self.apart is not None:
-            nearing = self.apart.room_slopes(self.motion(x, self.coarse).q)
+            nearing = self.apart.differentiate_room(motion.q)
             parts.append(np.einsum("tpi,tk->tpki", nearing, self.coarse[1][0]).reshape(-1, len(x)))
-        return np.vstack(parts) if len(parts) > 1 else parts[0]
+        return np.vstack(parts)
 
     @cached_property
     def apart(self) -> Clearance | None:
@@ -154,20 +131,24 @@ class Problem:
         return self.clearance if self.clearance is not None and self.clearance.watched else None
 
     @cached_property
-    def kinematic_slopes(self) -> Array:
-        """Jacobian of `room` where it is kinematic: the basis over the limit, with either sign."""
-        limits = np.stack([self.envelope.half, self.envelope.velocity, self.envelope.acceleration])
-        each = np.einsum("ctk,ji,cj->cjtki", self.coarse[1], np.eye(self.model.rig.n), 1 / limits)
-        one_way = each[self.stated].reshape(-1, each.shape[3] * each.shape[4])
-        return np.vstack([-one_way, one_way])
+    def kinematic(self) -> tuple[Array, Array]:
+        """What the kinematic limits leave of x = 0, and its Jacobian: the basis over the limit, with either sign."""
+        limits, n = self.envelope.kinematic, self.model.rig.n
+        stated = np.isfinite(limits)
+        slopes = np.einsum("ctk,ji,cj->cjtki", self.coarse[1], np.eye(n), 1 / limits)[stated].reshape(
+            -1, n * self.series.rest.shape[1]
+        )
+        still = self.motion(np.zeros(slopes.shape[1]), self.coarse)
+        used = np.swapaxes(self.envelope.compute_kinematic_shares(still), 1, 2)[stated].ravel()
+        return np.concatenate([1 - used, 1 + used]), np.vstack([-slopes, slopes])
 
-    def holds(self, x: Array, grid: tuple[Array, Array]) -> bool:
+    def is_within_limits(self, x: Array, grid: tuple[Array, Array]) -> bool:
         """Whether every limit holds on a grid."""
         motion = self.motion(x, grid)
-        clear = self.apart is None or self.apart.room(motion.q).min() >= 0
-        return bool(clear and self.envelope.shares(self.model, motion).max() <= 1)
+        clear = self.apart is None or self.apart.compute_room(motion.q).min() >= 0
+        return bool(clear and self.envelope.find_largest_shares(self.model, motion).max() <= 1)
 
-    def scaled(self, x: Array, factor: float | Array) -> Array:
+    def scale(self, x: Array, factor: float | Array) -> Array:
         """X with its amplitudes times `factor` (one, or one per joint), about the same middle."""
         coefficients = self.coefficients(x)
         coefficients[1:] *= factor
@@ -177,7 +158,7 @@ class Problem:
         """The series' coefficients (2 L + 1, n) of x."""
         return self.series.rest @ x.reshape(-1, self.model.rig.n)
 
-    def repaired(self, x: Array, rough: bool = False) -> Array | None:
+    def repair(self, x: Array, rough: bool = False) -> Array | None:
         """X with its amplitudes scaled down until every limit holds on the dense grid; None if no motion is left.
 
         Angle, rate and acceleration by joint, which is exact; then the torque and the distances for all joints
@@ -186,56 +167,59 @@ class Problem:
         grid = self.coarse if rough else self.dense
         pose = self.coefficients(x)[0]
         middle = (pose - self.envelope.centre) / self.envelope.half
-        if not np.abs(middle).max() < 1 or not self.possible(pose):
+        if not np.abs(middle).max() < 1 or not self.is_pose_possible(pose):
             return None
-        x = self.scaled(x, np.minimum(self.widest(x, middle), 1.0))
-        if self.holds(x, grid):
+        x = self.scale(x, np.minimum(self.find_widest_scale(x, middle), 1.0))
+        if self.is_within_limits(x, grid):
             return x
         low, high = 0.0, 1.0
-        for _ in range(SHRINKS):
+        for _ in range(14):  # to a share of 6e-5
             factor = (low + high) / 2
-            low, high = (factor, high) if self.holds(self.scaled(x, factor), grid) else (low, factor)
-        return self.scaled(x, low) if low > 0 else None
+            low, high = (factor, high) if self.is_within_limits(self.scale(x, factor), grid) else (low, factor)
+        return self.scale(x, low) if low > 0 else None
 
-    def start(self, rng: np.random.Generator) -> Array:
+    def draw_start(self, rng: np.random.Generator) -> Array:
         """A random motion within the limits on the coarse grid, about a pose that is possible.
 
         Raises:
             UsageError: No such pose was found.
         """
-        for _ in range(POSES):
+        for _ in range(200):
             coefficients = self.coefficients(rng.standard_normal(self.series.rest.shape[1] * self.model.rig.n))
             middle = rng.uniform(-0.5, 0.5, self.model.rig.n)
             coefficients[0] = self.envelope.centre + middle * self.envelope.half
-            if not self.possible(coefficients[0]):
+            if not self.is_pose_possible(coefficients[0]):
                 continue
             x = (self.series.rest.T @ coefficients).ravel()
-            repaired = self.repaired(self.scaled(x, self.widest(x, middle)), rough=True)
+            repaired = self.repair(self.scale(x, self.find_widest_scale(x, middle)), rough=True)
             if repaired is not None:
                 return repaired
-        raise self.infeasible()
+        raise self.explain_infeasibility()
 
-    def widest(self, x: Array, middle: Array) -> Array:
+    def find_widest_scale(self, x: Array, middle: Array) -> Array:
         """Factor per joint that brings x to the first of its kinematic limits, its middle off the centre, (n,)."""
-        used = np.swapaxes(self.envelope.kinematic(self.motion(x, self.dense)), 0, 1)
+        used = np.swapaxes(self.envelope.compute_kinematic_shares(self.motion(x, self.dense)), 0, 1)
         up, down = find_crest(used), find_crest(-used)
         peaks = [(up[0] - middle) / (1 - middle), (down[0] + middle) / (1 + middle), *up[1:], *down[1:]]
-        return (1 - ROUNDING) / np.maximum.reduce(peaks)
+        return (1 - 1e-9) / np.maximum.reduce(peaks)  # rounding cannot carry it over
 
-    def possible(self, pose: Array) -> bool:
+    def is_pose_possible(self, pose: Array) -> bool:
         """Whether the motors can hold the rig in a pose, rad, and no parts are too near each other there."""
-        return bool(self.holding(pose).max() <= 1 and (self.apart is None or self.apart.room(pose[None]).min() > 0))
+        return bool(
+            self.compute_holding_shares(pose).max() <= 1
+            and (self.apart is None or self.apart.compute_room(pose[None]).min() > 0)
+        )
 
-    def holding(self, pose: Array) -> Array:
+    def compute_holding_shares(self, pose: Array) -> Array:
         """Share of each torque limit that standing still in a pose (rad) takes, with dry friction against it, (n,)."""
         still = Motion(np.zeros(1), pose[None], np.zeros((1, len(pose))), np.zeros((1, len(pose))))
-        return self.envelope.torques(self.model, still).max(axis=(0, 1))
+        return self.envelope.compute_torque_shares(self.model, still).max(axis=(0, 1))
 
-    def infeasible(self) -> UsageError:
+    def explain_infeasibility(self) -> UsageError:
         """The error that says which joint cannot be held still, or what is in the way."""
-        rig, still = self.model.rig, self.holding(self.envelope.centre)
+        rig, still = self.model.rig, self.compute_holding_shares(self.envelope.centre)
         if self.apart is not None and still.max() <= 1:
-            gap = self.apart.smallest(self.envelope.centre[None])
+            gap = self.apart.find_smallest_gap(self.envelope.centre[None])
             between, distance = (gap.between, gap.distance) if gap else (("", ""), 0.0)
             what = f"no pose was found in which all parts keep {self.apart.required:g} m from each other"
             what += f": at mid-range {' and '.join(between)} are {distance:.3g} m apart"

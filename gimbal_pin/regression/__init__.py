@@ -17,6 +17,7 @@ from gimbal_pin.regression.design import DesignBlocks as DesignBlocks
 from gimbal_pin.regression.design import build_mask as build_mask
 from gimbal_pin.regression.design import compute_blocks as compute_blocks
 from gimbal_pin.regression.design import compute_direction as compute_direction
+from gimbal_pin.regression.design import compute_effect_columns as compute_effect_columns
 from gimbal_pin.regression.design import count_smoother_memory as count_smoother_memory
 from gimbal_pin.regression.design import dilate_flags as dilate_flags
 from gimbal_pin.regression.design import find_base_columns as find_base_columns

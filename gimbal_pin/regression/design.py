@@ -81,9 +81,10 @@ def compute_direction(v: Array, a: Array, dt: float) -> Array:
     """``∫ sign(v + a s) ds / dt`` over a sample, s in ±dt/2: the mean direction while it lasts, (m, n), in [-1, 1].
 
     What a coarse grid sees of the sign: exact where the rate is straight over the interval, and differentiable. The
-    sign itself would put every turn on a sample: up to half an interval of twice the dry friction too much.
+    sign itself would put every turn on a sample: up to half an interval of twice the dry friction too much. A rate
+    under 1e-9 rad/s that does not change is rounding, and no direction.
     """
-    return np.clip(2 * v / np.maximum(np.abs(a) * dt, 1e-300), -1.0, 1.0)
+    return np.clip(v / np.maximum(np.abs(a) * (dt / 2), 1e-9), -1.0, 1.0)
 
 
 def build_mask(still: Flags, taper: int) -> Array:
@@ -331,20 +332,34 @@ class Design:
 
     def compute_effect_columns(self, channels: Samples, effects: Sequence[Effect] | None = None) -> Array:
         """Columns of these effects, or of the rows' own, (m, n, e)."""
-        slide, effects = np.sign(channels.slide), self.effects if effects is None else effects
-        width = sum(len(effect.coefficients) for effect in effects)
-        out, column = np.zeros((*channels.q.shape, width)), 0
-        pull = np.zeros_like(channels.q)
-        if any(effect.weighed for effect in effects):
-            pull = weight(self.rig, channels.q, channels.platform)
-        for effect in effects:
-            j = self.rig.joint_index(effect.joint)
-            own = (x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau))
-            at = Sample(channels.t, *own)._replace(weight=pull[:, j])
-            for basis in effect.basis(at):
-                out[:, j, column] = basis
-                column += 1
-        return out
+        own = self.effects if effects is None else effects
+        return compute_effect_columns(self.rig, own, channels, np.sign(channels.slide))
+
+
+def compute_effect_columns(
+    rig: Rig, effects: Sequence[Effect], channels: Samples, slide: Array, pull: Array | None = None
+) -> Array:
+    """Torque at each joint per coefficient of the effects, (m, n, e).
+
+    Args:
+        rig: The rig.
+        effects: The effects.
+        channels: The states.
+        slide: Direction of sliding in [-1, 1], (m, n).
+        pull: Torque that the rig asks for at rest, N m, (m, n); None: as the states have it.
+    """
+    out = np.zeros((*channels.q.shape, sum(len(effect.coefficients) for effect in effects)))
+    if pull is None:
+        asked = any(effect.weighed for effect in effects)
+        pull = weight(rig, channels.q, channels.platform) if asked else np.zeros_like(channels.q)
+    column = 0
+    for effect in effects:
+        j = rig.joint_index(effect.joint)
+        own = (x[:, j] for x in (channels.q, channels.v, channels.a, slide, channels.tau))
+        for basis in effect.basis(Sample(channels.t, *own)._replace(weight=pull[:, j])):
+            out[:, j, column] = basis
+            column += 1
+    return out
 
 
 def _filter_columns(

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from benchmark.figure import Figure
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.excitation import Columns, Condition, Envelope, Series, condition_number, excite
+from gimbal_pin.excitation import Columns, Condition, Envelope, Series, excite
 from gimbal_pin.excitation.design import COARSE, FINE, TOLERANCE
 from gimbal_pin.excitation.problem import Problem
 from gimbal_pin.log.log import Array
@@ -117,7 +117,11 @@ def judged(rig: Rig, series: Series, coefficients: Array, seconds: float) -> Ent
     """Judge a motion on a grid that no optimiser saw, between the samples of a ten times denser one."""
     count = DENSER * FINE * HARMONICS
     motion = series.motion(coefficients, (np.arange(count) + 0.5) * SECONDS / count)
-    return Entry(condition_number(rig, motion), float(Envelope.of(rig).shares(nominal(rig), motion).max()), seconds)
+    return Entry(
+        Columns.of(rig).compute_condition_number(motion),
+        float(Envelope.of(rig).find_largest_shares(nominal(rig), motion).max()),
+        seconds,
+    )
 
 
 def ours(rig: Rig, seed: int) -> Entry:
@@ -146,7 +150,7 @@ def by_slsqp(rig: Rig, at: Problem, seed: int) -> Entry:
         return at.evaluate(x)[0]
 
     def end(x: Array) -> Array:
-        room = {"type": "ineq", "fun": at.room}
+        room = {"type": "ineq", "fun": at.compute_room}
         options = {"maxiter": ITERATIONS, "ftol": TOLERANCE}
         found: Array = minimize(objective, x, method="SLSQP", constraints=[room], options=options).x
         return found
@@ -161,7 +165,7 @@ def cma_es(rig: Rig, seed: int) -> Entry:
     at = problem(rig, Series(SECONDS, HARMONICS))
 
     def penalised(x: Array) -> float:
-        beyond = np.maximum(-at.room(x), 0.0)
+        beyond = np.maximum(-at.compute_room(x), 0.0)
         return at.evaluate(x)[0] + PENALTY * float(beyond.max() + beyond.sum() / at.per_period)
 
     def end(x: Array) -> Array:
@@ -175,5 +179,5 @@ def cma_es(rig: Rig, seed: int) -> Entry:
 def best(rig: Rig, at: Problem, seed: int, end: Callable[[Array], Array]) -> Entry:
     """Return the best of the ends of so many starts, as it is found: what exceeds a limit a little is let pass."""
     begin, rng = process_time(), np.random.default_rng(seed)
-    x = min((end(at.start(rng)) for _ in range(STARTS)), key=lambda x: at.evaluate(x)[0])
+    x = min((end(at.draw_start(rng)) for _ in range(STARTS)), key=lambda x: at.evaluate(x)[0])
     return judged(rig, at.series, at.coefficients(x), process_time() - begin)

@@ -38,18 +38,17 @@ from gimbal_pin.excitation import (
     Envelope,
     Excitation,
     Problem,
-    Sequential,
     Series,
-    cleared,
-    condition_number,
+    build_links,
+    build_sequential_criterion,
+    compute_regressor_gradient,
+    count_periods,
+    enforce_clearance,
     excite,
-    known,
-    repeats,
-    sequential,
+    find_crest,
 )
-from gimbal_pin.excitation.adjoint import links, regressor_gradient
-from gimbal_pin.excitation.limits import find_crest
 from gimbal_pin.log import Array, Log, Motion, read_motion
+from gimbal_pin.regression import Filtering, compute_settling_time
 from gimbal_pin.report import text
 from gimbal_pin.rig import Limits, Rig, bundled_rigs
 from tests.command_line import Run, heard, refused, result
@@ -127,7 +126,7 @@ def assert_within(rig: Rig, model: Model, found: Excitation, margin: float) -> N
 def test_gradient_is_that_of_the_criterion(name: str, criterion: Criterion) -> None:
     at = problem(Rig.load(name), criterion)
     for seed in range(3):
-        x = at.start(np.random.default_rng(seed))
+        x = at.draw_start(np.random.default_rng(seed))
         exact, rough = at.evaluate(x)[1], differences(lambda x: at.evaluate(x)[0], x)
         assert np.abs(exact - rough).max() < 1e-5 * np.abs(rough).max()
 
@@ -136,7 +135,7 @@ def test_gradient_holds_with_effects_that_see_rate_and_load() -> None:
     rig = Rig.load("thesis")
     effects = (Stribeck("tilt", 0.2), LoadDependentFriction("roll"), LoadDependentFriction("tilt", True, 0.5, 0.2))
     at = problem(rig, Determinant(), effects)
-    x = at.start(np.random.default_rng(3))
+    x = at.draw_start(np.random.default_rng(3))
     rough = differences(lambda x: at.evaluate(x)[0], x)
     assert np.abs(at.evaluate(x)[1] - rough).max() < 1e-5 * np.abs(rough).max()
     assert len(at.columns.scale) == len(problem(rig).columns.scale) + 3
@@ -148,8 +147,8 @@ def test_jacobian_of_the_limits_is_exact_torque_included() -> None:
     terms = (*nominal(rig).terms, *carrying, Term(Stribeck("tilt", 0.2), (0.02,)))
     at = problem(moved(rig, effort=1.0, acceleration=inf), model=Model(moved(rig, effort=1.0), terms))
     assert at.driven.all()
-    x = at.start(np.random.default_rng(4))
-    assert np.abs(at.room_slopes(x) - differences(at.room, x)).max() < 1e-6
+    x = at.draw_start(np.random.default_rng(4))
+    assert np.abs(at.differentiate_room(x) - differences(at.compute_room, x)).max() < 1e-6
 
 
 # what a design promises
@@ -188,7 +187,7 @@ def test_rate_and_acceleration_are_the_derivatives(name: str) -> None:
 def test_much_better_than_random_motions_within_the_same_limits(name: str) -> None:
     rig, rng = Rig.load(name), np.random.default_rng(5)
     at = problem(rig)
-    chance = [condition_number(rig, at.motion(at.start(rng), at.dense)) for _ in range(20)]
+    chance = [at.columns.compute_condition_number(at.motion(at.draw_start(rng), at.dense)) for _ in range(20)]
     assert designed(name, 0).condition_number < 0.7 * min(chance)
 
 
@@ -214,7 +213,7 @@ def test_each_criterion_is_best_by_its_own_measure() -> None:
     columns = Columns.of(rig)
 
     def information(found: Excitation) -> float:
-        return determinant.value(columns.unit(found.motion, np.sign(found.motion.v)))
+        return determinant.value(columns.scale_rows(found.motion))
 
     assert information(by_determinant) < information(by_condition)
     assert by_condition.condition_number < by_determinant.condition_number
@@ -364,7 +363,7 @@ def test_a_longer_motion_is_never_worse_than_the_usual_one() -> None:
 
 @given(seconds=st.floats(0.5, 5000.0))
 def test_a_motion_repeats_five_times_unless_its_periods_get_short(seconds: float) -> None:
-    count = repeats(seconds)
+    count = count_periods(seconds)
     assert count == 5 if seconds >= 20.0 else count == max(1, int(seconds / 4.0))
     series = Series.of(seconds, periods=count)
     assert series.seconds >= min(seconds, 4.0) * (1 - 1e-12)
@@ -416,8 +415,8 @@ def test_interrupted_it_returns_the_best_so_far() -> None:
     assert not found.finished
     assert_within(rig, nominal(rig), found, margin=0.05)
     first = problem(rig)
-    start = first.motion(first.start(np.random.default_rng(0)), first.dense)
-    assert found.condition_number < condition_number(rig, start)
+    start = first.motion(first.draw_start(np.random.default_rng(0)), first.dense)
+    assert found.condition_number < Columns.of(rig).compute_condition_number(start)
 
 
 # criteria and columns
@@ -441,7 +440,8 @@ def test_information_of_two_logs_adds_up(seed: int) -> None:
 
 def test_yardstick_does_not_depend_on_what_is_mounted() -> None:
     motion = designed("thesis", 0).motion
-    numbers = [condition_number(Rig.load("thesis", payload), motion) for payload in ("none", "cinema", "infrared")]
+    rigs = [Rig.load("thesis", payload) for payload in ("none", "cinema", "infrared")]
+    numbers = [Columns.of(rig).compute_condition_number(motion) for rig in rigs]
     assert numbers == pytest.approx([numbers[0]] * 3, rel=1e-9)
     stated = designed("thesis", 0).condition_number  # on another grid: thirty reversals fall between its samples
     assert numbers[0] == pytest.approx(stated, rel=2e-3)
@@ -451,7 +451,7 @@ def test_yardstick_does_not_depend_on_what_is_mounted() -> None:
 def test_columns_have_unit_torque_over_the_rigs_states(name: str) -> None:
     rig = Rig.load(name)
     states = Envelope.of(rig).spread()
-    unit = Columns.of(rig).unit(states, np.sign(states.v))
+    unit = Columns.of(rig).scale_rows(states)
     assert np.mean(unit**2, axis=0) == pytest.approx(np.ones(unit.shape[1]))
 
 
@@ -479,30 +479,31 @@ def one_joint(rig: Rig, moving: int) -> Log:
 
 
 def test_information_of_a_log_is_that_of_its_motion() -> None:
-    """Smoothing, chunks and thinning change little: the integral over the true motion, away from its reversals."""
+    """The integral over the true motion, away from its reversals and from the ends, where the filters settle."""
     rig = Rig.load("turret")
     log, columns = one_joint(rig, 0), Columns.of(rig)
-    moving = np.abs(log.v[:, :1]) > 0.1 if log.v is not None else np.zeros(0)
+    ends = compute_settling_time(Filtering())
+    moving = (np.abs(log.v[:, 0]) > 0.1) & (log.t > ends) & (log.t < log.t[-1] - ends)
     a = np.zeros_like(log.q)
     a[:, 0] = -0.5 * 1.7**2 * np.sin(1.7 * log.t)
     motion = Motion(log.t, log.q, np.asarray(log.v), a)
-    rows = columns.unit(motion, np.sign(motion.v)).reshape(-1, rig.n, len(columns.scale))[:, 0] * moving
+    rows = columns.scale_rows(motion).reshape(-1, rig.n, len(columns.scale))[:, 0] * moving[:, None]
     viscous = len(columns.places) + 1
-    found = known(columns, [log])
+    found = columns.compute_information([log])
     assert found[viscous, viscous] == pytest.approx(0.005 * rows[:, viscous] @ rows[:, viscous], rel=0.03)
-    np.testing.assert_allclose(known(columns, [log, log]), 2 * found, rtol=1e-12)
+    np.testing.assert_allclose(columns.compute_information([log, log]), 2 * found, rtol=1e-12)
 
 
 def test_the_next_motion_teaches_what_the_earlier_log_left_open() -> None:
     """After a log of the pan alone: all of the tilt is narrowed, and more than by a motion that knows of no log."""
     rig = Rig.load("turret")
-    criterion = sequential(rig, [one_joint(rig, 0)], 8.0)
+    criterion = build_sequential_criterion(rig, [one_joint(rig, 0)], 8.0)
     options = {"seconds": 8.0, "starts": 3, "dt": 0.01}
     found = excite(rig, criterion=criterion, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
     blind = excite(rig, criterion="condition", rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
     assert found.narrowed is not None and found.narrowed.max() <= 1 + 1e-9 and found.narrowed.min() < 0.05
     columns = Columns.of(rig)
-    values = [criterion.value(columns.unit(x.motion, np.sign(x.motion.v))) for x in (found, blind)]
+    values = [criterion.value(columns.scale_rows(x.motion)) for x in (found, blind)]
     assert values[0] < values[1]
     assert found.to_dict()["narrowed"] == found.narrowed.tolist() and blind.narrowed is None
 
@@ -512,7 +513,7 @@ def test_sequential_gradient_and_sampling(seed: int) -> None:
     """Its factors are its derivative, and rows that are given twice, for half the time each, count once."""
     rng = np.random.default_rng(seed)
     a, change, root = rng.standard_normal((12, 3)), rng.standard_normal((12, 3)), rng.standard_normal((5, 3))
-    criterion = Sequential(root.T @ root, 4.0, 2)
+    criterion = Determinant(root.T @ root, 4.0)
     left, right = criterion.factors(a)
     slope = (criterion.value(a + 1e-6 * change) - criterion.value(a - 1e-6 * change)) / 2e-6
     assert np.sum(left * (change @ right.T)) == pytest.approx(slope, rel=1e-5, abs=1e-7)
@@ -541,7 +542,8 @@ def test_gradient_of_the_regressor_is_exact_on_chains_and_trees(which: str, tmp_
     states = rng.standard_normal((3, count, rig.n))
     weights = rng.standard_normal((count, rig.n, 10 * rig.n))
     by_body = weights.reshape(count, rig.n, rig.n, 10).transpose(2, 3, 1, 0)
-    exact = regressor_gradient(links(rig.model), rig.model.gravity.linear, Motion(np.zeros(count), *states), by_body)
+    links, gravity = build_links(rig.model), rig.model.gravity.linear
+    exact = compute_regressor_gradient(links, gravity, Motion(np.zeros(count), *states), by_body)
 
     def total(flat: Array) -> Array:
         return np.sum(weights * regressor(rig, *flat.reshape(states.shape)))
@@ -581,7 +583,7 @@ def apart(rig: Rig, found: Excitation) -> float:
     """The smallest distance of all pairs on a grid twice as dense, without any short cut."""
     all_pairs = Clearance.of(rig, 0.0, Envelope.of(rig))
     q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 2401)).q
-    return float(all_pairs.distances(q, range(len(all_pairs.geometry.collisionPairs))).min())
+    return float(all_pairs.compute_distances(q, range(len(all_pairs.geometry.collisionPairs))).min())
 
 
 def test_the_arm_does_not_hit_the_frame(tmp_path: Path) -> None:
@@ -604,11 +606,15 @@ def test_what_is_not_watched_is_checked_and_mended(tmp_path: Path) -> None:
     rig = beside(tmp_path)
     at = replace(problem(rig), clearance=replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=()))
     for seed in range(40):
-        x = at.start(np.random.default_rng(seed))
-        gap = at.clearance.smallest(at.motion(x, at.dense).q)  # type: ignore[union-attr]
-        if gap is not None and gap.distance < 0.01 and at.clearance.distances(at.coefficients(x)[:1], (0,))[0] > 0.02:  # type: ignore[union-attr]
+        x = at.draw_start(np.random.default_rng(seed))
+        gap = at.clearance.find_smallest_gap(at.motion(x, at.dense).q)  # type: ignore[union-attr]
+        if (
+            gap is not None
+            and gap.distance < 0.01
+            and at.clearance.compute_distances(at.coefficients(x)[:1], (0,))[0] > 0.02
+        ):  # type: ignore[union-attr]
             break
-    mended, now = cleared(at, x)
+    mended, now = enforce_clearance(at, x)
     assert gap is not None and gap.distance < 0.01 <= now.distance + 1e-6  # type: ignore[union-attr]
     assert np.abs(mended).sum() < np.abs(x).sum()
 
@@ -617,22 +623,24 @@ def test_derivative_of_the_distance_is_exact(tmp_path: Path) -> None:
     rig = beside(tmp_path)
     at = replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=(0, 1, 2))
     q = Envelope.of(rig).spread().q[:30]
-    exact, step = at.room_slopes(q), 1e-3
-    rough = np.stack([(at.room(q + step * e) - at.room(q - step * e)) / (2 * step) for e in np.eye(2)], axis=-1)
+    exact, step = at.differentiate_room(q), 1e-3
+    rough = np.stack(
+        [(at.compute_room(q + step * e) - at.compute_room(q - step * e)) / (2 * step) for e in np.eye(2)], axis=-1
+    )
     error = np.abs(exact - rough)
     assert np.quantile(error, 0.9) < 1e-3 * np.abs(rough).max()  # the others: another edge becomes the nearest
     watching = replace(problem(rig), clearance=at)
-    x = watching.start(np.random.default_rng(0))
-    assert watching.room_slopes(x).shape == (len(watching.room(x)), len(x))
+    x = watching.draw_start(np.random.default_rng(0))
+    assert watching.differentiate_room(x).shape == (len(watching.compute_room(x)), len(x))
 
 
 def test_links_that_a_joint_connects_are_left_out_and_what_is_built_close(tmp_path: Path) -> None:
     rig = beside(tmp_path)
     at = Clearance.of(rig, 0.01, Envelope.of(rig))
-    pairs = {frozenset(at.names(k)) for k in range(len(at.geometry.collisionPairs))}
+    pairs = {frozenset(at.get_links(k)) for k in range(len(at.geometry.collisionPairs))}
     assert pairs == {frozenset(p) for p in (("base", "head"), ("post", "head"), ("post", "arm"))}
     assert frozenset(("post", "arm")) not in {
-        frozenset(built.names(k))
+        frozenset(built.get_links(k))
         for built in [Clearance.of(rig, 0.2, Envelope.of(rig))]
         for k in range(len(built.geometry.collisionPairs))
     }
@@ -643,16 +651,16 @@ def test_short_cut_to_the_smallest_distance_misses_nothing(name: str) -> None:
     rig, found = Rig.load(name), designed(name, 0)
     q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 301)).q
     at = Clearance.of(rig, 0.005, Envelope.of(rig))
-    gap = at.smallest(q)
+    gap = at.find_smallest_gap(q)
     assert gap is not None
-    every = at.distances(q, range(len(at.geometry.collisionPairs)))
+    every = at.compute_distances(q, range(len(at.geometry.collisionPairs)))
     assert gap.distance == pytest.approx(every.min(), abs=2e-6)
-    assert gap.between == at.names(int(np.argmin(every.min(axis=0))))
+    assert gap.between == at.get_links(int(np.argmin(every.min(axis=0))))
 
 
 def test_rig_without_collision_geometry_has_no_clearance(tmp_path: Path) -> None:
     rig = crane(tmp_path)
-    assert Clearance.of(rig, 0.005, Envelope.of(rig)).smallest(np.zeros((3, 2))) is None
+    assert Clearance.of(rig, 0.005, Envelope.of(rig)).find_smallest_gap(np.zeros((3, 2))) is None
 
 
 def test_mesh_that_is_not_there_is_named_and_one_that_is_counts(tmp_path: Path) -> None:
@@ -663,7 +671,7 @@ def test_mesh_that_is_not_there_is_named_and_one_that_is_counts(tmp_path: Path) 
     assert at.unchecked == ("head",)
     plain = Clearance.of(beside(tmp_path), 0.0, Envelope.of(rig))
     level = np.zeros((1, 2))
-    assert at.smallest(level).distance < 0 < plain.smallest(level).distance  # type: ignore[union-attr]
+    assert at.find_smallest_gap(level).distance < 0 < plain.find_smallest_gap(level).distance  # type: ignore[union-attr]
     (tmp_path / "gone.stl").write_text("no mesh")
     with pytest.raises(RigError, match="collision mesh that cannot be read"):
         Clearance.of(rig, 0.0, Envelope.of(rig))
@@ -681,7 +689,7 @@ def test_rig_that_can_only_hit_is_named(tmp_path: Path) -> None:
 def test_speed_target_is_reached_and_its_gradient_exact() -> None:
     rig = Rig.load("handheld")
     at = replace(problem(rig), speed=0.9)
-    x = at.start(np.random.default_rng(0))
+    x = at.draw_start(np.random.default_rng(0))
     rough = differences(lambda x: at.evaluate(x)[0], x)
     assert np.abs(at.evaluate(x)[1] - rough).max() < 1e-5 * np.abs(rough).max()
     usual = designed("handheld", 0).speed

@@ -18,6 +18,7 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Sample
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import compute_direction
 from gimbal_pin.rig.brief import brief
 
 rnea = pin.rnea
@@ -145,9 +146,8 @@ class CarriedTorque:
         y = [a + f for a, f in zip(wanted, feedback)]
         tau = self.workspace.rnea(there, y)
         if self.terms:
-            half, friction = self.dt / 2, self.friction
-            v = there.v.tolist()
-            slide = [share(rate, a * half) for rate, a in zip(v, wanted)]
+            friction, v = self.friction, there.v.tolist()
+            slide = compute_direction(there.v, there.a, self.dt).tolist()
             rows = zip(tau, friction.constant, slide, friction.per_slide, v, friction.per_rate)
             tau = [rigid + c + s * dry + rate * viscous for rigid, c, s, dry, rate, viscous in rows]
             weight = self.workspace.weight(there) if friction.weighed else tau
@@ -158,12 +158,6 @@ class CarriedTorque:
             own = self.workspace.inertia(there.q)
             tau = [x if ok else m * f for x, ok, m, f in zip(tau, self.trusted, own, feedback)]
         return [passed(*pair) for pair in zip(self.model.drives, tau)] if self.model.drive else tau
-
-
-def share(rate: float, change: float) -> float:
-    """Mean of ``sign(q̇)`` over a hold in whose middle the rate is `rate` and over half of which it changes so much."""
-    size = abs(change) or 1e-9
-    return 1.0 if rate > size else -1.0 if rate < -size else rate / size
 
 
 class Workspace:
