@@ -17,8 +17,8 @@ from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.estimators import fit_idim, fit_output_error, hausman
-from gimbal_pin.estimation.estimators.closed_loop import instruments
+from gimbal_pin.estimation.estimators import compare_with_instruments, fit_idim, fit_output_error
+from gimbal_pin.estimation.estimators.closed_loop import build_instruments
 from gimbal_pin.estimation.identification import given_beta
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, DesignBlocks, Filtering, compute_blocks, fit_physical, fit_weighted
@@ -49,7 +49,8 @@ def one(bits: int, cutoff: float, seconds: float, compared: int, seed: int) -> d
     rivals = (fit_weighted, fit_idim, fit_output_error) if seed < compared else ()
     errors = {each.__name__: error(each(blocks).theta, truth, well) for each in rivals}
     clean = rows(rig, replace(exact, v=None), wide), rows(rig, coarse, Filtering())
-    p = [hausman(each, instruments(each, fit_physical(each))).p_value for each in (blocks, *clean)]
+    simulated = [(each, build_instruments(each, fit_physical(each))) for each in (blocks, *clean)]
+    p = [compare_with_instruments(*pair).p_value for pair in simulated]
     return {"rig": rig.name, "p": p, "well": int(well.sum()), "parameters": len(truth), **errors}
 
 
@@ -91,7 +92,7 @@ def biased(
         resume: File of results to go on from.
     """
     found = results(partial(one, bits, cutoff, seconds, compared), range(logs), workers, resume)
-    names = ("weighted", "idim", "output_error")
+    names = ("fit_weighted", "fit_idim", "fit_output_error")
     both = [row for row in found if names[0] in row]
     worst = np.array([[max(row[name]) for name in names] for row in both])
     counted, total = (sum(row[what] for row in both) for what in ("well", "parameters"))

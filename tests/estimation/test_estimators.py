@@ -10,9 +10,9 @@ import pytest
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation import ESTIMATORS, given_beta, greatest_base_motion
-from gimbal_pin.estimation.estimators import Hausman, fit_idim, fit_output_error, hausman
-from gimbal_pin.estimation.estimators.closed_loop import runs
-from gimbal_pin.estimation.estimators.hausman import LEVEL, NOISY, BiasCheck, check_bias, noise_share
+from gimbal_pin.estimation.estimators import Hausman, compare_with_instruments, fit_idim, fit_output_error
+from gimbal_pin.estimation.estimators.closed_loop import run_log
+from gimbal_pin.estimation.estimators.hausman import LEVEL, NOISY, BiasCheck, check_bias, compute_noise_share
 from gimbal_pin.log import Array, Log
 from gimbal_pin.regression import (
     DesignBlocks,
@@ -102,19 +102,20 @@ def test_a_difference_that_noise_cannot_make_is_the_models() -> None:
 
 
 def test_columns_that_are_their_own_instruments_say_nothing_else(coarse: DesignBlocks) -> None:
-    found = hausman(coarse, [block.A for block in coarse])
+    found = compare_with_instruments(coarse, [block.A for block in coarse])
     assert found.p_value == 1.0 and found.change < 1e-9
 
 
 def test_noise_share_goes_with_the_encoders_step(turret: Rig, log: Log) -> None:
-    fine, rough = (noise_share(quantised(log, bits), EXACT, compute_blocks(rows_of(turret, log))) for bits in (16, 12))
+    blocks = compute_blocks(rows_of(turret, log))
+    fine, rough = (compute_noise_share(quantised(log, bits), EXACT, blocks) for bits in (16, 12))
     assert rough / fine == pytest.approx(16.0, rel=0.2)
 
 
 def test_a_true_model_follows_its_log(turret: Rig) -> None:
     """In the loop the model of a log without noise stays within a thousandth of what the rig moved."""
     log = prescribed(nominal(turret), 1, 8.0)
-    (run,) = runs(rows_of(turret, log), nominal(turret), log, calm=False)
+    (run,) = run_log(rows_of(turret, log), nominal(turret), log, calm=False)
     inner = run.error[len(run.t) // 10 : -len(run.t) // 10]
     assert np.abs(inner).max() < 1e-3 * np.ptp(log.q)
 

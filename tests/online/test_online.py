@@ -35,10 +35,7 @@ from gimbal_pin.regression import (
     Estimate,
     Filtering,
     Known,
-    Moments,
     fit_weighted,
-    loosen_prior,
-    solve_recursive,
 )
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
@@ -338,21 +335,6 @@ def test_blockwise_is_the_recursion() -> None:
         end, ends = last(x[begin : begin + 20], ends)
         np.testing.assert_allclose(out, expected[begin : begin + 20], rtol=0, atol=1e-12)
         np.testing.assert_allclose(end[0], out[-1], rtol=0, atol=1e-12)
-
-
-def test_loosening_forgets_along_its_directions_only() -> None:
-    """What is orthogonal to them in the metric of the information keeps value and covariance."""
-    rng = np.random.default_rng(1)
-    moments = Moments.empty(2, 4).with_rows(np.dstack([rng.standard_normal((50, 2, 5)), np.ones((50, 2))]))
-    known = solve_recursive(moments)
-    D = rng.standard_normal((4, 2))
-    U, z = np.split(loosen_prior(known, D).equations, [4], axis=1)
-    np.testing.assert_allclose(U @ D, 0.0, atol=1e-9)
-    np.testing.assert_allclose(U @ known.estimate.theta, z[:, 0], atol=1e-9)
-    kept = np.linalg.svd(D.T)[2][2:]  # combinations that the change does not move
-    expected = kept @ known.estimate.covariance @ kept.T
-    np.testing.assert_allclose(kept @ np.linalg.pinv(U.T @ U) @ kept.T, expected, rtol=1e-6)
-    assert isinstance(known, Known)
 
 
 def test_what_cannot_be_followed_is_refused() -> None:

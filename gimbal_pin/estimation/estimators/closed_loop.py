@@ -84,7 +84,7 @@ class Run(NamedTuple):
         return Run(self.t[rows], self.q[rows], self.v[rows], self.error[rows], platform)
 
 
-def nearest_physical_model(rows: Design, theta: Array, covariance: Array) -> Model:
+def _find_nearest_model(rows: Design, theta: Array, covariance: Array) -> Model:
     """Return the model that can exist nearest to parameters: its plant can be simulated, whatever these are."""
     width = len(rows.reduction.independent)
     phi = nearest(rows.rig.phi, rows.mixing, theta[:width], covariance[:width, :width]).phi
@@ -95,19 +95,19 @@ def nearest_physical_model(rows: Design, theta: Array, covariance: Array) -> Mod
     return Model(rows.rig.with_phi(phi), (*terms, *rows.stated))
 
 
-def theta_of(rows: Design, model: Model) -> Array:
+def _gather_theta(rows: Design, model: Model) -> Array:
     """Return a model's base parameters and coefficients, (k,)."""
     values = [value for term in model.terms[: len(rows.effects)] for value in term.values]
     return np.concatenate([rows.mixing @ model.rig.phi, values])
 
 
-def runs(rows: Design, model: Model, log: Log, calm: bool) -> list[Run]:
-    """Run a model along every stretch of a log, on a base that moves as the log says; `calm` as for `run`."""
+def run_log(rows: Design, model: Model, log: Log, calm: bool) -> list[Run]:
+    """Run a model along every stretch of a log, on a base that moves as the log says; `calm` as for `_run_segment`."""
     carrier = find_moving_base(rows.rig, log)
-    return [run(rows, model, stretch, carrier, calm) for stretch in split_segments(log, rows.filtering.cutoff)]
+    return [_run_segment(rows, model, stretch, carrier, calm) for stretch in split_segments(log, rows.filtering.cutoff)]
 
 
-def run(rows: Design, model: Model, stretch: Segment, carrier: str | None, calm: bool) -> Run:
+def _run_segment(rows: Design, model: Model, stretch: Segment, carrier: str | None, calm: bool) -> Run:
     """Run a model along one stretch.
 
     Args:
@@ -130,13 +130,13 @@ def run(rows: Design, model: Model, stretch: Segment, carrier: str | None, calm:
     impulse[1:] = np.cumsum((tau[1:] + tau[:-1]) / 2, axis=0)
     mean = np.diff(impulse[knots], axis=0) / step
     plant = Plant(model, model.carried(whole.t, whole.platform))
-    states = follow(plant, whole.t[knots], q[knots], v[knots], mean, step * stretch.dt)
+    states = _follow(plant, whole.t[knots], q[knots], v[knots], mean, step * stretch.dt)
     measured = signals.resample(stretch.log.t[stretch.rows], stretch.log.q[stretch.rows], whole.t[knots])
     platform = None if whole.platform is None else whole.platform.part(slice(None, None, step))
     return Run(whole.t[knots], states[0], states[1], measured - states[0], platform)
 
 
-def follow(plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float) -> tuple[Array, Array]:
+def _follow(plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float) -> tuple[Array, Array]:
     """Return angles and rates, (m, n), of a plant under torques tau, (m - 1, n), held to (q, v) by the loop."""
     model, data = plant.model, plant.model.rig.model.createData()
     kp, kd = GAINS
@@ -144,7 +144,7 @@ def follow(plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float) ->
     out_q, out_v = np.array(q), np.array(v)
     for k in range(len(tau)):
         wish = kp * (q[k] - state.q) + kd * (v[k] - state.v)
-        state = plant.step(float(t[k]), state, tau[k] + inertia(model, data, state.q) @ wish, dt)
+        state = plant.step(float(t[k]), state, tau[k] + _compute_mass_matrix(model, data, state.q) @ wish, dt)
         out_q[k + 1], out_v[k + 1] = state.q, state.v
         if not abs(state.v).max() < FASTEST:
             what = "cannot be followed by the model that was estimated from it"
@@ -152,18 +152,18 @@ def follow(plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float) ->
     return out_q, out_v
 
 
-def inertia(model: Model, data: pin.Data, q: Array) -> Array:
+def _compute_mass_matrix(model: Model, data: pin.Data, q: Array) -> Array:
     """``D(q)``, rotors included, kg m², (n, n)."""
     upper = np.triu(pin.crba(model.rig.model, data, q))
     return np.asarray(upper + np.triu(upper, 1).T + np.diag(model.armature))
 
 
-def simulate_segment(rows: Design, model: Model, segment: Segment) -> Segment:
+def _simulate_segment(rows: Design, model: Model, segment: Segment) -> Segment:
     """Return a segment with the model's motion in the place of the measured one: rates, and no noise."""
     log, t = segment.log, segment.log.t
     q = np.array(log.q)
     v = np.gradient(q, t, axis=0)
-    made = run(rows, model, segment, find_moving_base(rows.rig, log), calm=True)
+    made = _run_segment(rows, model, segment, find_moving_base(rows.rig, log), calm=True)
     inside = (t >= made.t[0]) & (t <= made.t[-1])
     q[inside], v[inside] = (signals.resample(made.t, x, t[inside]) for x in (made.q, made.v))
     return segment._replace(log=replace(log, q=q, v=v))
@@ -179,7 +179,7 @@ def fit_output_error(blocks: Sequence[Block]) -> Estimate:
     """
     rows = get_design(blocks)
     first = fit_physical(blocks)
-    now = followed(rows, first.theta, first.covariance)
+    now = _follow_logs(rows, first.theta, first.covariance)
     if now is None:
         what, mend = "cannot be followed by the model that was estimated from it", "use another estimator"
         raise DataError(rows.logs[0].name, what, f"{mend}, such as weighted, and see 'gimbal-pin diagnose'")
@@ -188,7 +188,7 @@ def fit_output_error(blocks: Sequence[Block]) -> Estimate:
         # What least squares says may lie beyond the bodies that can exist: it then says the same once more.
         if any(np.all(np.abs(found.theta - each) <= SETTLED * found.std) for each in (before, now.theta)):
             break
-        after = shortened(rows, now, found)
+        after = _shorten_step(rows, now, found)
         if after is None:
             break
         before, now, found = found.theta, after, fit_weighted(after.blocks)
@@ -207,47 +207,47 @@ class Followed(NamedTuple):
         return float(sum(np.sum((compute_residuals(block, self.theta) / scale) ** 2) for block in self.blocks))
 
 
-def followed(rows: Design, theta: Array, covariance: Array) -> Followed | None:
+def _follow_logs(rows: Design, theta: Array, covariance: Array) -> Followed | None:
     """Run the bodies nearest to parameters along the logs; None where they run away."""
-    model = nearest_physical_model(rows, theta, covariance)
+    model = _find_nearest_model(rows, theta, covariance)
     try:
-        return Followed(theta_of(rows, model), tuple(errors(rows, model)))
+        return Followed(_gather_theta(rows, model), tuple(_iterate_error_blocks(rows, model)))
     except DataError:
         return None
 
 
-def shortened(rows: Design, now: Followed, found: Estimate) -> Followed | None:
+def _shorten_step(rows: Design, now: Followed, found: Estimate) -> Followed | None:
     """Take a Gauss-Newton step, halved until the model follows the logs better than before; None if it never does."""
     scale, share = np.maximum(found.residual_std, 1e-12), 1.0
     cost = now.cost(scale)
     for _ in range(HALVINGS):
-        after = followed(rows, now.theta + share * (found.theta - now.theta), found.covariance)
+        after = _follow_logs(rows, now.theta + share * (found.theta - now.theta), found.covariance)
         if after is not None and after.cost(scale) <= cost:
             return after
         share /= 2
     return None
 
 
-def errors(rows: Design, model: Model) -> Iterator[Block]:
+def _iterate_error_blocks(rows: Design, model: Model) -> Iterator[Block]:
     """Yield the rows ``A theta = A theta_s + (q_s - q)``, rad, along what a model with theta_s does."""
-    theta = theta_of(rows, model)
-    for run in (run for log in rows.logs for run in runs(rows, model, log, calm=False)):
+    theta = _gather_theta(rows, model)
+    for run in (run for log in rows.logs for run in run_log(rows, model, log, calm=False)):
         dt = float(run.t[1] - run.t[0])
         pad, step = round(signals.settling(LOOP) / dt), max(1, int(1.0 / (2 * WATCHED * LOOP * dt)))
         for begin in range(pad, len(run.t) - pad, CHUNK):
             end = min(begin + CHUNK, len(run.t) - pad)
             part = run.part(slice(begin - pad, end + pad))
-            yield block(rows, model, theta, part, slice(pad, pad + end - begin, step))
+            yield _build_error_block(rows, model, theta, part, slice(pad, pad + end - begin, step))
 
 
-def block(rows: Design, model: Model, theta: Array, run: Run, keep: slice) -> Block:
+def _build_error_block(rows: Design, model: Model, theta: Array, run: Run, keep: slice) -> Block:
     """Return the rows of one part of a run, low-passed and thinned."""
     dt = float(run.t[1] - run.t[0])
     a, still = signals.differentiate(run.v, dt), np.zeros_like(run.q)
     channels = Samples(run.t, run.q, run.v, a, still, run.v, still[0], run.platform)
     columns = np.concatenate([rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)], axis=2)
     data = model.rig.model.createData()
-    D = np.array([inertia(model, data, q) for q in run.q])
+    D = np.array([_compute_mass_matrix(model, data, q) for q in run.q])
     top, bottom = bilinear([1.0], [1.0, GAINS[1], GAINS[0]], 1.0 / dt)
     moved = lfilter(top, bottom, np.linalg.solve(D, columns), axis=0)
     slow = signals.lowpass(WATCHED * LOOP, 1.0 / dt)
@@ -263,12 +263,12 @@ def fit_idim(blocks: Sequence[Block]) -> Estimate:
     """
     found = fit_physical(blocks)
     for _ in range(IDIM_PASSES):
-        found = fit_instrumental(blocks, instruments(blocks, found))
+        found = fit_instrumental(blocks, build_instruments(blocks, found))
     return found
 
 
-def instruments(blocks: Sequence[Block], found: Estimate) -> list[Array]:
+def build_instruments(blocks: Sequence[Block], found: Estimate) -> list[Array]:
     """Return per block Z, (m, n, k), along the motion of the bodies nearest to an estimate."""
     rows = get_design(blocks)
-    model = nearest_physical_model(rows, found.theta, found.covariance)
-    return [block.A for block in rows.iterate_blocks(partial(simulate_segment, rows, model))]
+    model = _find_nearest_model(rows, found.theta, found.covariance)
+    return [block.A for block in rows.iterate_blocks(partial(_simulate_segment, rows, model))]

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.estimators.closed_loop import instruments
+from gimbal_pin.estimation.estimators.closed_loop import build_instruments
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
@@ -89,7 +89,7 @@ class Hausman:
         return {**asdict(self), "level": LEVEL, "biased": self.biased, "sentence": self.sentence}
 
 
-def hausman(blocks: Sequence[Block], instruments: Sequence[Array]) -> Hausman:
+def compare_with_instruments(blocks: Sequence[Block], instruments: Sequence[Array]) -> Hausman:
     """Test ``E Aᵀe = 0`` by what instruments say instead (Durbin 1954; Wu 1973; Hausman 1978).
 
     Both estimates take the same weights, so that their difference is linear in the residual,
@@ -116,10 +116,10 @@ def hausman(blocks: Sequence[Block], instruments: Sequence[Array]) -> Hausman:
     score = compute_score_covariance([block.A for block in join_blocks(blocks)], noise, weight).sum(axis=0)
     spread = compute_score_covariance(join_columns(blocks, apart), noise, weight).sum(axis=0)
     spread = spread + ADMISSIBLE**2 * gains[1] @ score @ gains[1].T
-    return tested(thetas[0] - thetas[1], spread, blocks)
+    return _test_difference(thetas[0] - thetas[1], spread, blocks)
 
 
-def tested(difference: Array, spread: Array, blocks: Sequence[Block]) -> Hausman:
+def _test_difference(difference: Array, spread: Array, blocks: Sequence[Block]) -> Hausman:
     """Return the test of a difference, (k,), with its covariance, (k, k)."""
     from scipy.stats import chi2
 
@@ -192,27 +192,28 @@ def check_bias(blocks: DesignBlocks, asked: WhenTested, method: str = "") -> Bia
     if asked == "never":
         return None
     rows, first = blocks.design, blocks.design.logs[0]
-    noise = noise_share(first, rows.filtering, blocks)
+    noise = compute_noise_share(first, rows.filtering, blocks)
     if asked == "noisy" and noise < NOISY:
         little = f"the sensors' noise is {100 * noise:.2g} % of the motion's acceleration, too little to bias"
         return BiasCheck(noise, None, f"{little} least squares (--bias tests it all the same)", method)
     some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + EXAMINED))))
     judged = blocks if len(rows.logs) == 1 and len(some) == len(first) else compute_blocks(replace(rows, logs=(some,)))
     try:
-        return BiasCheck(noise, hausman(judged, instruments(judged, fit_physical(judged))), method=method)
+        test = compare_with_instruments(judged, build_instruments(judged, fit_physical(judged)))
+        return BiasCheck(noise, test, method=method)
     except DataError as error:
         return BiasCheck(noise, None, f"whether least squares is biased cannot be tested: {error}", method)
 
 
-def noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> float:
+def compute_noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> float:
     """Noise of the acceleration below the cutoff over the acceleration's own rms, in the worst joint that moves.
 
     From the angle's noise differentiated twice or, where there is one, the rate's differentiated once, by whichever
     says less; the motion's from the rows' rates, less what the noise that passes the smoothing adds to them.
     """
     fine = signals.noise_std(log.q)
-    noise = noises(log, filtering.cutoff, np.maximum(fine, coarseness(log.q)))
-    smoothed = noises(log, filtering.cutoff * filtering.smoothing, fine)
+    noise = _compute_motion_noise(log, filtering.cutoff, np.maximum(fine, _compute_step_noise(log.q)))
+    smoothed = _compute_motion_noise(log, filtering.cutoff * filtering.smoothing, fine)
     parts = [np.diff(part.v, axis=0) / np.diff(part.t)[:, None] for part in join_blocks(blocks)]
     total = np.mean(np.concatenate(parts) ** 2, axis=0)
     step = 1.0 / (2 * filtering.cutoff)
@@ -221,7 +222,7 @@ def noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> floa
     return float(np.max(noise[1][moving] / size[moving], initial=0.0))
 
 
-def coarseness(q: Array) -> Array:
+def _compute_step_noise(q: Array) -> Array:
     """White noise of the density that an encoder's steps have where most samples repeat the one before, rad, (n,).
 
     Differences of the samples see none of it: from step to step the reading does not change, and the error is a
@@ -234,7 +235,7 @@ def coarseness(q: Array) -> Array:
     return np.asarray(np.where(share < 0.5, step / np.sqrt(12.0) * denser, 0.0))
 
 
-def noises(log: Log, cutoff: float, angle: Array) -> tuple[Array, Array]:
+def _compute_motion_noise(log: Log, cutoff: float, angle: Array) -> tuple[Array, Array]:
     """Standard deviations of the rate's and of the acceleration's noise below a cutoff, rad/s and rad/s², (n,) each.
 
     Args:
