@@ -31,7 +31,7 @@ from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.log.log import Array, Imu
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, around, summed
+from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, propeller_band, sum_bands
 from gimbal_pin.pointing.bench import WANTED, unbalanced
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Fault, Measurement, Station
@@ -49,15 +49,18 @@ TEACHING = 1000
 """Seed of the motion that teaches how a platform moves: no run has it."""
 PROPELLERS = (ATTITUDE[2:], ACCELERATION[1:])
 OTHERS = (
-    (around(100.0, radians(0.0035)), around(180.0, radians(0.0014))),
-    (around(100.0, 1.0), around(180.0, 0.5)),
+    (propeller_band(100.0, radians(0.0035)), propeller_band(180.0, radians(0.0014))),
+    (propeller_band(100.0, 1.0), propeller_band(180.0, 0.5)),
 )
 NONE: tuple[tuple[Band, ...], tuple[Band, ...]] = ((), ())
 STEP = 1.9
 """Steps a second of somebody who walks; the body sways at half of that."""
 WALK = (
-    (Band(0.48 * STEP, 0.52 * STEP, radians(2.0), 4), *(around(k * STEP, radians(1.5) / k**2) for k in range(1, 6))),
-    (Band(0.48 * STEP, 0.52 * STEP, 0.5, 4), *(around(k * STEP, 2.0 / k) for k in range(1, 9))),
+    (
+        Band(0.48 * STEP, 0.52 * STEP, radians(2.0), 4),
+        *(propeller_band(k * STEP, radians(1.5) / k**2) for k in range(1, 6)),
+    ),
+    (Band(0.48 * STEP, 0.52 * STEP, 0.5, 4), *(propeller_band(k * STEP, 2.0 / k) for k in range(1, 9))),
 )
 
 
@@ -71,8 +74,8 @@ class Ground:
     def __call__(self, rig: Rig, seed: int, seconds: float) -> Platform:
         """Draw it, sampled at half the control interval."""
         t, rng = DT / 2 * np.arange(2 * round(seconds / DT) + 1), np.random.default_rng(seed)
-        angles, rates, accelerations = (self.size * x for x in summed(self.bands[0], t, rng, 2))
-        (acceleration,) = summed(self.bands[1], t, rng, 0)
+        angles, rates, accelerations = (self.size * x for x in sum_bands(self.bands[0], t, rng, 2))
+        (acceleration,) = sum_bands(self.bands[1], t, rng, 0)
         motion = Platform.turning(t, angles, rates, accelerations, self.size * acceleration)
         return motion.about(Sight(rig).centre)
 

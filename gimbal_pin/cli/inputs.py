@@ -35,12 +35,12 @@ def read_logs(
 ) -> tuple[Rig, list[Log]]:
     """Return logs and their rig; joints that no log records are fixed in it, and that is told."""
     from gimbal_pin.log.io import log_in, open_table, split_payload
-    from gimbal_pin.log.io.columns import unrecorded
+    from gimbal_pin.log.io.columns import find_unrecorded_joints
     from gimbal_pin.rig.rig import Rig
 
     loaded = load_rig(rig, payload)
     tables = [open_table(split_payload(log)[0]) for log in logs]
-    if absent := unrecorded(loaded, tables, mapping):
+    if absent := find_unrecorded_joints(loaded, tables, mapping):
         held = ", ".join(f"{joint} {at:g}" for joint, at in absent.items())
         what = "no log has a column of these joints, which are held at this angle (rad) or place (m)"
         noted([f"{what}: {held}; 'fixed:' in the rig's YAML states another"])
@@ -57,7 +57,7 @@ def load_logs(
         UsageError: No log, or logs of different payloads: one identification knows one.
     """
     from gimbal_pin.log.io import split_payload
-    from gimbal_pin.log.io.columns import held_still
+    from gimbal_pin.log.io.columns import find_held_joints
     from gimbal_pin.rig.rig import Rig
 
     if not logs:
@@ -73,7 +73,7 @@ def load_logs(
     mounted = payload or (tags[0] if tags else None)
     loaded, read = read_logs(rig, mounted, logs, mapping)
     noted([event for log in read for event in log.events])
-    if moving and (still := held_still(read)):
+    if moving and (still := find_held_joints(read)):
         held = ", ".join(f"{joint} {at:.3g}" for joint, at in still.items())
         noted([f"at rest, as their references ask, and not excited, at this angle (rad) or place (m): {held}"])
         loaded = Rig.load(rig, mounted, fixed={**loaded.config.fixed, **still})

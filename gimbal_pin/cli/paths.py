@@ -76,9 +76,9 @@ def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Itera
 
 def maps(value: tuple[str, ...], given: Mapping[str, Any]) -> list[str]:
     """YAML files among the entries of a mapping."""
-    from gimbal_pin.log.io.mapping import is_file
+    from gimbal_pin.log.mapping import is_mapping_file
 
-    return [entry for entry in value if is_file(entry)]
+    return [entry for entry in value if is_mapping_file(entry)]
 
 
 def payloads(value: str, given: Mapping[str, Any]) -> list[Path]:

@@ -29,7 +29,7 @@ from gimbal_pin.estimation.channel_assignment import check_assignment_of_logs
 from gimbal_pin.estimation.identification import check_log, greatest_base_motion, split
 from gimbal_pin.estimation.torque_time import misplaced, mistimed, told
 from gimbal_pin.log.calibration import rectified
-from gimbal_pin.log.io.columns import MOVED, asked_to_rest
+from gimbal_pin.log.io.columns import MOVED, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, subsample_log
 from gimbal_pin.rig.draws import Rng, seeded
@@ -166,7 +166,7 @@ def searched(
     if whole:
         evidence, held = alternate(evidence, filtering)
     found = explain(evidence, reduction, of_refitted(causes), timed=filtering.alignment is None)
-    resting = check_driven(found, asked_to_rest(train))
+    resting = check_driven(found, find_joints_asked_to_rest(train))
     apart = agreement(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
     if apart is not None:
         return spoilt(rig, logs, with_fault(audits, apart), filtering)

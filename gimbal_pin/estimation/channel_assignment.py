@@ -17,8 +17,8 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimation.audit.base import Fault
 from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.mapping import remapped
 from gimbal_pin.log.platform import BaseMotion
-from gimbal_pin.log.source import remapped
 from gimbal_pin.regression import (
     Block,
     Design,

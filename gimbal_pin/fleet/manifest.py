@@ -16,8 +16,8 @@ from typing import Any
 
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.fleet.engine import file_system
-from gimbal_pin.log.io.mapping import read_mapping
 from gimbal_pin.log.io.readers import FORMATS, files_of
+from gimbal_pin.log.mapping import read_mapping
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
 from gimbal_pin.rig.reading import TEXT, check_size, decimal, read_bytes, read_yaml
 from gimbal_pin.rig.records import bounded, record

@@ -21,11 +21,9 @@ from .io.follow import follow as follow
 from .io.inspection import Inspected as Inspected
 from .io.inspection import inspect as inspect
 from .io.link import Frame as Frame
-from .io.link import framed as framed
+from .io.link import encode_frame as encode_frame
 from .io.link import read_secret as read_secret
 from .io.link import tune as tune
-from .io.mapping import parse_expression as parse_expression
-from .io.mapping import read_mapping as read_mapping
 from .io.readers import files_of as files_of
 from .limited import at_limit as at_limit
 from .limited import limited as limited
@@ -37,6 +35,10 @@ from .log import Array as Array
 from .log import Imu as Imu
 from .log import Log as Log
 from .log import Motion as Motion
+from .mapping import Source as Source
+from .mapping import expression as expression
+from .mapping import parse_expression as parse_expression
+from .mapping import read_mapping as read_mapping
 from .missing_samples import Filled as Filled
 from .missing_samples import filled as filled
 from .missing_samples import holes as holes
@@ -52,5 +54,3 @@ from .signals import noise_std as noise_std
 from .signals import resample as resample
 from .signals import settling as settling
 from .signals import zero_phase as zero_phase
-from .source import Source as Source
-from .source import expression as expression

@@ -17,17 +17,17 @@ from gimbal_pin.log.eccentricity import Eccentricity, centred, eccentricities
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.rig.rig import Rig
 
-CUTOFF = 15.0
+_CUTOFF = 15.0
 """Low-pass on encoders' rates and gyros before they are compared, Hz."""
-PRIOR = (0.1, 0.02)
+_PRIOR = (0.1, 0.02)
 """Prior deviations of misalignment, rad, and bias, rad/s: what the log hardly shows stays near zero."""
-FAINT = 3.0
+_FAINT = 3.0
 """A misalignment is estimated from rates above so many deviations of the differences."""
-PASSES = 4
+_PASSES = 4
 """Linear steps to the misalignments: the third no longer changes them."""
-CONTRADICTION = (0.3, 0.02)
+_CONTRADICTION = (0.3, 0.02)
 """A gyro is left out whose difference is above this share of its rate, and above this, rad/s rms."""
-SHORTEST = 50
+_SHORTEST = 50
 """Fewest samples that are compared."""
 
 
@@ -54,7 +54,7 @@ class Mounting:
     @property
     def contradicts(self) -> bool:
         """Whether it shows another motion than base and encoders do."""
-        return self.after > max(CONTRADICTION[0] * self.rate, CONTRADICTION[1])
+        return self.after > max(_CONTRADICTION[0] * self.rate, _CONTRADICTION[1])
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, SI units."""
@@ -75,16 +75,16 @@ class Mounting:
         return Imu(gyro, None if imu.accel is None else imu.accel @ self.turn.T, imu.quat)
 
 
-def mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
+def estimate_mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
     """Estimate every gyro's misalignment and bias from one log; empty where no link but the base carries one.
 
     The base's gyro counts as exact zero where there is none. All are found together, by least squares on their
     differences from the base's gyro and the encoders' rates, iterated, since turns do not add.
     """
-    links = gyros(rig, log)
-    if len(links) < 2 or len(log) < SHORTEST:
+    links = _gyro_links(rig, log)
+    if len(links) < 2 or len(log) < _SHORTEST:
         return {}
-    gyro, turned, relative = filtered(rig, log, links)
+    gyro, turned, relative = _filter_and_thin(rig, log, links)
 
     def difference(now: Array) -> Array:
         """Gyros less the rates from base and encoders, rad/s, (L - 1, m, 3)."""
@@ -93,10 +93,10 @@ def mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
     turns, biases = [np.eye(3)] * len(links), [np.zeros(3)] * len(links)
     first = last = difference(gyro)
     now = gyro
-    for _ in range(PASSES):
+    for _ in range(_PASSES):
         known = np.array([[*pin.log3(M), *b] for M, b in zip(turns, biases)])
         noise = max(float(np.sqrt(np.mean(last**2))), 1e-9)
-        step, std = correction(now, last, turned, known, noise)
+        step, std = _solve_corrections(now, last, turned, known, noise)
         biases = [b + M.T @ change[3:] for b, M, change in zip(biases, turns, step)]
         turns = [pin.exp3(change[:3]) @ M for M, change in zip(turns, step)]
         now = np.stack([(g - b) @ M.T for g, M, b in zip(gyro, turns, biases)])
@@ -107,18 +107,18 @@ def mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
     return {link: Mounting(M, b, s, float(x), float(y), float(z)) for link, M, b, s, x, y, z in rows}
 
 
-def gyros(rig: Rig, log: Log) -> tuple[str, ...]:
+def _gyro_links(rig: Rig, log: Log) -> tuple[str, ...]:
     """Links with a gyro, the base first: it is there whether it has one or not."""
     return (rig.base, *(link for link, imu in log.imus.items() if imu.gyro is not None and link != rig.base))
 
 
-def rates_of(log: Log, link: str) -> Array:
+def _read_gyro(log: Log, link: str) -> Array:
     """Return what the gyro of a link reports, rad/s, (N, 3); zero where it has none."""
     imu = log.imus.get(link)
     return np.zeros((len(log), 3)) if imu is None or imu.gyro is None else imu.gyro
 
 
-def filtered(rig: Rig, log: Log, links: Sequence[str]) -> tuple[Array, Array, Array]:
+def _filter_and_thin(rig: Rig, log: Log, links: Sequence[str]) -> tuple[Array, Array, Array]:
     """Filter gyros and encoders alike, and thin them out to m rows that are nearly independent.
 
     Returns:
@@ -127,51 +127,53 @@ def filtered(rig: Rig, log: Log, links: Sequence[str]) -> tuple[Array, Array, Ar
     """
     grid = np.linspace(log.t[0], log.t[-1], len(log))
     dt = float(grid[1] - grid[0])
-    sections = signals.lowpass(CUTOFF, 1 / dt)
-    edge = min(round(signals.settling(CUTOFF) / dt), len(grid) // 4)
-    keep = slice(edge, len(grid) - edge, max(1, round(1 / (2 * CUTOFF * dt))))
-    gyro = [signals.zero_phase(signals.resample(log.t, rates_of(log, x), grid), sections)[keep] for x in links]
+    sections = signals.lowpass(_CUTOFF, 1 / dt)
+    edge = min(round(signals.settling(_CUTOFF) / dt), len(grid) // 4)
+    keep = slice(edge, len(grid) - edge, max(1, round(1 / (2 * _CUTOFF * dt))))
+    gyro = [signals.zero_phase(signals.resample(log.t, _read_gyro(log, x), grid), sections)[keep] for x in links]
     q = signals.zero_phase(signals.resample(log.t, log.q, grid), sections)
-    turned, jacobians = kinematics(rig, q[keep], links[1:])
+    turned, jacobians = _compute_kinematics(rig, q[keep], links[1:])
     return np.stack(gyro), turned, np.einsum("lmij,mj->lmi", jacobians, signals.differentiate(q, dt)[keep])
 
 
-def correction(gyro: Array, difference: Array, turned: Array, known: Array, noise: float) -> tuple[Array, Array]:
+def _solve_corrections(
+    gyro: Array, difference: Array, turned: Array, known: Array, noise: float
+) -> tuple[Array, Array]:
     """Small turns, rad, and biases, rad/s, that explain the differences best, and their deviations, (L, 6) each.
 
     Args:
         gyro: Rates with what is known so far taken out, rad/s, (L, m, 3).
         difference: Their differences from base and encoders, rad/s, (L - 1, m, 3).
         turned: R_iᵀ of the links but the base, (L - 1, m, 3, 3).
-        known: Turns and biases so far, which `PRIOR` pulls to zero, (L, 6).
+        known: Turns and biases so far, which `_PRIOR` pulls to zero, (L, 6).
         noise: Deviation of the differences, rad/s.
     """
     links, m = gyro.shape[:2]
-    base = np.concatenate([turned @ skew(gyro[0]), turned], axis=3)
-    deviations = np.tile(np.repeat(PRIOR, 3), links)
+    base = np.concatenate([turned @ _skew(gyro[0]), turned], axis=3)
+    deviations = np.tile(np.repeat(_PRIOR, 3), links)
     information, right = np.diag(1 / deviations**2), -known.ravel() / deviations**2
     for i in range(1, links):
         columns = np.zeros((m, 3, 6 * links))
         columns[:, :, :6] = -base[i - 1]
-        columns[:, :, 6 * i : 6 * i + 3] = skew(gyro[i])
+        columns[:, :, 6 * i : 6 * i + 3] = _skew(gyro[i])
         columns[:, :, 6 * i + 3 : 6 * i + 6] = np.eye(3)
         flat = columns.reshape(3 * m, -1) / noise
         information += flat.T @ flat
         right += flat.T @ (difference[i - 1].ravel() / noise)
     # A gyro's own noise, turned, looks like information: a turn that only noise supports stays zero.
-    shown = np.diag(information) > np.tile(np.repeat([FAINT**2 * m, 0.0], 3), links)
+    shown = np.diag(information) > np.tile(np.repeat([_FAINT**2 * m, 0.0], 3), links)
     covariance = np.linalg.inv(information[np.ix_(shown, shown)])
     step, std = np.zeros(6 * links), deviations.copy()
     step[shown], std[shown] = covariance @ right[shown], np.sqrt(np.diag(covariance))
     return step.reshape(links, 6), std.reshape(links, 6)
 
 
-def skew(w: Array) -> Array:
+def _skew(w: Array) -> Array:
     """``[w]×``, (m, 3, 3), of vectors (m, 3)."""
     return np.cross(w[:, None], np.eye(3)).swapaxes(1, 2)
 
 
-def kinematics(rig: Rig, q: Array, links: Sequence[str]) -> tuple[Array, Array]:
+def _compute_kinematics(rig: Rig, q: Array, links: Sequence[str]) -> tuple[Array, Array]:
     """``R_iᵀ`` (L, m, 3, 3) and the Jacobians of the links' rates in their own axes, (L, m, 3, n)."""
     data, frames = rig.model.createData(), [rig.model.getFrameId(link, pin.FrameType.BODY) for link in links]
     turned, jacobians = np.empty((len(links), len(q), 3, 3)), np.empty((len(links), len(q), 3, rig.n))
@@ -184,17 +186,17 @@ def kinematics(rig: Rig, q: Array, links: Sequence[str]) -> tuple[Array, Array]:
     return turned, jacobians
 
 
-def gyro_rates(rig: Rig, log: Log) -> Array | None:
+def estimate_joint_rates(rig: Rig, log: Log) -> Array | None:
     """Joint rates that fit all gyros best, rad/s, (N, n): encoders need not be differentiated; None if one is hidden.
 
     ``q̇ = argmin Σ_i ‖gyro_i - R_iᵀ w_0 - J_i q̇‖²`` at every sample.
     """
-    links = gyros(rig, log)
+    links = _gyro_links(rig, log)
     if len(links) < 2:
         return None
-    turned, jacobians = kinematics(rig, log.q, links[1:])
-    own = np.stack([rates_of(log, link) for link in links[1:]])
-    relative = own - np.einsum("lmij,mj->lmi", turned, rates_of(log, rig.base))
+    turned, jacobians = _compute_kinematics(rig, log.q, links[1:])
+    own = np.stack([_read_gyro(log, link) for link in links[1:]])
+    relative = own - np.einsum("lmij,mj->lmi", turned, _read_gyro(log, rig.base))
     normal = np.einsum("lmia,lmib->mab", jacobians, jacobians)
     if np.linalg.cond(normal).max() > 1e6:
         return None
@@ -222,7 +224,7 @@ def rectified(rig: Rig, log: Log) -> Rectified:
     A gyro that contradicts the encoders, however it is turned, is left out. Where the log holds no joint rates, they
     come from the gyros, if these show them all. Angles of encoders that sit off their centre are mended by the rates.
     """
-    found = mountings(rig, log)
+    found = estimate_mountings(rig, log)
     wrong = [link for link, mounting in found.items() if mounting.contradicts]
     if wrong:
         worst = max(wrong, key=lambda link: found[link].after / found[link].rate)
@@ -231,6 +233,6 @@ def rectified(rig: Rig, log: Log) -> Rectified:
         return rectified(rig, replace(log, imus=kept, events=(*log.events, f"{log.name}: {said}")))
     imus = {link: found[link].corrected(imu) if link in found else imu for link, imu in log.imus.items()}
     out = replace(log, imus=imus)
-    out = out if out.v is not None else replace(out, v=gyro_rates(rig, out))
+    out = out if out.v is not None else replace(out, v=estimate_joint_rates(rig, out))
     encoders = eccentricities(out)
     return Rectified(centred(out, encoders), found, encoders)

@@ -11,17 +11,17 @@ from scipy.special import fdtrc
 
 from gimbal_pin.log.log import Array, Log
 
-WINDOW = 0.1
+_WINDOW = 0.1
 """Time between the angles that are compared, s: long enough for a turn larger than the noise of either."""
-BLOCKS = 40
+_BLOCKS = 40
 """Blocks of windows from whose scatter the covariance is estimated."""
-CHANCE = 1e-6
+_CHANCE = 1e-6
 """p-value from which an encoder counts as centred."""
-CLEAR = 10.0
+_CLEAR = 10.0
 """Standard deviations from zero that an eccentricity must have before angles are corrected by it."""
-LEAST = 5e-4
+_LEAST = 5e-4
 """Smallest size, rad, that is corrected."""
-PASSES = 8
+_PASSES = 8
 """Fixed-point iterations for the true angle in the sine of its own error."""
 
 
@@ -56,7 +56,7 @@ class Eccentricity:
     def mended(self, read: Array) -> Array:
         """True angles, rad, (N,), but for the offset, of those that were read."""
         q = read
-        for _ in range(PASSES):
+        for _ in range(_PASSES):
             q = read - self.error(q)
         return q
 
@@ -80,35 +80,35 @@ def eccentricity(t: Array, q: Array, v: Array) -> Eccentricity | None:
         q: Angles as they were read, rad, (N,).
         v: Rates of another sensor, rad/s, (N,); rates that were made from the angles show no eccentricity.
     """
-    at = np.flatnonzero(np.diff(np.floor((t - t[0]) / WINDOW), prepend=-1.0))
+    at = np.flatnonzero(np.diff(np.floor((t - t[0]) / _WINDOW), prepend=-1.0))
     turned = cumulative_trapezoid(v, t, initial=0.0)[at]
     t, q, v = t[at], q[at], v[at]
-    whole = np.diff(t) < 2 * WINDOW
+    whole = np.diff(t) < 2 * _WINDOW
     found = Eccentricity(0.0, 0.0, 0.0)
-    if np.sum(whole) < 2 * BLOCKS:
+    if np.sum(whole) < 2 * _BLOCKS:
         return None
-    for _ in range(PASSES):
+    for _ in range(_PASSES):
         x = found.mended(q)
         columns = np.stack([np.cos(x), np.sin(x), t - t[0], x, v], axis=1)
         rows, target = np.diff(columns, axis=0)[whole], np.diff(q - turned)[whole]
         unit = np.linalg.norm(rows, axis=0)
         if np.any(unit == 0) or np.linalg.cond(rows / unit) > 1e6:
             return None
-        beta, covariance = fitted(rows / unit, target)
+        beta, covariance = _fit_by_blocks(rows / unit, target)
         beta, covariance = beta / unit, covariance / np.outer(unit, unit)
         a, b = beta[:2].tolist()
         along = np.array([a, b]) / max(float(np.hypot(a, b)), 1e-300)
         found = Eccentricity(a, b, float(np.sqrt(along @ covariance[:2, :2] @ along)))
     wald = float(beta[:2] @ np.linalg.solve(covariance[:2, :2], beta[:2]))
-    chance = fdtrc(2, BLOCKS - 2, wald / 2)
-    return found if chance < CHANCE and found.size > max(LEAST, CLEAR * found.std) else None
+    chance = fdtrc(2, _BLOCKS - 2, wald / 2)
+    return found if chance < _CHANCE and found.size > max(_LEAST, _CLEAR * found.std) else None
 
 
-def fitted(A: Array, b: Array) -> tuple[Array, Array]:
+def _fit_by_blocks(A: Array, b: Array) -> tuple[Array, Array]:
     """``min |A x - b|`` and the covariance of x by blocks of rows: neighbours share an angle's noise."""
     inverse = np.linalg.inv(A.T @ A)
     x = inverse @ (A.T @ b)
-    starts = np.linspace(0, len(b), BLOCKS, endpoint=False).astype(int)
+    starts = np.linspace(0, len(b), _BLOCKS, endpoint=False).astype(int)
     scores = np.add.reduceat(A * (b - A @ x)[:, None], starts, axis=0)
     return x, inverse @ (scores.T @ scores) @ inverse
 

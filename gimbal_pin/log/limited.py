@@ -10,7 +10,7 @@ from gimbal_pin.log.log import Array
 
 SPOKEN = 0.05
 """Least share of the time that is reported."""
-NEARLY = 0.03
+_NEARLY = 0.03
 """Relative distance within which a measured torque, with its sensor's noise, counts as at the limit."""
 MOSTLY = 0.5
 """Share of the time at the limit from which a log shows little of the rig."""
@@ -25,7 +25,7 @@ THROUGH = (
 
 def near_limit(tau: Array, tau_max: Array) -> Array:
     """Return the share of the samples of a measured torque, N m, (N, n), at its limit, N m, (n,): (n,)."""
-    return np.asarray(np.mean(np.abs(np.abs(tau) / tau_max - 1.0) < NEARLY, axis=0))
+    return np.asarray(np.mean(np.abs(np.abs(tau) / tau_max - 1.0) < _NEARLY, axis=0))
 
 
 def at_limit(joints: Sequence[str], tau: Array, tau_max: Array) -> dict[str, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import LogError
-from gimbal_pin.log.source import Source, remapped
+from gimbal_pin.log.mapping import Source, remapped
 from gimbal_pin.rig.arrays import Array
 from gimbal_pin.rig.brief import brief
 
@@ -54,15 +54,16 @@ REACH: Mapping[str, Reach] = MappingProxyType(
     }
 )
 """Channel → its range; beyond that is another unit or a fault. Fourth powers of these do not overflow."""
+_JOINT_CHANNELS = ("q", "v", "tau", "q_ref", "temperature")
 NOTHING = 1e-40
 """What is smaller, in any unit, is zero: no length is less than 1.6e-35 m, and fourth powers do not underflow."""
 SOONEST = 1e-9
 """Samples closer than this, s, are one: a thousandth of the interval of the fastest of drives."""
-LONGEST = 1e6
+_LONGEST = 1e6
 """A log of more than this, s, eleven days, is several, or not in seconds."""
 
 
-def implausible(channel: str, values: Array) -> tuple[int, int, str, str] | None:
+def find_implausible(channel: str, values: Array) -> tuple[int, int, str, str] | None:
     """Return row, column, what and mend of the first value outside a channel's range; None where there is none.
 
     Args:
@@ -84,7 +85,7 @@ def implausible(channel: str, values: Array) -> tuple[int, int, str, str] | None
     )
 
 
-def untimely(t: Array) -> tuple[int, str, str] | None:
+def find_untimely(t: Array) -> tuple[int, str, str] | None:
     """Return row, what and mend of the first of the times, s, (N,), that cannot follow the one before; else None."""
     steps = np.diff(t)
     if not steps.size:
@@ -96,14 +97,14 @@ def untimely(t: Array) -> tuple[int, str, str] | None:
             return row, f"time goes back from {before!r} to {now!r} s", "sort the rows, or split the file there"
         what = f"time {now!r} s {'repeats' if now == before else 'is less than a nanosecond after'} the row before"
         return row, what, "delete one of the two rows, or write more digits"
-    if t[-1] - t[0] > LONGEST:
+    if t[-1] - t[0] > _LONGEST:
         row = int(np.argmax(steps)) + 1
         what = f"time steps from {t[row - 1]:.6g} to {t[row]:.6g} s in a log of {t[-1] - t[0]:.3g} s"
         return row, what, "split the file there, or map t if it is not in s: --map t=COLUMN*FACTOR"
     return None
 
 
-def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
+def freeze(array: object, shape: tuple[int | None, ...], name: str) -> Array:
     """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length), or for no numbers.
 
     An array that cannot be written to is not copied: a part of a long log costs no memory.
@@ -112,7 +113,7 @@ def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
         what = "is None" if array is None else "has masked samples"
         raise LogError(name, what, "give every sample; leave the rows out that have none, or split the log there")
     try:
-        copy = np.array(array, dtype=np.float64, copy=None if immutable(array) else True)
+        copy = np.array(array, dtype=np.float64, copy=None if _is_immutable(array) else True)
     except (TypeError, ValueError) as error:
         raise LogError(name, f"is no array of numbers ({error})", "give lists or arrays of numbers") from error
     if copy.ndim != len(shape) or any(want is not None and want != have for want, have in zip(shape, copy.shape)):
@@ -123,21 +124,21 @@ def frozen(array: object, shape: tuple[int | None, ...], name: str) -> Array:
     return copy
 
 
-def channel(array: object, shape: tuple[int | None, ...], kind: str, name: str) -> Array:
-    """Return `frozen`, values below `NOTHING` as zero; `LogError` at the first value outside the range of its kind.
+def _check_channel(array: object, shape: tuple[int | None, ...], kind: str, name: str) -> Array:
+    """Return `freeze`, values below `NOTHING` as zero; `LogError` at the first value outside the range of its kind.
 
     An array that cannot be written to was checked when it was made: parts of a log are made by the thousand.
     """
-    kept = frozen(array, shape, name)
-    if kept is not array and (wrong := implausible(kind, kept)) is not None:
+    kept = freeze(array, shape, name)
+    if kept is not array and (wrong := find_implausible(kind, kept)) is not None:
         row, column, what, mend = wrong
         raise LogError(f"{name}, sample {row}, column {column}", what, mend)
     if kept is not array and ((faint := np.abs(kept) < NOTHING) & (kept != 0.0)).any():
-        return frozen(np.where(faint, 0.0, kept), shape, name)
+        return freeze(np.where(faint, 0.0, kept), shape, name)
     return kept
 
 
-def immutable(array: object) -> bool:
+def _is_immutable(array: object) -> bool:
     """Whether an array is read-only, and so is whatever it is a view of."""
     while isinstance(array, np.ndarray) and not array.flags.writeable:
         if array.base is None:
@@ -166,10 +167,10 @@ class Motion:
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
-        object.__setattr__(self, "t", frozen(self.t, (None,), "t"))
-        object.__setattr__(self, "q", frozen(self.q, (len(self.t), None), "q"))
+        object.__setattr__(self, "t", freeze(self.t, (None,), "t"))
+        object.__setattr__(self, "q", freeze(self.q, (len(self.t), None), "q"))
         for name in ("v", "a"):
-            object.__setattr__(self, name, frozen(getattr(self, name), self.q.shape, name))
+            object.__setattr__(self, name, freeze(getattr(self, name), self.q.shape, name))
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -201,7 +202,7 @@ class Imu:
         """Freeze the arrays and check their shapes."""
         for name, width in (("gyro", 3), ("accel", 3), ("quat", 4)):
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, channel(value, (None, width), name, name))
+                object.__setattr__(self, name, _check_channel(value, (None, width), name, name))
 
     @property
     def channels(self) -> dict[str, Array]:
@@ -257,17 +258,17 @@ class Log:
         if len(set(joints)) < len(joints):
             raise LogError(f"{self.name}: joints", f"are {', '.join(joints)}", "give each column a name of its own")
         object.__setattr__(self, "joints", joints)
-        object.__setattr__(self, "t", channel(self.t, (None,), "t", f"{self.name}: t"))
-        for name in ("q", "v", "tau", "q_ref", "temperature"):
+        object.__setattr__(self, "t", _check_channel(self.t, (None,), "t", f"{self.name}: t"))
+        for name in _JOINT_CHANNELS:
             if (value := getattr(self, name)) is not None or name == "q":
-                kept = channel(value, (len(self.t), len(joints)), name, f"{self.name}: {name}")
+                kept = _check_channel(value, (len(self.t), len(joints)), name, f"{self.name}: {name}")
                 object.__setattr__(self, name, kept)
         object.__setattr__(self, "imus", MappingProxyType(dict(self.imus or {})))
         object.__setattr__(self, "sources", MappingProxyType(dict(self.sources)))
         for link, imu in self.imus.items():
             for name, value in imu.channels.items():
-                frozen(value, (len(self.t), value.shape[1]), f"{self.name}: {name} of {link}")
-        if (late := untimely(self.t)) is not None:
+                freeze(value, (len(self.t), value.shape[1]), f"{self.name}: {name} of {link}")
+        if (late := find_untimely(self.t)) is not None:
             raise LogError(f"{self.name}: sample {late[0]}", *late[1:])
 
     def __reduce__(self) -> tuple[type[Log], tuple[Any, ...]]:
@@ -280,10 +281,14 @@ class Log:
 
     def __str__(self) -> str:
         """One line: name, joints, length and channels."""
-        held = [name for name in ("q", "v", "tau", "q_ref", "temperature") if getattr(self, name) is not None]
-        held += [f"IMU of {link}" for link in self.imus]
+        held = [*self.channels, *(f"IMU of {link}" for link in self.imus)]
         span = f"{len(self)} samples, {self.t[-1] - self.t[0]:.4g} s" if len(self) else "no samples"
         return f"log {self.name}: {span} of {', '.join(self.joints)} ({', '.join(held)})"
+
+    @property
+    def channels(self) -> dict[str, Array]:
+        """The joints' quantities that there are, by name, (N, n) each."""
+        return {name: x for name in _JOINT_CHANNELS if (x := getattr(self, name)) is not None}
 
     @property
     def dt(self) -> float:
@@ -291,7 +296,7 @@ class Log:
         return float(np.median(np.diff(self.t)))
 
     def remapped(self, changes: Mapping[str, tuple[str, float | str]]) -> str:
-        """Return the ``--map`` entries that mend the log, in its file's own columns; see `source.remapped`."""
+        """Return the ``--map`` entries that mend the log, in its file's own columns; see `mapping.remapped`."""
         return remapped(self.sources, changes)
 
     def columns(self, rig: Rig) -> list[int]:
@@ -307,12 +312,11 @@ class Log:
         """Return the log with its columns in a rig's order of joints; others are left out, as when a file is read."""
         if self.joints == rig.joints:
             return self
-        columns, names = self.columns(rig), ("q", "v", "tau", "q_ref", "temperature")
-        turned = {name: x[:, columns] for name in names if (x := getattr(self, name)) is not None}
+        columns = self.columns(rig)
+        turned: dict[str, Any] = {name: x[:, columns] for name, x in self.channels.items()}
         return replace(self, joints=rig.joints, **turned)
 
     def part(self, rows: slice | NDArray[np.integer[Any]]) -> Log:
         """Return the samples in `rows` as a log of its own."""
-        names = ("t", "q", "v", "tau", "q_ref", "temperature")
-        cut = {name: x[rows] for name in names if (x := getattr(self, name)) is not None}
-        return replace(self, **cut, imus={link: imu.part(rows) for link, imu in self.imus.items()})
+        cut: dict[str, Any] = {name: x[rows] for name, x in self.channels.items()}
+        return replace(self, t=self.t[rows], **cut, imus={link: imu.part(rows) for link, imu in self.imus.items()})

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.log import signals
-from gimbal_pin.log.log import Array, Imu, frozen
+from gimbal_pin.log.log import Array, Imu, freeze
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import GRAVITY
 
@@ -24,10 +24,10 @@ LEANS = 0.1
 """Difference of specific force from that of an upright base at rest, m/s² rms, from which the base leans."""
 TURNS = 0.02
 """Variation of the rate, rad/s rms, from which the base turns; a constant one is the gyro's own bias."""
-SWAYS = 0.002
-"""The same of its means over `SWAY`, which have less of the gyro's noise: a gyro of 0.01 °/s/√Hz has 0.0004 rad/s
+_SWAYS = 0.002
+"""The same of its means over `_SWAY`, which have less of the gyro's noise: a gyro of 0.01 °/s/√Hz has 0.0004 rad/s
 there, and a base that sways by more moves what it carries by more than drives err."""
-SWAY = 0.1
+_SWAY = 0.1
 """Time over which a rate is averaged to see slow turning, s."""
 CUTOFF = 20.0
 """Low-pass on a measured platform motion before it is prescribed, Hz."""
@@ -58,10 +58,10 @@ class Platform:
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
         samples = len(np.atleast_1d(self.t))
-        object.__setattr__(self, "t", frozen(self.t, (samples,), "platform: t"))
+        object.__setattr__(self, "t", freeze(self.t, (samples,), "platform: t"))
         for name, width in (("f", 3), ("w", 3), ("dw", 3), ("quat", 4)):
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, frozen(value, (samples, width), f"platform: {name}"))
+                object.__setattr__(self, name, freeze(value, (samples, width), f"platform: {name}"))
 
     def __len__(self) -> int:
         """Number of samples."""
@@ -86,7 +86,7 @@ class Platform:
         """
         attitude = Rotation.from_euler("xyz", angles)
         f = np.einsum("nji,nj->ni", attitude.as_matrix(), acceleration + np.array([0.0, 0.0, GRAVITY]))
-        w, dw = body_rates(angles, rates, accelerations)
+        w, dw = _body_rates(angles, rates, accelerations)
         return Platform(t, f, w, dw, attitude.as_quat(scalar_first=True))
 
     @staticmethod
@@ -107,8 +107,8 @@ class Platform:
         dt = float(grid[1] - grid[0])
         sections = signals.lowpass(cutoff, 1 / dt)
         f, w = (signals.zero_phase(signals.resample(t, x, grid), sections) for x in (imu.accel, imu.gyro))
-        start = level(f[grid < grid[0] + 1.0].mean(axis=0)) if imu.quat is None else imu.quat[0]
-        return Platform(grid, f, w, signals.differentiate(w, dt), integrated(w, dt, start))
+        start = _level_attitude(f[grid < grid[0] + 1.0].mean(axis=0)) if imu.quat is None else imu.quat[0]
+        return Platform(grid, f, w, signals.differentiate(w, dt), integrate_attitude(w, dt, start))
 
     def part(self, rows: slice) -> Platform:
         """Return the samples in `rows`."""
@@ -142,14 +142,14 @@ class Platform:
         """
         R = Rotation.from_euler("xyz", angles).as_matrix()
         f, w, dw = (np.einsum("nji,nj->ni", R, x) for x in (self.f, self.w, self.dw))
-        own, change = body_rates(angles, rates, np.zeros_like(rates))
+        own, change = _body_rates(angles, rates, np.zeros_like(rates))
         return Platform(self.t, f, w + own, dw + change - np.cross(own, w))
 
     @property
     def slow(self) -> Array:
-        """The rate's means over consecutive stretches of `SWAY`, (M, 3)."""
+        """The rate's means over consecutive stretches of `_SWAY`, (M, 3)."""
         span = float(self.t[-1] - self.t[0])
-        count = int(min(max(span / SWAY, 1.0), len(self)))
+        count = int(min(max(span / _SWAY, 1.0), len(self)))
         starts = np.linspace(0, len(self), count, endpoint=False).astype(int)
         sizes = np.diff(np.append(starts, len(self)))
         return np.asarray(np.add.reduceat(self.w, starts, axis=0) / sizes[:, None])
@@ -157,18 +157,18 @@ class Platform:
     @property
     def motion(self) -> BaseMotion:
         """What kind of motion it is."""
-        if varies(self.w) > TURNS or varies(self.slow) > SWAYS:
+        if _rms_variation(self.w) > TURNS or _rms_variation(self.slow) > _SWAYS:
             return "rotating"
         lean = np.sqrt(np.mean(np.sum((self.f - np.array([0.0, 0.0, GRAVITY])) ** 2, axis=1)))
         return "tilted" if lean > LEANS else "fixed"
 
 
-def varies(x: Array) -> float:
+def _rms_variation(x: Array) -> float:
     """Root mean square of what a vector, (N, 3), is off its mean."""
     return float(np.sqrt(np.sum(np.var(x, axis=0))))
 
 
-def body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
+def _body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
     """Rate and angular acceleration in the turning frame from roll, pitch, yaw and their derivatives, (N, 3) each."""
     (roll, pitch, _), (droll, dpitch, dyaw), (ddroll, ddpitch, ddyaw) = angles.T, rates.T, accelerations.T
     sr, cr, sp, cp = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
@@ -179,13 +179,13 @@ def body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array
     return np.stack(w, axis=1), np.stack(dw, axis=1)
 
 
-def level(f: Array) -> Array:
+def _level_attitude(f: Array) -> Array:
     """Attitude (w, x, y, z) without yaw whose specific force at rest points along f, (3,)."""
     roll, pitch = np.arctan2(f[1], f[2]), np.arctan2(-f[0], np.hypot(f[1], f[2]))
     return np.asarray(Rotation.from_euler("xyz", [roll, pitch, 0.0]).as_quat(scalar_first=True))
 
 
-def integrated(w: Array, dt: float, start: Array) -> Array:
+def integrate_attitude(w: Array, dt: float, start: Array) -> Array:
     """Attitude (w, x, y, z), (N, 4), that starts at `start` and turns by the mean of two samples' rates in between."""
     turn = dt * (w[1:] + w[:-1]) / 2
     angle = np.linalg.norm(turn, axis=1)

@@ -13,23 +13,23 @@ from gimbal_pin.log.log import Array, Imu
 from gimbal_pin.log.platform import CUTOFF, TURNS
 
 Flags = NDArray[np.bool_]
-REPEATS, HELD = 8, 0.05
+_REPEATS, _HELD = 8, 0.05
 """All axes of a sensor repeat themselves over so many samples, and so many seconds: it is frozen."""
-STUCK, LONG = 25, 0.25
+_STUCK, _LONG = 25, 0.25
 """The same of one axis, which may rest by itself for a while."""
-USUAL = 0.5
+_USUAL = 0.5
 """An axis that repeats itself at more than this share of its samples is coarse or still, not stuck."""
 HOLE = 4.5
 """A longer interval than so many samples is a gap."""
-BRIDGED = 0.25
+_BRIDGED = 0.25
 """A longer gap is not bridged: a quarter of a second hides whole swings."""
-SHORTEST = 2.0
+_SHORTEST = 2.0
 """Fewest seconds without such a gap."""
-WEIGHT = (5.0, 20.0)
+_WEIGHT = (5.0, 20.0)
 """Mean specific force of what is carried, m/s²: outside of that it is in another unit, or lacks gravity."""
-FAST = 6.0
+_FAST = 6.0
 """A platform that turns faster, rad/s rms, is most likely given in degrees."""
-BIASED = 0.1
+_BIASED = 0.1
 """Largest constant rate, rad/s, that is taken for the bias of a gyro at rest."""
 
 
@@ -59,34 +59,34 @@ def sound(t: Array, imu: Imu, name: str) -> Usable:
         LogError: A sensor never changes, no stretch is long enough, or specific force is not that of a carried body.
     """
     if len(t) < 2:
-        raise LogError(name, "has one row, which shows no motion", f"record at least {SHORTEST:g} s of the platform")
+        raise LogError(name, "has one row, which shows no motion", f"record at least {_SHORTEST:g} s of the platform")
     if imu.gyro is None or imu.accel is None:  # `Platform.measured` refuses that
         return Usable(t, imu, ())
     mean = float(np.mean(np.linalg.norm(imu.accel, axis=1)))
-    if not WEIGHT[0] < mean < WEIGHT[1]:
+    if not _WEIGHT[0] < mean < _WEIGHT[1]:
         what = f"its accelerometer reads {digits(mean)} m/s² in the mean, and whoever is carried feels 9.81"
         raise LogError(name, what, "give specific force: --map accel_LINK_x=ax*9.81 where it is in g, gravity included")
-    stuck, notes = frozen(t, imu.gyro, imu.accel, name)
+    stuck, notes = _find_frozen(t, imu.gyro, imu.accel, name)
     rows = np.flatnonzero(~stuck)
-    first, end, more = longest_stretch(t, rows, name)
+    first, end, more = _find_longest_stretch(t, rows, name)
     kept = t[rows[first:end]]
     rate, rms = 1 / float(np.median(np.diff(kept))), float(np.sqrt(np.mean(np.sum(imu.gyro**2, axis=1))))
     notes += more
     if rate < 2 * CUTOFF:
         notes.append(f"sampled at {digits(rate)} Hz: motion above {digits(rate / 2)} Hz is not in it")
-    if rms > FAST:
+    if rms > _FAST:
         notes.append(f"turns at {digits(rms)} rad/s rms: if that is in degrees, map it with *pi/180")
     return Usable(kept, imu.part(rows[first:end]), tuple(f"{name}: {note}" for note in notes))
 
 
-def frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags, list[str]]:
+def _find_frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags, list[str]]:
     """Return the samples that only repeat the one before them, (N,), and a sentence on each sensor's.
 
     Where the gyro says that the platform stands, nothing need change.
     """
     stuck, notes, dt = np.zeros(len(t), dtype=bool), list[str](), float(np.median(np.diff(t)))
     resting = [word for word, x in (("gyro", gyro), ("accelerometer", accel)) if not np.ptp(x, axis=0).any()]
-    if len(resting) == 2 and not float(np.linalg.norm(gyro[0])) > BIASED:
+    if len(resting) == 2 and not float(np.linalg.norm(gyro[0])) > _BIASED:
         return stuck, ["nothing in it ever changes: the platform stands"]
     if resting:
         what = f"its {resting[0]} never changes, though the platform moves"
@@ -94,13 +94,13 @@ def frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags, list[
     turns = np.linalg.norm(gyro, axis=1) > TURNS
     for word, x in (("gyro", gyro), ("accelerometer", accel)):
         same = np.vstack([np.zeros((1, 3), dtype=bool), np.diff(x, axis=0) == 0.0])
-        own = long_runs(np.all(same, axis=1), max(REPEATS, HELD / dt))
+        own = _find_long_runs(np.all(same, axis=1), max(_REPEATS, _HELD / dt))
         for axis in same.T:
-            if axis.mean() < USUAL:
-                own |= long_runs(axis, max(STUCK, LONG / dt))
+            if axis.mean() < _USUAL:
+                own |= _find_long_runs(axis, max(_STUCK, _LONG / dt))
         own &= turns
         stuck |= own
-        if found := runs(own):
+        if found := _find_runs(own):
             lengths = [float(t[min(end, len(t) - 1)] - t[begin - 1]) for begin, end in found]
             k = int(np.argmax(lengths))
             times = "once" if len(found) == 1 else f"{len(found)} times, the longest time"
@@ -110,21 +110,21 @@ def frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags, list[
     return stuck, notes
 
 
-def long_runs(flags: Flags, samples: float) -> Flags:
+def _find_long_runs(flags: Flags, samples: float) -> Flags:
     """Return the flags of runs of at least so many samples, counting the sample that they repeat."""
     out = np.zeros(len(flags), dtype=bool)
-    for begin, end in runs(flags):
+    for begin, end in _find_runs(flags):
         out[begin:end] = end - begin + 1 >= samples
     return out
 
 
-def runs(flags: Flags) -> list[tuple[int, int]]:
+def _find_runs(flags: Flags) -> list[tuple[int, int]]:
     """First and one past the last index of every run of true flags."""
     ends = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return list(zip(ends[::2].tolist(), ends[1::2].tolist()))
 
 
-def longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[int, int, list[str]]:
+def _find_longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[int, int, list[str]]:
     """Return begin and end, among the good samples, of the longest stretch without a long gap, and notes.
 
     Raises:
@@ -132,16 +132,18 @@ def longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[int, i
     """
     steps = np.diff(t[rows])
     gaps = np.flatnonzero(steps > HOLE * np.median(np.diff(t)))
-    edges = [0, *(gaps[steps[gaps] > BRIDGED] + 1).tolist(), len(rows)]
+    edges = [0, *(gaps[steps[gaps] > _BRIDGED] + 1).tolist(), len(rows)]
     first, end = max(itertools.pairwise(edges), key=lambda pair: t[rows[pair[1] - 1]] - t[rows[pair[0]]])
     begins, ends = float(t[rows[first]]), float(t[rows[end - 1]])
-    if ends - begins < SHORTEST and len(edges) > 2:
+    if ends - begins < _SHORTEST and len(edges) > 2:
         lasts = digits(ends - begins)
-        what = f"holds no {SHORTEST:g} s in a row without a gap of more than {BRIDGED:g} s: {lasts} s at most"
+        what = f"holds no {_SHORTEST:g} s in a row without a gap of more than {_BRIDGED:g} s: {lasts} s at most"
         raise LogError(name, what, "record the platform again, or give another stretch")
     notes = []
     if len(edges) > 2:
-        lost = f"{len(edges) - 2} gap{'s' * (len(edges) > 3)} of more than {BRIDGED:g} s, up to {digits(steps.max())} s"
+        lost = (
+            f"{len(edges) - 2} gap{'s' * (len(edges) > 3)} of more than {_BRIDGED:g} s, up to {digits(steps.max())} s"
+        )
         between = f"{digits(begins, 4)} to {digits(ends, 4)} s"
         notes.append(f"{lost}: the longest stretch without one is used, {between}")
     if short := [k for k in gaps.tolist() if first <= k < end - 1]:

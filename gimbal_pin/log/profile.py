@@ -30,7 +30,7 @@ class Band:
     count: int
 
 
-def around(frequency: float, rms: float) -> Band:
+def propeller_band(frequency: float, rms: float) -> Band:
     """A propeller: eight sines within 3 % of its frequency, Hz."""
     return Band(0.97 * frequency, 1.03 * frequency, rms, 8)
 
@@ -38,11 +38,11 @@ def around(frequency: float, rms: float) -> Band:
 ATTITUDE = (
     Band(0.2, 1.0, radians(5.0), 20),
     Band(4.0, 12.0, radians(0.3), 40),
-    around(75.0, radians(0.0035)),
-    around(140.0, radians(0.0014)),
+    propeller_band(75.0, radians(0.0035)),
+    propeller_band(140.0, radians(0.0014)),
 )
 """Roll, pitch and yaw of profile S, rad."""
-ACCELERATION = (Band(0.2, 2.0, 1.0, 20), around(75.0, 1.0), around(140.0, 0.5))
+ACCELERATION = (Band(0.2, 2.0, 1.0, 20), propeller_band(75.0, 1.0), propeller_band(140.0, 0.5))
 """Acceleration in the world of profile S, m/s²."""
 
 
@@ -53,13 +53,13 @@ def profile_s(t: Array, rng: Rng = None, size: float = 1.0) -> Platform:
     seed is one motion, however finely and long it is looked at.
     """
     generator, seed = seeded(rng)
-    angles, rates, accelerations = summed(ATTITUDE, t, generator, 2)
-    (acceleration,) = summed(ACCELERATION, t, generator, 0)
+    angles, rates, accelerations = sum_bands(ATTITUDE, t, generator, 2)
+    (acceleration,) = sum_bands(ACCELERATION, t, generator, 0)
     drawn = Platform.turning(t, size * angles, size * rates, size * accelerations, size * acceleration)
     return replace(drawn, seed=seed)
 
 
-def summed(bands: Sequence[Band], t: Array, rng: np.random.Generator, derivatives: int) -> tuple[Array, ...]:
+def sum_bands(bands: Sequence[Band], t: Array, rng: np.random.Generator, derivatives: int) -> tuple[Array, ...]:
     """Return the bands' sum on three axes and so many of its derivatives (0 or 2), (N, 3) each."""
     out = tuple(np.zeros((len(t), 3)) for _ in range(derivatives + 1))
     for axis in range(3):

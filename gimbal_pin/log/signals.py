@@ -8,7 +8,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gimbal_pin.log.log import Array
 
-KEPT, KEPT_POWER = 0.98, 0.8735
+KEPT, _KEPT_POWER = 0.98, 0.8735
 """Share of the samples that a noise estimate keeps, and the mean square of that share of a unit Gaussian."""
 ORDER = 3
 """Order of the Butterworth low-pass; run forwards and backwards it falls by 6 dB at the cutoff."""
@@ -62,7 +62,7 @@ def noise_std(signal: Array) -> Array:
     Third differences remove anything smooth at the sampling rate and multiply white noise by √20. The largest two
     per cent are left out: they hold the few samples where the signal itself is not smooth.
     """
-    return spread(np.diff(signal, 3, axis=0)) if len(signal) >= 8 else np.zeros(signal.shape[1:])
+    return _std_from_differences(np.diff(signal, 3, axis=0)) if len(signal) >= 8 else np.zeros(signal.shape[1:])
 
 
 def jumping_noise_std(signal: Array) -> Array:
@@ -76,15 +76,15 @@ def jumping_noise_std(signal: Array) -> Array:
     share = np.mean(across, axis=0) if len(across) else np.zeros(signal.shape[1:])
     out = noise_std(signal)
     for j in np.flatnonzero((share > 1 - KEPT) & (share < 0.5)):
-        out[j] = spread(np.diff(signal[:, j], 3)[~across[:, j]])
+        out[j] = _std_from_differences(np.diff(signal[:, j], 3)[~across[:, j]])
     return out
 
 
-def spread(differences: Array) -> Array:
+def _std_from_differences(differences: Array) -> Array:
     """Standard deviation of the white noise that third differences are of, per column."""
     squares = np.sort(differences**2, axis=0)
     kept = squares[: max(1, int(KEPT * len(squares)))].mean(axis=0)
-    return np.asarray(np.sqrt(kept / (20.0 * KEPT_POWER)))
+    return np.asarray(np.sqrt(kept / (20.0 * _KEPT_POWER)))
 
 
 def noise_gain(sections: Array, rate: float, derivatives: int) -> float:

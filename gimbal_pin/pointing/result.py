@@ -14,7 +14,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS
 from gimbal_pin.log.limited import at_limit
-from gimbal_pin.log.log import Array, frozen
+from gimbal_pin.log.log import Array, freeze
 from gimbal_pin.rig.brief import brief
 
 SLOW = 0.2
@@ -107,7 +107,7 @@ class Pointing:
         """Freeze the arrays and check their shapes."""
         samples, n = len(self.t), len(self.joints)
         for name, shape in (("t", ()), ("error", (3,)), ("q", (n,)), ("tau", (n,)), ("base", (4,))):
-            object.__setattr__(self, name, frozen(getattr(self, name), (samples, *shape), f"pointing: {name}"))
+            object.__setattr__(self, name, freeze(getattr(self, name), (samples, *shape), f"pointing: {name}"))
 
     @property
     def dt(self) -> float:

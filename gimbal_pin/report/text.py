@@ -132,11 +132,11 @@ def excitation(found: Excitation) -> str:
 
 def inspected(found: Inspected) -> str:
     """A file's streams and channels, and the mapping that is proposed."""
-    from gimbal_pin.log.io.inspection import summary
+    from gimbal_pin.log.io.inspection import summarize_stream
 
     lines = [found.name]
     for stream in found.streams:
-        lines += [*summary(stream), str(tables.channels(stream.channels)), ""]
+        lines += [*summarize_stream(stream), str(tables.channels(stream.channels)), ""]
     lines += [f"note  {note}" for note in found.notes]
     return "\n".join(lines + ([found.yaml] if found.rig is not None else [])).rstrip("\n")
 

@@ -17,10 +17,10 @@ RNG = np.random.Generator
 
 def sample(number: int, t: float, values: list[float]) -> bytes:
     """Return one sample's frame: stamp in us, state, angles, rates and torques."""
-    from gimbal_pin.log.io.link import LOG, Frame, framed
+    from gimbal_pin.log.io.link import LOG, Frame, encode_frame
 
     body = struct.pack(f"<QI{len(values)}f", round(1e6 * t) % 2**64, 0, *values)
-    return framed(Frame(LOG, number, body))
+    return encode_frame(Frame(LOG, number, body))
 
 
 def sent(table: bytes, late: float = 0.0) -> Frames:
@@ -64,7 +64,7 @@ def swapped(rng: RNG, frames: Frames) -> None:
 
 def wild(rng: RNG, frames: Frames) -> None:
     """Whole frames of what cannot be: stamps, values, joints, types."""
-    from gimbal_pin.log.io.link import Frame, framed
+    from gimbal_pin.log.io.link import Frame, encode_frame
 
     t = float(rng.choice([0.0, 1e6, 9.2e12, 1.8e13]))
     value = float(rng.choice([np.nan, np.inf, 3e38, 1e-40, 0.0]))
@@ -72,7 +72,7 @@ def wild(rng: RNG, frames: Frames) -> None:
         sample(0, t, [0.0, 0.0, 0.0]),
         sample(0, 1.0, [value] * 3),
         sample(0, 1.0, [0.0] * int(rng.choice([0, 1, 6, 300]))),
-        framed(Frame(int(rng.integers(256)), 0, rng.bytes(int(rng.integers(60))))),
+        encode_frame(Frame(int(rng.integers(256)), 0, rng.bytes(int(rng.integers(60))))),
     )
     at = int(rng.integers(len(frames) + 1))
     frames[at:at] = [one(rng, strange)] * int(rng.choice([1, 30]))

@@ -10,8 +10,7 @@ from pathlib import Path
 import yaml
 
 from gimbal_pin.log.io.inspection import inspect
-from gimbal_pin.log.io.mapping import parse_expression, read_mapping
-from gimbal_pin.log.source import Source, expression
+from gimbal_pin.log.mapping import Source, expression, parse_expression, read_mapping
 from gimbal_pin.rig.rig import Rig
 from real_data.cases import Case
 from real_data.running import Outcome, run

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from gimbal_pin.dynamics import Carrier, Model, Plant, State, columns, nominal, reduce, regressor, rnea, scan, stacked
 from gimbal_pin.effects import BaseTilt, Coulomb, Term
 from gimbal_pin.log import Array, Imu, Platform, profile_s
-from gimbal_pin.log.platform import integrated
+from gimbal_pin.log.platform import integrate_attitude
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE
 from gimbal_pin.rig import GRAVITY, Rig, bundled_rigs
 from tests.dynamics.test_reduction import subspace
@@ -63,7 +63,7 @@ def test_attitude_is_the_integral_of_the_rate() -> None:
     t = 5e-4 * np.arange(8000)
     moving = profile_s(t, np.random.default_rng(3))
     assert moving.quat is not None
-    np.testing.assert_allclose(integrated(moving.w, 5e-4, moving.quat[0]), moving.quat, atol=1e-5)
+    np.testing.assert_allclose(integrate_attitude(moving.w, 5e-4, moving.quat[0]), moving.quat, atol=1e-5)
 
 
 def test_profile_s_is_what_control_says_of_it_whatever_the_sampling() -> None:

@@ -29,9 +29,8 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.export import odrive, simplefoc
 from gimbal_pin.export.compiled import at, single
 from gimbal_pin.export.tables import RATES, feed
-from gimbal_pin.log import Frame, Log, follow, framed, read_log, write_log, write_yaml
-from gimbal_pin.log.io.link import opened, seal, unframed
-from gimbal_pin.log.io.siphash import siphash
+from gimbal_pin.log import Frame, Log, encode_frame, follow, read_log, write_log, write_yaml
+from gimbal_pin.log.io.link import decode_frame, open_link, seal, siphash
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result
@@ -153,18 +152,18 @@ def test_a_geared_motor_has_no_map_over_its_turn(run: Run, turret: Path, tmp_pat
 
 @given(st.binary(max_size=600), st.integers(0, 255), st.integers(0, 65535))
 def test_a_frame_comes_back(body: bytes, kind: int, sequence: int) -> None:
-    data = framed(Frame(kind, sequence, body))
+    data = encode_frame(Frame(kind, sequence, body))
     assert data.count(b"\0") == 1 and data.endswith(b"\0")
-    assert unframed(data[:-1]) == Frame(kind, sequence, body)
+    assert decode_frame(data[:-1]) == Frame(kind, sequence, body)
 
 
 @given(st.binary(max_size=60), st.data())
 def test_a_frame_with_another_byte_is_none(body: bytes, draw: st.DataObject) -> None:
-    data = bytearray(framed(Frame(LOG, 1, body))[:-1])
+    data = bytearray(encode_frame(Frame(LOG, 1, body))[:-1])
     place = draw.draw(st.integers(0, len(data) - 1))
     data[place] ^= draw.draw(st.integers(1, 255))
-    assert unframed(bytes(data)) is None
-    assert unframed(draw.draw(st.binary(max_size=40))) is None
+    assert decode_frame(bytes(data)) is None
+    assert decode_frame(draw.draw(st.binary(max_size=40))) is None
 
 
 SECRET = bytes(range(1, 17))
@@ -189,7 +188,7 @@ def test_a_tag_is_that_of_siphashs_authors(count: int, tag: str) -> None:
 
 def tuning(count: int, body: bytes, sequence: int = 7, secret: bytes = SECRET) -> bytes:
     """A TUNE as a host with a secret sends it."""
-    return framed(seal(Frame(TUNE, sequence, body), secret, count))
+    return encode_frame(seal(Frame(TUNE, sequence, body), secret, count))
 
 
 class Device:
@@ -255,7 +254,7 @@ class Device:
     def answer(self) -> tuple[int, int] | None:
         """Return sequence and status of the answer that is due."""
         count = self.code.gimbal_link_answer(self.link, self.out)
-        frame = unframed(self.out.raw[: count - 1]) if count else None
+        frame = decode_frame(self.out.raw[: count - 1]) if count else None
         assert frame is None or frame.type == 4
         return None if frame is None else struct.unpack("<HH", frame.body)  # type: ignore[return-value]
 
@@ -374,7 +373,7 @@ def test_a_hostile_frame_changes_nothing(sized: Twin) -> None:
     for byte in good:  # and its own values pass, byte by byte
         device.receive(bytes([byte]))
     assert device.applied_now() and device.answer() == (7, 0)
-    device.receive(framed(Frame(HELLO, 0, b"")))
+    device.receive(encode_frame(Frame(HELLO, 0, b"")))
     device.socket.close()
 
 
@@ -383,7 +382,7 @@ def test_only_who_has_the_secret_tunes_and_each_frame_once(sized: Twin) -> None:
     """No tag, another secret, a changed byte under a right CRC, an old count, a gimbal without a secret."""
     device = Device(sized, None)
     other, body = bytes(16), device.tuning
-    right = unframed(tuning(5, body)[:-1])
+    right = decode_frame(tuning(5, body)[:-1])
     assert right is not None
     forged = [Frame(TUNE, 7, body), Frame(TUNE, 7, b""), Frame(TUNE, 8, right.body)]
     for place in (4, -9, -1):
@@ -391,11 +390,11 @@ def test_only_who_has_the_secret_tunes_and_each_frame_once(sized: Twin) -> None:
         changed[place] ^= 1
         forged.append(right._replace(body=bytes(changed)))
     for frame in forged:
-        assert not device.receive(framed(frame)) and not device.applied_now()
+        assert not device.receive(encode_frame(frame)) and not device.applied_now()
         assert device.answer() == (frame.sequence, 3), frame
     assert not device.receive(tuning(6, body, secret=other)) and device.answer() == (7, 3)
-    assert device.receive(framed(right)) and device.applied_now() and device.answer() == (7, 0)
-    assert not device.receive(framed(right)) and device.answer() is None
+    assert device.receive(encode_frame(right)) and device.applied_now() and device.answer() == (7, 0)
+    assert not device.receive(encode_frame(right)) and device.answer() is None
     assert not device.receive(tuning(4, body)) and not device.applied_now() and device.answer() == (7, 4)
     assert device.receive(tuning(6, body)) and device.applied_now() and device.answer() == (7, 0)
     device.socket.close()
@@ -464,7 +463,7 @@ def sent(datagrams: list[bytes]) -> list[Log]:
 
 def sample(k: int) -> bytes:
     """The frame of a sample at k hundredths of a second."""
-    return framed(Frame(LOG, k, struct.pack("<QI6f", 10_000 * k, 0, *(0.01 * k * np.arange(1, 7)))))
+    return encode_frame(Frame(LOG, k, struct.pack("<QI6f", 10_000 * k, 0, *(0.01 * k * np.arange(1, 7)))))
 
 
 def test_a_gimbal_that_begins_anew_is_heard_and_said() -> None:
@@ -492,13 +491,13 @@ def test_a_pipe_without_an_end_of_a_line_is_refused(run: Run) -> None:
 
 @pytest.mark.parametrize("address", ["udp://127.0.0.1", "udp://:1", "udp://h:99999", "serial:/dev/null", "udp:x@1"])
 def test_what_is_no_address_is_refused(address: str) -> None:
-    with pytest.raises(UsageError, match="udp://HOST:PORT"), opened(address):
+    with pytest.raises(UsageError, match="udp://HOST:PORT"), open_link(address):
         pass
 
 
 def test_a_gimbal_that_is_not_there_is_told(run: Run, turret: Path, tmp_path: Path) -> None:
     pytest.importorskip("serial")
-    with pytest.raises(LogError, match="cannot be reached"), opened(f"serial:{tmp_path}/none@115200"):
+    with pytest.raises(LogError, match="cannot be reached"), open_link(f"serial:{tmp_path}/none@115200"):
         pass
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from gimbal_pin.dynamics import noisy, nominal, readings
 from gimbal_pin.estimation import given_beta, identify
 from gimbal_pin.log import Array, Imu, Log, Platform, profile_s, rectified
-from gimbal_pin.log.calibration import gyro_rates, mountings
+from gimbal_pin.log.calibration import estimate_joint_rates, estimate_mountings
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig, bundled_rigs
 from tests.bench_logs import fourier
@@ -55,7 +55,7 @@ def mounted(log: Log, rig: Rig, planted: Mapping[str, tuple[Array, Array]], rng:
 def test_planted_misalignment_and_bias_come_back_within_their_deviations(name: str) -> None:
     rig, rng = bundled(name), np.random.default_rng(1)
     planted = drawn(rig, rng)
-    found = mountings(rig, mounted(true_log(name), rig, planted, rng))
+    found = estimate_mountings(rig, mounted(true_log(name), rig, planted, rng))
     assert set(found) == set(planted)
     for link, (turn, bias) in planted.items():
         error = np.concatenate([found[link].misalignment - turn, found[link].bias - bias])
@@ -71,8 +71,8 @@ def test_planted_misalignment_and_bias_come_back_within_their_deviations(name: s
 def test_exact_gyros_are_exact_joint_rates_and_need_no_mounting(seed: int) -> None:
     rig, log = bundled("turret"), true_log("turret")
     part = log.part(slice(seed % 4000, seed % 4000 + 2000))
-    np.testing.assert_allclose(gyro_rates(rig, replace(part, v=None)), part.v, atol=1e-12)
-    for mounting in mountings(rig, part).values():
+    np.testing.assert_allclose(estimate_joint_rates(rig, replace(part, v=None)), part.v, atol=1e-12)
+    for mounting in estimate_mountings(rig, part).values():
         assert np.all(np.abs([*mounting.misalignment, *mounting.bias]) < 3 * mounting.std)
 
 
@@ -81,7 +81,7 @@ def test_what_a_standing_base_hides_stays_as_it_is() -> None:
     rig, rng = bundled("turret"), np.random.default_rng(2)
     planted = drawn(rig, rng)
     planted[rig.base] = (planted[rig.base][0], np.zeros(3))
-    found = mountings(rig, mounted(true_log("turret", moving=False), rig, planted, rng))
+    found = estimate_mountings(rig, mounted(true_log("turret", moving=False), rig, planted, rng))
     base, link = found[rig.base], found[rig.config.imus[1]]
     assert not np.any(base.misalignment) and base.std[:3].min() == 0.1
     assert np.abs(link.misalignment - planted[rig.config.imus[1]][0]).max() < 2e-3

@@ -19,8 +19,8 @@ from hypothesis.extra import numpy as hnp
 from gimbal_pin.errors import DataError, GimbalPinError, LogError, UsageError
 from gimbal_pin.log import REACH, Imu, Log, Motion, Source, io, parse_expression, read_mapping
 from gimbal_pin.log.io import columns, csv, files, units
-from gimbal_pin.log.io.mapping import parse_entry
-from gimbal_pin.log.log import untimely
+from gimbal_pin.log.log import find_untimely
+from gimbal_pin.log.mapping import parse_entry
 from gimbal_pin.rig import Rig, reading
 from tests.rigs import spelled
 
@@ -80,7 +80,9 @@ def held(values: np.ndarray | None) -> np.ndarray:
 
 
 TIMES = (
-    st.lists(st.floats(-5e5, 5e5), min_size=1, max_size=5).map(sorted).filter(lambda t: untimely(np.array(t)) is None)
+    st.lists(st.floats(-5e5, 5e5), min_size=1, max_size=5)
+    .map(sorted)
+    .filter(lambda t: find_untimely(np.array(t)) is None)
 )
 
 
@@ -654,7 +656,7 @@ def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: fl
 def test_two_channels_of_one_name_are_refused(rig: Rig) -> None:
     groups = columns.log_groups(("a", "ref_a"), (), need_tau=False)
     with pytest.raises(LogError, match="'q_ref_a'"):
-        columns.mapped(rig, groups, ())
+        columns.resolve_mapping(rig, groups, ())
 
 
 @settings(max_examples=25)
@@ -765,7 +767,7 @@ def test_yaml_and_json_round_trip(tree: object, tmp_path: Path) -> None:
     files.write_yaml(tree, tmp_path / "x.yaml")
     assert reading.read_yaml(tmp_path / "x.yaml") == tree
     files.write_json(tree, tmp_path / "x.json")
-    assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8")) == files.finite(files.plain(tree))
+    assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8")) == files.plain(tree, finite=True)
 
 
 def test_json_of_numpy_and_nan() -> None:

@@ -13,18 +13,17 @@ from gimbal_pin.log.io.columns import (
     Group,
     imu_groups,
     joint_group,
-    links_of,
+    link_names,
     log_columns,
     log_groups,
-    mapped,
     read_groups,
+    resolve_mapping,
 )
-from gimbal_pin.log.io.mapping import Entries
 from gimbal_pin.log.io.readers import format_of, is_log, open_table
 from gimbal_pin.log.io.tables import Table
-from gimbal_pin.log.io.units import check_units, torque_notes
+from gimbal_pin.log.io.units import check_units, describe_torques
 from gimbal_pin.log.log import Array, Imu, Log, Motion
-from gimbal_pin.log.source import Source
+from gimbal_pin.log.mapping import Entries, Source
 from gimbal_pin.rig.rig import Rig
 
 
@@ -52,9 +51,9 @@ def read_log(path: str | Path, rig: Rig, mapping: Entries = (), *, need_tau: boo
 
 def log_in(table: Table, rig: Rig, mapping: Entries = (), payload: str | None = None, need_tau: bool = True) -> Log:
     """Return the log in a file that is open, see `read_log`."""
-    links, notes = links_of(rig), list[str]()
+    links, notes = link_names(rig), list[str]()
     groups = log_groups(rig.joints, links, need_tau)
-    sources = mapped(rig, groups, mapping)
+    sources = resolve_mapping(rig, groups, mapping)
     data = read_groups(table, groups, sources, notes)
     return to_log(data, table.name, rig, links, payload, sources, (*table.notes, *notes))
 
@@ -81,7 +80,7 @@ def to_log(
         temperature=data.get("temperature"),
         imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
         payload=payload,
-        events=(*notes, *torque_notes(rig, data.get("tau"))),
+        events=(*notes, *describe_torques(rig, data.get("tau"))),
         sources=sources,
     )
 
@@ -102,7 +101,7 @@ def read_imu(path: str | Path, rig: Rig, link: str, mapping: Entries = ()) -> tu
         LogError: As `read_log`, and where the file holds nothing of that IMU.
     """
     groups = {"t": Group(("t",), True), **imu_groups(link)}
-    data = read_groups(open_table(Path(path)), groups, mapped(rig, groups, mapping))
+    data = read_groups(open_table(Path(path)), groups, resolve_mapping(rig, groups, mapping))
     imu = to_imu(data, link)
     if imu is None:
         mend = f"map them: --map gyro_{link}_x=COLUMN[*FACTOR] and so on"
@@ -121,7 +120,7 @@ def read_motion(path: str | Path, rig: Rig, mapping: Entries = ()) -> Motion:
     """
     groups = {"t": Group(("t",), True), "q": joint_group("q", rig.joints, True)}
     groups |= {"v": joint_group("dq", rig.joints), "a": joint_group("ddq", rig.joints)}
-    data = read_groups(open_table(Path(path)), groups, mapped(rig, groups, mapping))
+    data = read_groups(open_table(Path(path)), groups, resolve_mapping(rig, groups, mapping))
     t, q, v, a = data["t"][:, 0], data["q"], data.get("v"), data.get("a")
     if len(t) < 2 and (v is None or a is None):
         raise LogError(str(path), "has one row and no rates", "give two rows, or the columns dq_ and ddq_")

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from gimbal_pin.errors import LogError
-from gimbal_pin.log.io.tables import Stream, Table, quote_names, table_of
+from gimbal_pin.log.io.tables import Stream, Table, make_table, quote_names
 from gimbal_pin.rig.reading import read_bytes
 
 CANDUMP_MAGIC = tuple(b"%s(%d" % (space, digit) for space in (b"", b" ") for digit in range(10))
@@ -73,7 +73,7 @@ def open_candump(path: Path) -> Table:
             streams.append(Stream(f"{columns[0]}.t", dict(zip((f"{columns[0]}.t", *columns), table[fine].T))))
     if others:
         notes.append(f"frames of the identifiers {quote_names(sorted(others))} are none that are read: left out")
-    return table_of(str(path), streams, notes)
+    return make_table(str(path), streams, notes)
 
 
 def _decode_odrive(command: int, data: bytes) -> dict[str, float]:

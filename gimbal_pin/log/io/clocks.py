@@ -10,13 +10,13 @@ from scipy.signal import correlate, correlation_lags
 
 from gimbal_pin.log.log import Array
 
-SURE = 0.9
+_SURE = 0.9
 """Least correlation of two channels of the same motion, from which an offset is taken."""
-ALONE = 0.98
+_ALONE = 0.98
 """Largest share of the best correlation at another offset: beyond, the motion is periodic and the offset ambiguous."""
-COARSE, FINE = 2**12, 2**16
+_COARSE, _FINE = 2**12, 2**16
 """Samples of the common grid on which pairs are compared, and of the one for the best pair: 2 ms and 50 ms a pair."""
-CHANNELS = 16
+_CHANNELS = 16
 """Channels of a recorder that are compared with each of the other's."""
 
 
@@ -32,7 +32,7 @@ class Offset(NamedTuple):
     sentence: str
 
 
-def offset_between(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[str, Array]) -> Offset:
+def find_clock_offset(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[str, Array]) -> Offset:
     """Return the offset of two recorders' clocks: from a channel that both have, or an angle and its rate.
 
     The rates of both channels of a pair are compared, or one's rate with the other itself, on a grid of the coarser
@@ -51,14 +51,14 @@ def offset_between(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[
     usual, span = max(np.median(np.diff(t)), np.median(np.diff(u))), max(np.ptp(t), np.ptp(u))
     if not usual > 0:
         return Offset(0.0, "has times that do not increase: its clock's offset is taken as zero")
-    step, most = (float(max(usual, span / size)) for size in (FINE, COARSE))
-    best = max((peak(*pair) for pair in pairs(t, one, u, other, most)), default=None)
+    step, most = (float(max(usual, span / size)) for size in (_FINE, _COARSE))
+    best = max((_find_peak(*pair) for pair in _pair_channels(t, one, u, other, most)), default=None)
     if best is not None and step < most:
         a, b = best.channels
-        best = max(peak(*pair) for pair in pairs(t, {a: one[a]}, u, {b: other[b]}, step))
-    if best is None or best.correlation < SURE:
+        best = max(_find_peak(*pair) for pair in _pair_channels(t, {a: one[a]}, u, {b: other[b]}, step))
+    if best is None or best.correlation < _SURE:
         return Offset(0.0, "has no channel that is alike in the first: its clock's offset is taken as zero")
-    if best.rival > ALONE * best.correlation:
+    if best.rival > _ALONE * best.correlation:
         return Offset(0.0, "moves periodically, which does not tell its clock's offset: taken as zero")
     seconds = t[0] - u[0] + best.lag * step
     if abs(seconds) < step / 2:
@@ -66,7 +66,7 @@ def offset_between(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[
     return Offset(float(seconds), f"by {best.names} its times are {-seconds:+.4g} s off the first's: shifted")
 
 
-class Peak(NamedTuple):
+class _Peak(NamedTuple):
     """The best lag of a pair of channels: correlation there, lag in steps, the best of any other peak, and the pair."""
 
     correlation: float
@@ -76,14 +76,16 @@ class Peak(NamedTuple):
     channels: tuple[str, str]
 
 
-Pair = tuple[Array, Array, str, tuple[str, str]]
+_Pair = tuple[Array, Array, str, tuple[str, str]]
 
 
-def pairs(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[str, Array], step: float) -> Iterator[Pair]:
+def _pair_channels(
+    t: Array, one: Mapping[str, Array], u: Array, other: Mapping[str, Array], step: float
+) -> Iterator[_Pair]:
     """Yield two sampled channels, what they are, and their names: of one name, or else rates against channels."""
     grids = [(x[0] + step * np.arange(int(np.ptp(x) / step) + 1)) for x in (t, u)]
-    a = {name: np.interp(grids[0], t, x) for name, x in list(one.items())[:CHANNELS] if np.ptp(x)}
-    b = {name: np.interp(grids[1], u, x) for name, x in list(other.items())[:CHANNELS] if np.ptp(x)}
+    a = {name: np.interp(grids[0], t, x) for name, x in list(one.items())[:_CHANNELS] if np.ptp(x)}
+    b = {name: np.interp(grids[1], u, x) for name, x in list(other.items())[:_CHANNELS] if np.ptp(x)}
     if both := a.keys() & b.keys():
         yield from (
             (np.gradient(a[name], step), np.gradient(b[name], step), name, (name, name)) for name in sorted(both)
@@ -95,7 +97,7 @@ def pairs(t: Array, one: Mapping[str, Array], u: Array, other: Mapping[str, Arra
             yield x, np.gradient(y, step), f"{name} and the rate of {its}", (name, its)
 
 
-def peak(x: Array, y: Array, names: str, channels: tuple[str, str]) -> Peak:
+def _find_peak(x: Array, y: Array, names: str, channels: tuple[str, str]) -> _Peak:
     """Return the lag by which y, (M,), comes after its like in x, (N,), where at least half of the shorter overlaps."""
     x, y = x - x.mean(), y - y.mean()
     lags = correlation_lags(len(x), len(y))
@@ -114,4 +116,4 @@ def peak(x: Array, y: Array, names: str, channels: tuple[str, str]) -> Peak:
     if 0 < k < len(values) - 1 and values[k - 1] > -1 and values[k + 1] > -1:
         before, at, after = values[k - 1 : k + 2]
         bend = 0.5 * (before - after) / curve if (curve := before - 2 * at + after) < 0 else 0.0
-    return Peak(float(values[k]), float(lags[k] + bend), float(max(others, default=-1.0)), names, channels)
+    return _Peak(float(values[k]), float(lags[k] + bend), float(max(others, default=-1.0)), names, channels)

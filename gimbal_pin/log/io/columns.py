@@ -10,18 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import DataError, LogError
-from gimbal_pin.log.io.mapping import ROW, Entries, check_targets, read_mapping
 from gimbal_pin.log.io.tables import Table, quote_names
-from gimbal_pin.log.log import REACH, SOONEST, Array, Log, implausible, untimely
-from gimbal_pin.log.source import Source
+from gimbal_pin.log.log import REACH, SOONEST, Array, Log, find_implausible, find_untimely
+from gimbal_pin.log.mapping import ROW, Entries, Source, check_targets, read_mapping
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
-JOINT_COLUMNS = {"q": "q", "v": "dq", "tau": "tau", "q_ref": "q_ref", "temperature": "temp"}
+_JOINT_COLUMNS = {"q": "q", "v": "dq", "tau": "tau", "q_ref": "q_ref", "temperature": "temp"}
 """Attribute of `Log` → prefix of its columns, in the CONTRACT's order."""
 IMU_COLUMNS = {"gyro": "xyz", "accel": "xyz", "quat": "wxyz"}
 """Attribute of `Imu` (and prefix of its columns) → its axes."""
-LOST = 0.1
+_LOST = 0.1
 """Share of the rows that may be left out: of a column of another rate every second value or more is missing, of what a
 recorder loses, or repeats before it begins, far less."""
 
@@ -57,7 +56,7 @@ def log_groups(joints: Sequence[str], links: Sequence[str], need_tau: bool) -> d
     """Return key → group of everything that a log of these joints and links may hold."""
     required = ("q", "tau") if need_tau else ("q",)
     groups = {"t": Group(("t",), True)}
-    groups |= {key: joint_group(prefix, joints, key in required) for key, prefix in JOINT_COLUMNS.items()}
+    groups |= {key: joint_group(prefix, joints, key in required) for key, prefix in _JOINT_COLUMNS.items()}
     for link in links:
         groups |= imu_groups(link)
     return groups
@@ -66,7 +65,7 @@ def log_groups(joints: Sequence[str], links: Sequence[str], need_tau: bool) -> d
 def log_columns(log: Log) -> dict[str, Array]:
     """Return column → (N,) values of everything in a log, in the CONTRACT's order."""
     columns = {"t": log.t}
-    for attribute, prefix in JOINT_COLUMNS.items():
+    for attribute, prefix in _JOINT_COLUMNS.items():
         if (values := getattr(log, attribute)) is not None:
             columns |= zip(joint_group(prefix, log.joints).columns, values.T)
     for link, imu in log.imus.items():
@@ -76,36 +75,36 @@ def log_columns(log: Log) -> dict[str, Array]:
     return columns
 
 
-def links_of(rig: Rig) -> list[str]:
+def link_names(rig: Rig) -> list[str]:
     """Return the names of all links of a rig, which an IMU may be fixed to."""
     return urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
 
 
-def unrecorded(rig: Rig, tables: Iterable[Table], mapping: Entries) -> dict[str, float]:
+def find_unrecorded_joints(rig: Rig, tables: Iterable[Table], mapping: Entries) -> dict[str, float]:
     """Return each joint of which no table holds anything → the angle, rad, or place, m, nearest to zero it can have.
 
     Empty where they hold no joint at all: then it is their names that are not the rig's.
     """
     known = {column for table in tables for column in table.columns} | read_mapping(mapping).keys()
-    columns = {joint: {f"{prefix}_{joint}" for prefix in JOINT_COLUMNS.values()} for joint in rig.joints}
+    columns = {joint: {f"{prefix}_{joint}" for prefix in _JOINT_COLUMNS.values()} for joint in rig.joints}
     absent = {joint: float(min(max(0.0, low), high)) for joint, low, high in zip(rig.joints, *rig.stops)
               if not columns[joint] & known}  # fmt: skip
     return absent if len(absent) < rig.n else {}
 
 
-def held_still(logs: Sequence[Log]) -> dict[str, float]:
+def find_held_joints(logs: Sequence[Log]) -> dict[str, float]:
     """Return each joint that rests in all logs because its reference asks for that → its angle, rad, or place, m.
 
     Empty where all rest: then nothing moves. A joint at rest without a reference may be one that should have moved.
     """
-    still = [j for j in asked_to_rest(logs) if all(np.ptp(log.q[:, j]) < MOVED for log in logs)]
+    still = [j for j in find_joints_asked_to_rest(logs) if all(np.ptp(log.q[:, j]) < MOVED for log in logs)]
     if not still or len(still) == len(logs[0].joints):
         return {}
     at = np.median(np.concatenate([log.q for log in logs]), axis=0)
     return {logs[0].joints[j]: float(at[j]) for j in still}
 
 
-def asked_to_rest(logs: Sequence[Log]) -> list[int]:
+def find_joints_asked_to_rest(logs: Sequence[Log]) -> list[int]:
     """Return the joints whose references ask for no motion that could be judged, in any log."""
     if not logs or any(log.q_ref is None for log in logs):
         return []
@@ -113,7 +112,7 @@ def asked_to_rest(logs: Sequence[Log]) -> list[int]:
     return np.flatnonzero(travel < MOVED).tolist()
 
 
-def mapped(rig: Rig, groups: Mapping[str, Group], mapping: Entries) -> dict[str, Source]:
+def resolve_mapping(rig: Rig, groups: Mapping[str, Group], mapping: Entries) -> dict[str, Source]:
     """Return target → source of a mapping to these groups; `UsageError` or `LogError` if it cannot be one.
 
     Two channels that claim one name are refused: of joints `a` and `ref_a`, ``q_ref_a``.
@@ -145,42 +144,43 @@ def read_groups(
     known = {**{column: Source(column) for column in columns}, **sources}
     there = {c: source for c, source in known.items() if source.place or source.column in columns}
     present = {c: there[c] for group in groups.values() for c in group.columns if c in there}
-    check_header(table, groups, present)
+    _check_header(table, groups, present)
     wanted = [c for c in dict.fromkeys(source.column for source in present.values()) if c in columns]
     raw = table.read(wanted or table.columns[:1])
     raw.setdefault(ROW, np.arange(len(next(iter(raw.values()))), dtype=np.float64))
     for group in groups.values():
         if notes is not None and not group.required and group.columns[0] in present:
-            sparse = [c for c in group.columns if np.isnan(raw[present[c].column]).mean() > LOST]
+            sparse = [c for c in group.columns if np.isnan(raw[present[c].column]).mean() > _LOST]
             if sparse:
                 notes.append(f"{table.name}: {quote_names(sparse)} are mostly empty or nan: left out")
                 present = {c: source for c, source in present.items() if c not in group.columns}
-    kept = whole_rows(table, {source.column: raw[source.column] for source in present.values()}, present["t"], notes)
+    read = {source.column: raw[source.column] for source in present.values()}
+    kept = _select_whole_rows(table, read, present["t"], notes)
     arrays = {}
     for key, group in groups.items():
         if group.columns[0] in present:
             named = [present[column] for column in group.columns]
             with np.errstate(over="ignore"):  # refused below
                 arrays[key] = np.column_stack([raw[source.column][kept] * source.factor for source in named])
-            if (wrong := implausible(key if key in REACH else key.split("_")[0], arrays[key])) is not None:
+            if (wrong := find_implausible(key if key in REACH else key.split("_")[0], arrays[key])) is not None:
                 row, column, what, mend = wrong
                 raise LogError(table.place(int(kept[row]), named[column].column), what, mend)
-    if (late := untimely(arrays["t"][:, 0])) is not None:
+    if (late := find_untimely(arrays["t"][:, 0])) is not None:
         raise LogError(table.place(int(kept[late[0]]), present["t"].column), *late[1:])
     return arrays
 
 
-def whole_rows(
+def _select_whole_rows(
     table: Table, raw: Mapping[str, Array], time: Source, notes: list[str] | None
 ) -> NDArray[np.integer[Any]]:
     """Return the rows that hold every value, from where time goes on without repeating itself or going back.
 
-    `notes` as for `read_groups`; `LogError` at the first missing value if more than `LOST` of the rows lack one.
+    `notes` as for `read_groups`; `LogError` at the first missing value if more than `_LOST` of the rows lack one.
     """
     count = len(raw[time.column])
     missing = {column: np.isnan(values) for column, values in raw.items()}
     full = np.flatnonzero(~np.any(list(missing.values()), axis=0))
-    most = 0 if notes is None else LOST * count
+    most = 0 if notes is None else _LOST * count
     said = [] if notes is None else notes
     if len(full) < count:
         column, row = min(((c, int(np.argmax(x))) for c, x in missing.items() if x.any()), key=lambda one: one[1])
@@ -198,7 +198,7 @@ def whole_rows(
     return full
 
 
-def check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str, Source]) -> None:
+def _check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str, Source]) -> None:
     """Raise `LogError` unless sources exist once, required groups are there, and no group is there in part.
 
     `DataError` where torques alone are missing, and every column is something else.

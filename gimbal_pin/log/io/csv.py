@@ -21,13 +21,13 @@ from gimbal_pin.log.io.files import replacing, wrap_os_errors
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import LARGEST, check_size, read_bytes
 
-SEPARATORS = (";", "\t", ",")
+_SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
-SPACES = re.compile(rb"(?m)^ +| +(?=\r?$)|( +)")
-DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-FOC = ("MOT:", "CS:")
+_SPACES = re.compile(rb"(?m)^ +| +(?=\r?$)|( +)")
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_FOC = ("MOT:", "CS:")
 """How the lines begin that SimpleFOC writes before its numbers."""
-FOC_COLUMNS = {
+_FOC_COLUMNS = {
     4: ("target", "voltage.q", "velocity", "angle"),
     7: ("target", "voltage.q", "voltage.d", "current.q_ma", "current.d_ma", "velocity", "angle"),
 }
@@ -35,7 +35,7 @@ FOC_COLUMNS = {
 GZIP = b"\x1f\x8b"
 BLOCK = 1 << 22  # bytes read at a time
 LINE = 1 << 22  # bytes that no row has: 100 000 columns of 20 digits are 2.1 MB
-ROWS = 1 << 14  # rows written at a time
+_ROWS = 1 << 14  # rows written at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class CsvTable:
     Attributes:
         name: The file's path.
         columns: Names in the header; ``column1, column2, …`` where the file starts with numbers.
-        separator: One of `SEPARATORS`.
+        separator: One of `_SEPARATORS`.
         body: What follows the header.
         first: Number of the body's first line in the file, from 1.
         spaced: Whether spaces stand between values: read as tabs.
@@ -78,44 +78,66 @@ class CsvTable:
                 body = self.body[start:end]
                 # Where a part is cut, its last line is the one that is too long.
                 begin = body.rfind(b"\n", 0, len(body) - 1) + 1
-                check_length(f"{self.name}:{line + body[:begin].count(10)}", len(body) - begin)
-                part = replace(self, body=self.plain(body), first=line)
+                _check_length(f"{self.name}:{line + body[:begin].count(10)}", len(body) - begin)
+                part = replace(self, body=self._plain(body), first=line)
                 if part.body.strip():
-                    arrays.append(part.numbers(index))
+                    arrays.append(part._numbers(index))
                 bar.update(end - start)
                 start, line = end, line + body.count(b"\n")
         if not arrays:
             raise LogError(f"{self.name}:{self.first}", "has a header but no rows", "give a file with samples")
         return {column: np.concatenate([array[place] for array in arrays]) for column, place in index.items()}
 
-    def plain(self, body: bytes) -> bytes:
+    def _plain(self, body: bytes) -> bytes:
         """Return rows without comments, with tabs where spaces stand between the values."""
         body = COMMENT.sub(b"", body) if b"#" in body else body
-        return SPACES.sub(lambda found: b"\t" if found[1] else b"", body) if self.spaced else body
+        return _SPACES.sub(lambda found: b"\t" if found[1] else b"", body) if self.spaced else body
 
-    def numbers(self, index: Mapping[str, int]) -> dict[int, Array]:
-        """Return column number → values of the columns `index`; `LogError` at the first flaw."""
-        if uneven(self.body, self.separator, len(self.columns)):
-            self.check(index)
+    def _numbers(self, index: Mapping[str, int]) -> dict[int, Array]:
+        """Return column number → values by pandas' C parser, nan where they are missing; `LogError` at the first flaw.
+
+        From 3.1 on, pandas parses exactly by itself and warns of the argument; before, exactness has to be asked for.
+        """
+        import pandas
+
+        exact = (
+            {} if tuple(map(int, pandas.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
+        )
+        if _is_uneven(self.body, self.separator, len(self.columns)):
+            self._check(index)
         try:
-            values = parse(self.body, self.separator, sorted(index.values()))
-            if any(np.isinf(column).any() for column in values.values()):
+            frame = pandas.read_csv(
+                io.BytesIO(self.body),
+                sep=self.separator,
+                header=None,
+                usecols=sorted(index.values()),
+                index_col=False,
+                dtype=np.float64,
+                keep_default_na=False,
+                na_values=["", "nan", "NaN", "NAN"],
+                skipinitialspace=True,
+                encoding_errors="replace",
+                low_memory=False,
+                engine="c",
+                **exact,
+            )
+            if np.isinf(frame.to_numpy()).any():
                 raise ValueError("a value is not finite")
         except ValueError as error:
-            self.check(index)
+            self._check(index)
             place = f"{self.name}: rows from line {self.first}"
             what = f"are not the CSV that they seem ({error})"
             raise LogError(place, what, "write one row of plain numbers a line") from error
-        return values
+        return {place: frame[place].to_numpy() for place in index.values()}
 
     def place(self, row: int, column: str) -> str:
         """Return ``file:line column 'name'`` of a sample, lines counted as an editor does."""
-        line, _ = next(islice(self.records(), row, None))
+        line, _ = next(islice(self._records(), row, None))
         return f"{self.name}:{line} column '{column}'"
 
-    def records(self) -> Iterator[tuple[int, list[str]]]:
+    def _records(self) -> Iterator[tuple[int, list[str]]]:
         """Yield (line number, fields) of every row that is not blank. Slow: for finding the place of an error."""
-        text = io.TextIOWrapper(io.BytesIO(self.plain(self.body)), encoding="utf-8", errors="replace", newline="")
+        text = io.TextIOWrapper(io.BytesIO(self._plain(self.body)), encoding="utf-8", errors="replace", newline="")
         reader = csv.reader(text, delimiter=self.separator, skipinitialspace=True)
         line = self.first
         try:
@@ -126,10 +148,10 @@ class CsvTable:
         except csv.Error as error:
             raise LogError(f"{self.name}:{line}", f"is not CSV ({error})", "mend the quotes there") from error
 
-    def check(self, index: Mapping[str, int]) -> None:
+    def _check(self, index: Mapping[str, int]) -> None:
         """Raise `LogError` at the first row of another width than the header or with a flaw in the columns `index`."""
         width = len(self.columns)
-        for line, fields in self.records():
+        for line, fields in self._records():
             if len(fields) < width or any(field.strip() for field in fields[width:]):
                 mend = "quote or delete the surplus" + "; decimal commas must be points" * (self.separator == ",")
                 if len(fields) < width:
@@ -137,7 +159,7 @@ class CsvTable:
                 what = f"has {len(fields)} values under {width} column names"
                 raise LogError(f"{self.name}:{line}", what, mend)
             for column, place in index.items():
-                if found := flaw(fields[place].strip()):
+                if found := _find_flaw(fields[place].strip()):
                     raise LogError(f"{self.name}:{line} column '{column}'", *found)
 
 
@@ -152,14 +174,14 @@ def open_csv(path: Path) -> CsvTable:
     """
     data = read_bytes(path, LogError)
     if data.startswith(GZIP):
-        data = unzipped(data, str(path))
-    found = headed(str(path), as_utf8(data))
+        data = unzip(data, str(path))
+    found = read_header(str(path), decode_utf8(data))
     if found is None:
         raise LogError(str(path), "is empty", "give a file with a header and one row per sample")
     return found
 
 
-def unzipped(data: bytes, name: str, most: int = LARGEST) -> bytes:
+def unzip(data: bytes, name: str, most: int = LARGEST) -> bytes:
     """Return what gzip packed; `LogError` where it is damaged or unfolds to more than `most` bytes."""
     parts, size = list[bytes](), 0
     try:
@@ -172,7 +194,7 @@ def unzipped(data: bytes, name: str, most: int = LARGEST) -> bytes:
     return b"".join(parts)
 
 
-def as_utf8(data: bytes) -> bytes:
+def decode_utf8(data: bytes) -> bytes:
     """Return text without its byte order mark, UTF-16 turned to UTF-8, lone carriage returns to line feeds."""
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         data = data.decode("utf-16", errors="replace").encode()
@@ -180,7 +202,7 @@ def as_utf8(data: bytes) -> bytes:
     return data if b"\n" in data else data.replace(b"\r", b"\n")
 
 
-def headed(name: str, data: bytes) -> CsvTable | None:
+def read_header(name: str, data: bytes) -> CsvTable | None:
     """Return the table that starts with `data`, whole lines; None where these hold neither header nor row."""
     if b"\0" in data[:4096]:
         raise LogError(name, "is binary, not CSV", "give it the suffix of its format")
@@ -193,36 +215,36 @@ def headed(name: str, data: bytes) -> CsvTable | None:
             line = data[start:end].decode("latin-1").rstrip("\r\n")
         if line.lstrip().startswith("#"):
             remark = line.lstrip().lstrip("#")
-        elif line.startswith(FOC):
+        elif line.startswith(_FOC):
             remark = "MOT:"
         elif line.strip():
             break
         start = end
     else:
         return None
-    check_length(f"{name}:{number}", end - start)
-    separator = max(SEPARATORS, key=re.sub('"[^"]*"', "", line).count)
-    fields = split(line, separator)
+    _check_length(f"{name}:{number}", end - start)
+    separator = max(_SEPARATORS, key=re.sub('"[^"]*"', "", line).count)
+    fields = _split_fields(line, separator)
     if spaced := len(fields) < 2:
-        separator, fields = "\t", split(line.strip(), " ")
+        separator, fields = "\t", _split_fields(line.strip(), " ")
     if len(fields) < 2:
         raise LogError(f"{name}:{number}", "has one column only", "separate columns by commas, semicolons or tabs")
-    if any(number_in(field) is None for field in fields if field):
+    if any(_parse_number(field) is None for field in fields if field):
         return CsvTable(name, tuple(fields), separator, data[end:], number + 1, spaced)
-    foc = FOC_COLUMNS.get(len(fields), ()) if remark == "MOT:" else ()
-    names = list(foc) or split(remark.strip(), " " if spaced else separator)
+    foc = _FOC_COLUMNS.get(len(fields), ()) if remark == "MOT:" else ()
+    names = list(foc) or _split_fields(remark.strip(), " " if spaced else separator)
     if len(names) != len(fields):
         names = [f"column{i + 1}" for i in range(len(fields))]
     return CsvTable(name, tuple(names), separator, data[start:], number, spaced)
 
 
-def check_length(place: str, length: int) -> None:
+def _check_length(place: str, length: int) -> None:
     """Raise `LogError` for a line of more bytes than a row of numbers may have."""
     if length > LINE:
         raise LogError(place, f"has a line of {length / 1e6:.3g} MB", "write one row of plain numbers a line")
 
 
-def split(line: str, separator: str) -> list[str]:
+def _split_fields(line: str, separator: str) -> list[str]:
     """Return the trimmed fields of one line; quotes around them go."""
     try:
         fields = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
@@ -231,60 +253,30 @@ def split(line: str, separator: str) -> list[str]:
     return [field.strip() for field in fields]
 
 
-def uneven(body: bytes, separator: str, width: int) -> bool:
+def _is_uneven(body: bytes, separator: str, width: int) -> bool:
     """Whether any line that is not blank has another number of separators than ``width - 1`` (quotes ignored)."""
-    characters = np.frombuffer(body.rstrip(b"\n"), np.uint8)
-    ends = np.append(np.flatnonzero(characters == ord("\n")), len(characters))
-    separators = np.flatnonzero(characters == ord(separator))
-    counts = np.diff(np.searchsorted(separators, ends), prepend=0)
-    lengths = np.diff(ends, prepend=-1) - 1
-    returns = (lengths == 1) & (np.append(characters, 0)[ends - 1] == ord("\r"))
-    return bool(np.any((counts != width - 1) & (lengths > 0) & ~returns))
+    mark = separator.encode()
+    return any(line.count(mark) != width - 1 for line in body.split(b"\n") if line.strip(b" \r"))
 
 
-def flaw(field: str) -> tuple[str, str] | None:
+def _find_flaw(field: str) -> tuple[str, str] | None:
     """Return what is wrong with a number's text and the mend; None for a number, or where it is missing."""
-    value = number_in(field)
+    value = _parse_number(field)
     if not field or (value is not None and not math.isinf(value)):
         return None
     if value is not None:
         return f"is {field}", "repair the value, or delete the row"
-    if DECIMAL_COMMA.fullmatch(field):
+    if _DECIMAL_COMMA.fullmatch(field):
         return f"has a decimal comma ({field})", "write decimal points"
     return f"holds the text '{field[:40]}'", "write a number, or leave the row out"
 
 
-def number_in(field: str) -> float | None:
+def _parse_number(field: str) -> float | None:
     """Return the number that a field spells, or None; ``1_000`` and digits of other scripts are none."""
     try:
         return None if "_" in field or not field.isascii() else float(field)
     except ValueError:
         return None
-
-
-def parse(body: bytes, separator: str, places: list[int]) -> dict[int, Array]:
-    """Return column number → values by pandas' C parser, nan where they are missing; ValueError of any other text."""
-    import pandas
-
-    # From 3.1 on, pandas parses exactly by itself and warns of the argument; before, exactness has to be asked for.
-    version = tuple(int(part) for part in pandas.__version__.split(".")[:2])
-    exact = {} if version >= (3, 1) else {"float_precision": "round_trip"}
-    frame = pandas.read_csv(
-        io.BytesIO(body),
-        sep=separator,
-        header=None,
-        usecols=places,
-        index_col=False,
-        dtype=np.float64,
-        keep_default_na=False,
-        na_values=["", "nan", "NaN", "NAN"],
-        skipinitialspace=True,
-        encoding_errors="replace",
-        low_memory=False,
-        engine="c",
-        **exact,
-    )
-    return {place: frame[place].to_numpy() for place in places}
 
 
 def write_csv(columns: Mapping[str, Array], path: Path, separator: str = ",") -> None:
@@ -294,6 +286,6 @@ def write_csv(columns: Mapping[str, Array], path: Path, separator: str = ",") ->
     values = np.column_stack(list(columns.values()))
     with replacing(path) as temporary, wrap_os_errors(path), temporary.open("w", encoding="utf-8", newline="") as file:
         file.write(header.getvalue())
-        for start in range(0, len(values), ROWS):
-            rows = values[start : start + ROWS].tolist()
+        for start in range(0, len(values), _ROWS):
+            rows = values[start : start + _ROWS].tolist()
             file.writelines(separator.join(map(repr, row)) + "\n" for row in rows)

@@ -209,7 +209,7 @@ def to_json(value: object, indent: int | None = 2) -> str:
 
     Without an indent it is one line. What a terminal would obey is escaped as JSON does it.
     """
-    text = json.dumps(finite(plain(value)), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(plain(value, finite=True), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
     return UNSAFE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
@@ -218,31 +218,26 @@ def write_json(value: object, path: str | Path) -> None:
     atomic_write(path, to_json(value))
 
 
-def plain(value: object) -> Any:
+def plain(value: object, *, finite: bool = False) -> Any:
     """Return `value` in Python's own scalars, lists and dictionaries; NumPy's scalars and arrays become these.
+
+    `finite`: whether NaN and infinities become None.
 
     Raises:
         TypeError: Something else is inside.
     """
     if isinstance(value, (np.generic, np.ndarray)):
-        return plain(value.tolist())
+        return plain(value.tolist(), finite=finite)
     if isinstance(value, Mapping):
         if keys := [key for key in value if not isinstance(key, str)]:
             raise TypeError(f"key {keys[0]!r} is no text")
-        return {str(key): plain(entry) for key, entry in value.items()}
+        return {str(key): plain(entry, finite=finite) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
+        return [plain(entry, finite=finite) for entry in value]
     if isinstance(value, (str, Path)):
         return str(value).encode("utf-8", "backslashreplace").decode()  # a file's name may hold what is no character
+    if isinstance(value, float) and finite and not math.isfinite(value):
+        return None
     if value is None or isinstance(value, (bool, int, float)):
         return value
     raise TypeError(f"{type(value).__name__} has no plain form")
-
-
-def finite(value: Any) -> Any:
-    """Return plain values with every NaN or infinity replaced by None."""
-    if isinstance(value, dict):
-        return {key: finite(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

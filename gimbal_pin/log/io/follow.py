@@ -14,18 +14,17 @@ from typing import BinaryIO
 
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io import split_payload, to_log
-from gimbal_pin.log.io.columns import Group, links_of, log_groups, mapped, read_groups
-from gimbal_pin.log.io.csv import BLOCK, COMMENT, LINE, CsvTable, as_utf8, headed
-from gimbal_pin.log.io.link import is_link, lines
-from gimbal_pin.log.io.mapping import ROW, Entries
+from gimbal_pin.log.io.columns import Group, link_names, log_groups, read_groups, resolve_mapping
+from gimbal_pin.log.io.csv import BLOCK, COMMENT, LINE, CsvTable, decode_utf8, read_header
+from gimbal_pin.log.io.link import follow_link, is_link
 from gimbal_pin.log.io.readers import FORMATS, GROWING
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.log.source import Source
+from gimbal_pin.log.mapping import ROW, Entries, Source
 from gimbal_pin.rig.reading import readable
 from gimbal_pin.rig.rig import Rig
 
-PIPE = "-"
-PAUSE = 0.05
+_PIPE = "-"
+_POLL = 0.05
 """Time between two polls, s: reading row by row would cost more than identifying from it."""
 
 
@@ -43,16 +42,16 @@ def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> 
     Raises:
         LogError, UsageError: As `read_log`, once the samples before that are yielded; and where a file becomes shorter.
     """
-    file, payload = (Path(path), None) if path == PIPE or is_link(path) else split_payload(path)
-    name = "standard input" if path == PIPE else path if is_link(path) else str(file)
-    links = links_of(rig)
+    file, payload = (Path(path), None) if path == _PIPE or is_link(path) else split_payload(path)
+    name = "standard input" if path == _PIPE else path if is_link(path) else str(file)
+    links = link_names(rig)
     groups = log_groups(rig.joints, links, True)
-    sources = mapped(rig, groups, mapping)
-    parts = lines(path, rig.joints, idle) if is_link(path) else chunks(file, idle)
-    for table in tables(name, whole_lines(parts)):
+    sources = resolve_mapping(rig, groups, mapping)
+    parts = follow_link(path, rig.joints, idle) if is_link(path) else _read_growing(file, idle)
+    for table in _read_tables(name, whole_lines(parts)):
         if ROW in {source.column for source in sources.values()} - set(table.columns):
             raise UsageError(name, f"is mapped by the '{ROW}', which a growing log is not read by", "write its times")
-        data, error = usable(table, groups, sources)
+        data, error = _read_usable(table, groups, sources)
         if data is not None:
             said = [line.decode()[1:].strip() for line in COMMENT.findall(table.body)] if is_link(path) else []
             yield to_log(data, table.name, rig, links, payload, sources, said)
@@ -60,7 +59,7 @@ def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> 
             raise error
 
 
-def usable(
+def _read_usable(
     table: CsvTable, groups: Mapping[str, Group], sources: Mapping[str, Source]
 ) -> tuple[dict[str, Array] | None, LogError | None]:
     """Return what a table holds up to the first line that cannot be used, and its error, if any.
@@ -82,7 +81,7 @@ def usable(
     return found, flaw
 
 
-def tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
+def _read_tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
     """Yield the rows of each part under the header that came first.
 
     Raises:
@@ -91,8 +90,8 @@ def tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
     head, before, line = None, b"", 1
     for part in parts:
         if head is None:
-            before = as_utf8(before + part)
-            head = found = headed(name, before)
+            before = decode_utf8(before + part)
+            head = found = read_header(name, before)
         else:
             found = replace(head, body=part, first=line)
         if found is not None:
@@ -118,9 +117,9 @@ def whole_lines(parts: Iterator[bytes]) -> Iterator[bytes]:
             rest = b""
 
 
-def chunks(path: Path, idle: float) -> Iterator[bytes]:
+def _read_growing(path: Path, idle: float) -> Iterator[bytes]:
     """Yield what is in a file or pipe, and what is written to it, until it ends or does not grow for `idle` seconds."""
-    with opened(path) as file:
+    with _open_growing(path) as file:
         grows, waited = path.is_file(), 0.0
         while True:
             part = os.read(file.fileno(), BLOCK)
@@ -132,14 +131,14 @@ def chunks(path: Path, idle: float) -> Iterator[bytes]:
             if grows and file.seekable() and os.fstat(file.fileno()).st_size < os.lseek(file.fileno(), 0, os.SEEK_CUR):
                 raise LogError(str(path), "became shorter while it was followed", "follow the new file")
             if len(part) < BLOCK:
-                time.sleep(PAUSE)
-                waited += PAUSE
+                time.sleep(_POLL)
+                waited += _POLL
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[BinaryIO]:
+def _open_growing(path: Path) -> Iterator[BinaryIO]:
     """Open a file, or standard input, which stays open."""
-    if str(path) == PIPE:
+    if str(path) == _PIPE:
         if sys.stdin is None:
             raise LogError("standard input", "is closed", "pipe a log into it")
         yield sys.stdin.buffer

@@ -11,21 +11,20 @@ import numpy as np
 import yaml
 
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.log.io.mapping import ROW
 from gimbal_pin.log.io.readers import open_table
-from gimbal_pin.log.io.recognise import Channel, Recognised, assigned, needed, recognise
-from gimbal_pin.log.io.tables import JoinedTable, Table, numeric_columns, quote_names, time_of
+from gimbal_pin.log.io.recognise import Channel, Recognised, assign_columns, recognise, required_columns
+from gimbal_pin.log.io.tables import JoinedTable, Table, find_time, quote_names, read_numeric_columns
 from gimbal_pin.log.log import NOTHING, Array
+from gimbal_pin.log.mapping import ROW, expression
 from gimbal_pin.log.platform_log import HOLE
-from gimbal_pin.log.source import expression
 from gimbal_pin.rig.rig import Rig
 
-HUGE = 1e30
+_HUGE = 1e30
 """More than any column holds: of nanoseconds since 1970 there are 2e18, of counts a day at 1e5 rad/s 2e14."""
 
 
 @dataclass(frozen=True, eq=False)
-class Stream:
+class InspectedStream:
     """Columns sampled together.
 
     Attributes:
@@ -75,7 +74,7 @@ class Inspected:
 
     name: str
     rig: str | None
-    streams: tuple[Stream, ...]
+    streams: tuple[InspectedStream, ...]
     mapping: Mapping[str, tuple[str, str, str]]
     missing: tuple[str, ...]
     notes: tuple[str, ...]
@@ -84,7 +83,8 @@ class Inspected:
     def yaml(self) -> str:
         """The mapping as a file for ``--map``, each line with its reason; what is missing stands in comments."""
         lines = [f"# {self.name}: columns of a log of {self.rig}; look through, edit, and give with --map"]
-        lines += [f"{entry(target, expression(*source[:2]))}  # {source[2]}" for target, source in self.mapping.items()]
+        entries = ((_format_entry(target, expression(*of[:2])), of[2]) for target, of in self.mapping.items())
+        lines += [f"{entry}  # {remark}" for entry, remark in entries]
         by_row = f"; or, where samples are evenly spaced, {ROW}*SECONDS"
         lines += [f"# {target}: COLUMN*FACTOR  # not found{by_row if target == 't' else ''}" for target in self.missing]
         return "\n".join(" ".join(line.split("\n")) for line in lines) + "\n"
@@ -112,15 +112,15 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
     table = open_table(path)
     notes: list[str] = list(table.notes)
     parts = list(table.parts) if isinstance(table, JoinedTable) else [table]
-    pairs = [stream_of(part, rig, notes) for part in parts]
+    pairs = [_inspect_stream(part, rig, notes) for part in parts]
     # The stream with the most joints' angles, or channels, gives the times; the others' channels are joined to it.
     pairs.sort(key=lambda pair: (-sum(name.startswith("q_") for name in pair[1].mapping), -len(pair[1].mapping)))
     first, mapping = pairs[0][1], dict(pairs[0][1].mapping)
     if rig is not None and len(pairs) > 1:
         every = {channel.column: channel for _, found in reversed(pairs) for channel in found.channels[1:]}
         mapping = {target: first.mapping[target] for target in ("t",) if target in first.mapping}
-        mapping |= assigned(first.t, every, rig)
-    missing = () if rig is None else tuple(target for target in needed(rig, mapping) if target not in mapping)
+        mapping |= assign_columns(first.t, every, rig)
+    missing = () if rig is None else tuple(target for target in required_columns(rig, mapping) if target not in mapping)
     if rig is not None and (absent := [j for j in rig.joints if not any(x.endswith(f"_{j}") for x in mapping)]):
         notes += [f"no column of {quote_names(absent)}: held where the rig's angle is nearest to zero"] * (
             len(absent) < rig.n
@@ -129,18 +129,18 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
     return Inspected(str(path), None if rig is None else rig.name, streams, mapping, missing, tuple(notes))
 
 
-def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, Recognised]:
+def _inspect_stream(table: Table, rig: Rig | None, notes: list[str]) -> tuple[InspectedStream, Recognised]:
     """Return a table's columns and what they are; `notes` takes a sentence on each flaw."""
-    data, flaws = numeric_columns(table)
+    data, flaws = read_numeric_columns(table)
     notes += flaws
     # What no machine has in any unit must not overflow in what is made of it.
-    bounded = {name: np.clip(values, -HUGE, HUGE) for name, values in data.items()}
+    bounded = {name: np.clip(values, -_HUGE, _HUGE) for name, values in data.items()}
     data = {name: np.where(np.abs(values) < NOTHING, 0.0, values) for name, values in bounded.items()}
     if odd := [name for name in data if "'" in name and '"' in name]:
         notes.append(f"{table.name}: no mapping can name {quote_names(odd)}; rename them")
         data = {name: values for name, values in data.items() if name not in odd}
     try:
-        time = time_of(table)
+        time = find_time(table)
     except UsageError as error:
         notes.append(str(error))
         time = ROW
@@ -148,15 +148,15 @@ def stream_of(table: Table, rig: Rig | None, notes: list[str]) -> tuple[Stream, 
         time = ROW
         data[ROW] = np.arange(len(next(iter(data.values()))), dtype=np.float64)
     found = recognise(time, data, rig)
-    return Stream(time, data.pop(time) * found.scale, data, found.channels[time == ROW :]), found
+    return InspectedStream(time, data.pop(time) * found.scale, data, found.channels[time == ROW :]), found
 
 
-def entry(target: str, text: str) -> str:
+def _format_entry(target: str, text: str) -> str:
     """Return one line of YAML."""
     return str(yaml.safe_dump({target: text}, width=10**9, allow_unicode=True)).rstrip("\n")
 
 
-def summary(stream: Stream) -> Sequence[str]:
+def summarize_stream(stream: InspectedStream) -> Sequence[str]:
     """Return sentences on a stream's samples."""
     facts = stream.facts
     rate = "" if facts["rate_hz"] is None else f", {digits(facts['rate_hz'], 4)} Hz"

@@ -19,34 +19,37 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.log.io.siphash import siphash
 from gimbal_pin.rig.reading import read_bytes
 
-VERSION = 1
-HELLO, LOG, TUNE, ANSWER = 1, 2, 3, 4
+_VERSION = 1
+_HELLO, LOG, _TUNE, _ANSWER = 1, 2, 3, 4
 """Types of frames: a host asks for the log, a sample, new parameters, what became of them."""
-ADDRESS = re.compile(
+_ADDRESS = re.compile(
     r"udp://(?P<host>[\w.-]+|\[[\da-fA-F:]+\]):(?P<port>\d{1,5})|serial:(?P<device>[^@]+)@(?P<baud>\d{1,8})"
 )
-MEND = "write udp://HOST:PORT or serial:DEVICE@BAUD"
-LONGEST = 65536
+_ADDRESS_FORM = "write udp://HOST:PORT or serial:DEVICE@BAUD"
+_LONGEST_FRAME = 65536
 """Bytes without a zero that are no frame: as many as a datagram holds."""
-HELD = 1 << 20
+_RECEIVE_BUFFER = 1 << 20
 """Bytes that wait while samples are learned from: ten seconds of three joints at 1 kHz; a system may grant fewer."""
-PAUSE = 0.05
+_READ_TIMEOUT = 0.05
 """Longest wait for bytes at a time, s: Ctrl-C is heard after that."""
-GREETING = 1.0
+_HELLO_INTERVAL = 1.0
 """Time between two HELLOs, s."""
-OVERTAKEN = 1.0
+_REORDERING = 1.0
 """Longest that a datagram is overtaken by later ones, s: a stamp from before that is of a gimbal that began anew, whose
 samples follow after as long a gap."""
+
+
+_WORD = 2**64 - 1
+"""The largest word of SipHash: sums are taken modulo its successor."""
 
 
 class Frame(NamedTuple):
     """One frame.
 
     Attributes:
-        type: `HELLO` to `ANSWER`.
+        type: `_HELLO` to `_ANSWER`.
         sequence: The sender's count.
         body: What it holds.
     """
@@ -56,12 +59,12 @@ class Frame(NamedTuple):
     body: bytes
 
 
-class Channel(NamedTuple):
+class LinkChannel(NamedTuple):
     """Bytes to and from a gimbal.
 
     Attributes:
         name: Its address.
-        read: Waits up to `PAUSE` for bytes; empty where none came.
+        read: Waits up to `_READ_TIMEOUT` for bytes; empty where none came.
         write: Sends bytes.
     """
 
@@ -75,16 +78,16 @@ def is_link(path: str) -> bool:
     return path.startswith(("udp:", "serial:"))
 
 
-def framed(frame: Frame) -> bytes:
+def encode_frame(frame: Frame) -> bytes:
     """Return a frame as bytes, its zero included."""
-    plain = pack_header(frame) + frame.body
-    return stuffed(plain + struct.pack("<H", crc_hqx(plain, 0xFFFF))) + b"\0"
+    plain = _pack_header(frame) + frame.body
+    return _stuff(plain + struct.pack("<H", crc_hqx(plain, 0xFFFF))) + b"\0"
 
 
-def unframed(data: bytes) -> Frame | None:
+def decode_frame(data: bytes) -> Frame | None:
     """Return the frame of the bytes between two zeros, or None: cut, corrupted, or of another version."""
-    plain = unstuffed(data)
-    if plain is None or len(plain) < 6 or plain[0] != VERSION:
+    plain = _unstuff(data)
+    if plain is None or len(plain) < 6 or plain[0] != _VERSION:
         return None
     if crc_hqx(plain[:-2], 0xFFFF) != int.from_bytes(plain[-2:], "little"):
         return None
@@ -94,7 +97,7 @@ def unframed(data: bytes) -> Frame | None:
 def seal(frame: Frame, secret: bytes, count: int) -> Frame:
     """Return a frame whose body ends in a count and the tag of header, body and count under a secret of 16 bytes."""
     body = frame.body + struct.pack("<Q", count)
-    return frame._replace(body=body + siphash(secret, pack_header(frame) + body))
+    return frame._replace(body=body + siphash(secret, _pack_header(frame) + body))
 
 
 def read_secret(path: str | Path) -> bytes:
@@ -106,12 +109,12 @@ def read_secret(path: str | Path) -> bytes:
     return bytes.fromhex(text.decode())
 
 
-def pack_header(frame: Frame) -> bytes:
+def _pack_header(frame: Frame) -> bytes:
     """Return the bytes before a frame's body."""
-    return struct.pack("<BBH", VERSION, frame.type, frame.sequence % 2**16)
+    return struct.pack("<BBH", _VERSION, frame.type, frame.sequence % 2**16)
 
 
-def stuffed(plain: bytes) -> bytes:
+def _stuff(plain: bytes) -> bytes:
     """Return bytes without a zero: each run of up to 254 that are none behind its length plus one."""
     out = bytearray()
     for run in plain.split(b"\0"):
@@ -122,7 +125,7 @@ def stuffed(plain: bytes) -> bytes:
     return bytes(out)
 
 
-def unstuffed(data: bytes) -> bytes | None:
+def _unstuff(data: bytes) -> bytes | None:
     """Return what was stuffed; None where a length leads beyond the end."""
     out, at = bytearray(), 0
     while at < len(data):
@@ -137,71 +140,73 @@ def unstuffed(data: bytes) -> bytes | None:
 
 
 @contextmanager
-def opened(address: str) -> Iterator[Channel]:
+def open_link(address: str) -> Iterator[LinkChannel]:
     """Open a serial line, or a UDP socket that hears the one address alone.
 
     Raises:
         UsageError: The address is none, or pyserial is not installed.
         LogError: It cannot be opened, or breaks off.
     """
-    found = ADDRESS.fullmatch(address)
+    found = _ADDRESS.fullmatch(address)
     if found is None or int(found["port"] or 1) not in range(1, 65536):
-        raise UsageError(address, "is no address of a gimbal", MEND)
+        raise UsageError(address, "is no address of a gimbal", _ADDRESS_FORM)
     try:
         if found["device"] is None:
             host, port = found["host"].strip("[]"), int(found["port"])
             family, kind, _, _, at = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             with socket.socket(family, kind) as udp:
                 udp.connect(at)
-                udp.settimeout(PAUSE)
-                udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, HELD)
-                yield Channel(address, lambda: received(udp), udp.send)
+                udp.settimeout(_READ_TIMEOUT)
+                udp.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+                yield LinkChannel(address, lambda: _receive(udp), udp.send)
             return
         try:
             import serial
         except ImportError:
             mend = "install it with: pip install 'gimbal-pin[serial]'"
             raise UsageError(address, "needs pyserial, which is not installed", mend) from None
-        with serial.Serial(found["device"], int(found["baud"]), timeout=PAUSE, write_timeout=GREETING) as line:
-            yield Channel(address, lambda: line.read(max(1, line.in_waiting)), line.write)
+        with serial.Serial(
+            found["device"], int(found["baud"]), timeout=_READ_TIMEOUT, write_timeout=_HELLO_INTERVAL
+        ) as line:
+            yield LinkChannel(address, lambda: line.read(max(1, line.in_waiting)), line.write)
     except (OSError, OverflowError, ValueError) as error:  # pyserial's own are OSErrors, or of a baud rate that is none
         raise LogError(address, f"cannot be reached ({error})", "see that the gimbal runs there") from error
 
 
-def received(udp: socket.socket) -> bytes:
+def _receive(udp: socket.socket) -> bytes:
     """Return a datagram; nothing where none came, or where nobody listens yet."""
     try:
-        return udp.recv(LONGEST) + b"\0"  # no frame goes on in another datagram: what is none ends here
+        return udp.recv(_LONGEST_FRAME) + b"\0"  # no frame goes on in another datagram: what is none ends here
     except TimeoutError:
         return b""
     except ConnectionRefusedError:
-        time.sleep(PAUSE)
+        time.sleep(_READ_TIMEOUT)
         return b""
 
 
-def frames(channel: Channel, idle: float = inf) -> Iterator[Frame | None]:
-    """Yield the frames that come, and None every `PAUSE`, until none came for `idle` seconds; greet once a second."""
+def receive_frames(channel: LinkChannel, idle: float = inf) -> Iterator[Frame | None]:
+    """Yield the frames that come, and None every `_READ_TIMEOUT`, until none came for `idle` seconds."""
     rest, count, heard, greeted, paused = b"", 0, time.monotonic(), -inf, -inf
     while True:
         now, before = time.monotonic(), heard
-        if now - greeted >= GREETING:
-            send(channel, framed(Frame(HELLO, count, b"")))
+        if now - greeted >= _HELLO_INTERVAL:
+            _send(channel, encode_frame(Frame(_HELLO, count, b"")))
             greeted, count = now, count + 1
         *parts, rest = (rest + channel.read()).split(b"\0")
-        rest = rest[-LONGEST:]
+        rest = rest[-_LONGEST_FRAME:]
         for part in parts:
-            if part and (frame := unframed(part)) is not None:
+            if part and (frame := decode_frame(part)) is not None:
                 heard = now
                 yield frame
         if heard == before and now - heard > idle:  # what came while the last frame was worked on has been read
             break
-        if now - paused >= PAUSE:
+        if now - paused >= _READ_TIMEOUT:
             paused = now
             yield None
     yield None
 
 
-def send(channel: Channel, data: bytes) -> None:
+def _send(channel: LinkChannel, data: bytes) -> None:
     """Send bytes; where nobody listens yet they are lost, as on a line."""
     try:
         channel.write(data)
@@ -209,7 +214,7 @@ def send(channel: Channel, data: bytes) -> None:
         return
 
 
-def lines(address: str, joints: Sequence[str], idle: float = inf) -> Iterator[bytes]:
+def follow_link(address: str, joints: Sequence[str], idle: float = inf) -> Iterator[bytes]:
     """Yield the log of a running gimbal as CSV text, several lines at a time.
 
     Samples that come late are left out. A gimbal that begins anew counts from 0 again: its samples follow those before,
@@ -221,12 +226,12 @@ def lines(address: str, joints: Sequence[str], idle: float = inf) -> Iterator[by
         idle: Time without a frame after which the log ends, s.
 
     Raises:
-        UsageError, LogError: As `opened`; or a sample is one of another number of joints, or none came.
+        UsageError, LogError: As `open_link`; or a sample is one of another number of joints, or none came.
     """
-    n, newest, start, gap = len(joints), -1, 0, round(1e6 * OVERTAKEN)
+    n, newest, start, gap = len(joints), -1, 0, round(1e6 * _REORDERING)
     text = [",".join(["t", *(f"{kind}_{joint}" for kind in ("q", "dq", "tau") for joint in joints)])]
-    with opened(address) as channel:
-        for frame in frames(channel, idle):
+    with open_link(address) as channel:
+        for frame in receive_frames(channel, idle):
             if frame is None:
                 if text and newest >= 0:
                     yield ("\n".join(text) + "\n").encode()
@@ -254,19 +259,52 @@ def tune(address: str, body: bytes, secret: bytes, patience: float = 3.0) -> int
     by this machine's clock, ns since 1970, so that what any host sent before is older.
 
     Raises:
-        UsageError, LogError: As `opened`; or no answer came within `patience` seconds.
+        UsageError, LogError: As `open_link`; or no answer came within `patience` seconds.
     """
     end, sequence, due = time.monotonic() + patience, time.time_ns() >> 20 & 0xFFFF, -inf
-    with opened(address) as channel:
-        for frame in frames(channel, patience):
+    with open_link(address) as channel:
+        for frame in receive_frames(channel, patience):
             now = time.monotonic()
-            if frame is not None and frame.type == ANSWER and len(frame.body) == 4:
+            if frame is not None and frame.type == _ANSWER and len(frame.body) == 4:
                 asked, status = struct.unpack("<HH", frame.body)
                 if asked == sequence:
                     return int(status)
             if now > end:
                 break
             if now >= due:
-                send(channel, framed(seal(Frame(TUNE, sequence, body), secret, time.time_ns())))
+                _send(channel, encode_frame(seal(Frame(_TUNE, sequence, body), secret, time.time_ns())))
                 due = now + 0.5
     raise LogError(address, f"did not answer within {patience:g} s", "see that the gimbal runs there")
+
+
+def siphash(key: bytes, data: bytes) -> bytes:
+    """Return the tag of bytes under a key of 16 bytes, SipHash-2-4: 8 bytes, little-endian.
+
+    Only who has the key can make it (Aumasson and Bernstein, INDOCRYPT 2012).
+    """
+    low, high = struct.unpack("<QQ", key)
+    start = struct.unpack(">4Q", b"somepseudorandomlygeneratedbytes")
+    a, b, c, d = (word ^ half for word, half in zip(start, (low, high, low, high)))
+    padded = data + bytes(7 - len(data) % 8) + bytes([len(data) % 256])
+    for (word,) in struct.iter_unpack("<Q", padded):
+        a, b, c, d = _mix_state((a, b, c, d ^ word), 2)
+        a ^= word
+    a, b, c, d = _mix_state((a, b, c ^ 0xFF, d), 4)
+    return struct.pack("<Q", a ^ b ^ c ^ d)
+
+
+def _mix_state(state: tuple[int, int, int, int], rounds: int) -> tuple[int, int, int, int]:
+    """Return the state after so many rounds of sums, rotations and exclusive ors."""
+    a, b, c, d = state
+    for _ in range(rounds):
+        a, c = (a + b) & _WORD, (c + d) & _WORD
+        b, d = _rotate_left(b, 13) ^ a, _rotate_left(d, 16) ^ c
+        a, c = (_rotate_left(a, 32) + d) & _WORD, (c + b) & _WORD
+        b, d = _rotate_left(b, 17) ^ c, _rotate_left(d, 21) ^ a
+        c = _rotate_left(c, 32)
+    return a, b, c, d
+
+
+def _rotate_left(word: int, bits: int) -> int:
+    """Return a word of 64 bits turned left."""
+    return (word << bits | word >> 64 - bits) & _WORD

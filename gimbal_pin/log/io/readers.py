@@ -35,33 +35,33 @@ from gimbal_pin.log.io.tables import (
     JoinedTable,
     Stream,
     Table,
+    find_time,
+    group_streams,
+    make_table,
     quote_names,
-    streams_of,
-    table_of,
-    time_of,
 )
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.bounded import Stopped, run
 from gimbal_pin.rig.reading import LARGEST, beginning, check_size, read_bytes, readable
 
-HDF5 = b"\x89HDF\r\n\x1a\n"
-BAG_SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_BAG_SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
 """How a bag's file begins → the suffix that rosbags knows it by."""
-JOINT_STATE_COLUMNS = {"position": "q", "velocity": "dq", "effort": "tau"}
-IMU_MESSAGE_COLUMNS = {"angular_velocity": "gyro", "linear_acceleration": "accel", "orientation": "quat"}
-LARGEST_MESSAGE = 2**16
+_JOINT_STATE_COLUMNS = {"position": "q", "velocity": "dq", "effort": "tau"}
+_IMU_MESSAGE_COLUMNS = {"angular_velocity": "gyro", "linear_acceleration": "accel", "orientation": "quat"}
+_LARGEST_MESSAGE = 2**16
 """Largest message of a bag that is read, bytes: pictures and clouds of points are larger, a drive's are not."""
-EXACT_NANOSECONDS = 2**53
+_EXACT_NANOSECONDS = 2**53
 """What a double holds exactly, 104 days: later stamps count from the whole second of the bag's first."""
-READER_MEMORY = 2**30 + 2 * LARGEST
+_READER_MEMORY = 2**30 + 2 * LARGEST
 """Address space of a reading process, bytes: that of the libraries, and columns are held twice at most."""
-READER_SECONDS, READER_RATE = 20.0, 5e5
+_READER_SECONDS, _READER_RATE = 20.0, 5e5
 """Processor time of a reading process, s, of the smallest file, and the bytes beyond for which it may take another
 second: bags of JointState and Imu messages pass at 6 MB/s, MATLAB files at 4 MB/s (2.5 GHz, start of the process
 included), and machines are busy with other work."""
-NPY_DAMAGE = (ValueError, TypeError, SyntaxError, TokenError, MemoryError, RecursionError, OverflowError, LookupError)
+_NPY_DAMAGE = (ValueError, TypeError, SyntaxError, TokenError, MemoryError, RecursionError, OverflowError, LookupError)
 """What NumPy raises of a header that is none: it reads one as Python's text."""
-NPZ_DAMAGE = (*NPY_DAMAGE, zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError)
+_NPZ_DAMAGE = (*_NPY_DAMAGE, zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError)
 
 Streams = tuple[list[Stream], list[str]]
 """What was sampled together, and notes."""
@@ -75,7 +75,7 @@ def open_table(path: Path) -> Table:
         UsageError: No format is known that begins so, nor one of the suffix; or a file to be joined has no times.
     """
     tables = [_open_file(file) for file in files_of(path)]
-    return tables[0] if len(tables) == 1 else JoinedTable(str(path), tables, [time_of(table) for table in tables])
+    return tables[0] if len(tables) == 1 else JoinedTable(str(path), tables, [find_time(table) for table in tables])
 
 
 def files_of(path: str | Path) -> list[Path]:
@@ -114,11 +114,11 @@ def _open_npy(path: Path) -> Table:
     """Read a record array, or a row per sample of plain columns c0, c1, …."""
     values = _array_in(read_bytes(path, LogError), str(path))
     if values.dtype.names:
-        return table_of(str(path), *streams_of({"": values}))
+        return make_table(str(path), *group_streams({"": values}))
     if values.ndim != 2:
         shape = f"has {values.ndim} dimension{'' if values.ndim == 1 else 's'}"
         raise LogError(str(path), shape, "save a table of a row per sample, a record array, or an .npz of names")
-    return table_of(str(path), [Stream("", {f"c{k}": column for k, column in enumerate(values.T)})], [])
+    return make_table(str(path), [Stream("", {f"c{k}": column for k, column in enumerate(values.T)})], [])
 
 
 def _open_npz(path: Path) -> Table:
@@ -131,9 +131,9 @@ def _open_npz(path: Path) -> Table:
                 with archive.open(entry) as file:  # so many bytes: to its end it may be more than it states
                     content = file.read(entry.file_size)
                 arrays[entry.filename.removesuffix(".npy")] = _array_in(content, f"{path}: {entry.filename}")
-    except NPZ_DAMAGE as error:
+    except _NPZ_DAMAGE as error:
         raise LogError(str(path), f"is a damaged .npz ({error})", "write it again, with numpy.savez") from error
-    return table_of(str(path), *streams_of(arrays))
+    return make_table(str(path), *group_streams(arrays))
 
 
 def _array_in(content: bytes, place: str) -> Array:
@@ -149,7 +149,7 @@ def _array_in(content: bytes, place: str) -> Array:
             raise ValueError(f"it has {len(content)} bytes for the shape {shape}")
         values = np.frombuffer(content, kind, offset=stream.tell()) if prod(shape) else np.empty(0, kind)
         return values.reshape(shape, order="F" if by_columns else "C")
-    except NPY_DAMAGE as error:
+    except _NPY_DAMAGE as error:
         raise LogError(place, f"is a damaged .npy ({error})", "write it again, with numpy.save") from error
 
 
@@ -221,13 +221,13 @@ def _import_parquet(path: Path) -> Any:
 
 
 def _open_isolated(reader: str, path: Path) -> Table:
-    """Return the table of a file that one of `ISOLATED` reads.
+    """Return the table of a file that one of `_ISOLATED` reads.
 
     Raises:
         LogError: The file is missing or damaged, or reading it takes more time or memory than it may.
         UsageError: The package is not installed.
     """
-    kind, module, extra, _ = ISOLATED[reader]
+    kind, module, extra, _ = _ISOLATED[reader]
     if find_spec(module) is None:
         mend = f"install it (pip install 'gimbal_pin[{extra}]'), or write CSV"
         raise UsageError(str(path), f"is {kind}, which needs the package {module}", mend)
@@ -238,7 +238,7 @@ def _open_isolated(reader: str, path: Path) -> Table:
         raise LogError(str(path), f"is {kind} that is no file", "give the path of a file: it is not read from a pipe")
     streamed = size if reader == "bag" else 0  # a bag may be larger than memory: of its messages only numbers are kept
     check_size(path, size - streamed, LogError)
-    bounds: dict[str, Any] = {"memory": READER_MEMORY + streamed, "seconds": READER_SECONDS + size / READER_RATE}
+    bounds: dict[str, Any] = {"memory": _READER_MEMORY + streamed, "seconds": _READER_SECONDS + size / _READER_RATE}
     with TemporaryDirectory() as folder:
         try:
             found = run(__name__, reader, str(path.resolve()), folder, **bounds)
@@ -251,7 +251,7 @@ def _open_isolated(reader: str, path: Path) -> Table:
             Stream(time, dict(zip(names, np.load(Path(folder, f"{k}.npy"), allow_pickle=False))))
             for k, (time, names) in enumerate(found["streams"])
         ]
-    return table_of(str(path), streams, found["notes"])
+    return make_table(str(path), streams, found["notes"])
 
 
 def main(reader: str, path: str, folder: str) -> dict[str, Any]:
@@ -260,7 +260,7 @@ def main(reader: str, path: str, folder: str) -> dict[str, Any]:
     An error of the package's own is returned in words.
     """
     try:
-        streams, notes = ISOLATED[reader].read(Path(path))
+        streams, notes = _ISOLATED[reader].read(Path(path))
         values = [column for _, columns in streams for column in columns.values()]
         check_size(path, 8 * sum(map(len, values)), LogError)
     except GimbalPinError as error:
@@ -271,9 +271,9 @@ def main(reader: str, path: str, folder: str) -> dict[str, Any]:
 
 
 def _open_mat(path: Path) -> Table:
-    """Read a MATLAB file, to version 7 or, as HDF5 behind a header of 512 bytes or none, of 7.3."""
+    """Read a MATLAB file, to version 7 or, as _HDF5 behind a header of 512 bytes or none, of 7.3."""
     head = beginning(path, 520)
-    return _open_isolated("hdf5" if HDF5 in (head[:8], head[512:]) else "mat", path)
+    return _open_isolated("hdf5" if _HDF5 in (head[:8], head[512:]) else "mat", path)
 
 
 def _read_mat(path: Path) -> Streams:
@@ -281,7 +281,7 @@ def _read_mat(path: Path) -> Streams:
     from scipy.io import loadmat, whosmat
 
     check_size(path, sum(8 * prod(shape) for _, shape, kind in whosmat(path) if kind != "sparse"), LogError)
-    return streams_of({k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")})
+    return group_streams({k: v for k, v in loadmat(path, simplify_cells=True).items() if not k.startswith("__")})
 
 
 def _read_hdf5(path: Path) -> Streams:
@@ -289,11 +289,11 @@ def _read_hdf5(path: Path) -> Streams:
     import h5py
 
     with h5py.File(path, "r") as file:
-        return streams_of(_hdf5_arrays(file))
+        return group_streams(_hdf5_arrays(file))
 
 
 def _hdf5_arrays(group: Any, depth: int = 0) -> dict[str, Any]:
-    """Return name → array or group of an HDF5 group: no links, which may lead anywhere, nothing of MATLAB's own."""
+    """Return name → array or group of an _HDF5 group: no links, which may lead anywhere, nothing of MATLAB's own."""
     import h5py
 
     found: dict[str, Any] = {}
@@ -339,14 +339,14 @@ def _read_bag(path: Path) -> Streams:
     with TemporaryDirectory() as folder:
         if path.is_file():
             head = beginning(path, 16)
-            suffix = next((suffix for magic, suffix in BAG_SUFFIXES.items() if head.startswith(magic)), path.suffix)
+            suffix = next((suffix for magic, suffix in _BAG_SUFFIXES.items() if head.startswith(magic)), path.suffix)
             (link := Path(folder, f"bag{suffix}")).symlink_to(path)
             path = link
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
             known = [connection for connection in bag.connections if connection.msgtype in bag.typestore.fielddefs]
             lost = sorted({connection.topic for connection in bag.connections if connection not in known})
             for connection, recorded, content in bag.messages(known) if known else ():
-                if len(content) > LARGEST_MESSAGE:
+                if len(content) > _LARGEST_MESSAGE:
                     continue
                 message = bag.deserialize(content, connection.msgtype)
                 values = dict(_message_values(message, connection.msgtype, connection.topic))
@@ -359,7 +359,7 @@ def _read_bag(path: Path) -> Streams:
                     columns.setdefault(name, array("d")).append(value)
     notes = [f"no definition of the types of {quote_names(lost)}: left out"] if lost else []
     start = min((min(stamps) for stamps, _ in found.values()), default=0)
-    late = max((max(stamps) for stamps, _ in found.values()), default=0) >= EXACT_NANOSECONDS
+    late = max((max(stamps) for stamps, _ in found.values()), default=0) >= _EXACT_NANOSECONDS
     start = (start - start % 10**9) * late
     if start:
         notes.insert(0, f"its times count from {start // 10**9} s since 1970")
@@ -382,10 +382,10 @@ def _read_bag(path: Path) -> Streams:
 def _message_values(message: Any, kind: str, topic: str) -> Iterator[tuple[str, float]]:
     """Yield name and value of every number in a message."""
     if kind == "sensor_msgs/msg/JointState":
-        for field, prefix in JOINT_STATE_COLUMNS.items():
+        for field, prefix in _JOINT_STATE_COLUMNS.items():
             yield from ((f"{prefix}_{joint}", float(x)) for joint, x in zip(message.name, getattr(message, field)))
     elif kind == "sensor_msgs/msg/Imu" and message.header.frame_id:
-        for field, prefix in IMU_MESSAGE_COLUMNS.items():
+        for field, prefix in _IMU_MESSAGE_COLUMNS.items():
             if getattr(message, f"{field}_covariance")[0] != -1:  # by its definition: no estimate of this one
                 of, axes = getattr(message, field), "wxyz" if prefix == "quat" else "xyz"
                 yield from ((f"{prefix}_{message.header.frame_id}_{axis}", getattr(of, axis)) for axis in axes)
@@ -418,9 +418,9 @@ class Isolated(NamedTuple):
     read: Callable[[Path], Streams]
 
 
-ISOLATED: Mapping[str, Isolated] = {
+_ISOLATED: Mapping[str, Isolated] = {
     "mat": Isolated("a .mat", "scipy", "mat", _read_mat),
-    "hdf5": Isolated("an HDF5 or MATLAB 7.3 file", "h5py", "mat", _read_hdf5),
+    "hdf5": Isolated("an _HDF5 or MATLAB 7.3 file", "h5py", "mat", _read_hdf5),
     "ulog": Isolated("a PX4 ULog", "pyulog", "px4", _read_ulog),
     "bag": Isolated("a ROS bag", "rosbags", "ros", _read_bag),
 }
@@ -450,10 +450,10 @@ FORMATS: Mapping[str, Format] = {
     ".candump": Format(open_candump, magic=CANDUMP_MAGIC),
     ".npy": Format(_open_npy, magic=(b"\x93NUMPY",)),
     ".npz": Format(_open_npz, magic=(b"PK\3\4",)),
-    ".mat": Format(_open_mat, magic=(b"MATLAB 5.0", b"MATLAB 7.3", HDF5)),
+    ".mat": Format(_open_mat, magic=(b"MATLAB 5.0", b"MATLAB 7.3", _HDF5)),
     ".h5": Format(_open_mat),
     ".hdf5": Format(_open_mat),
-    **{suffix: Format(partial(_open_isolated, "bag"), magic=(magic,)) for magic, suffix in BAG_SUFFIXES.items()},
+    **{suffix: Format(partial(_open_isolated, "bag"), magic=(magic,)) for magic, suffix in _BAG_SUFFIXES.items()},
     ".ulg": Format(partial(_open_isolated, "ulog"), magic=(b"ULog\x01\x12\x35",)),
 }
 """Suffix → format."""

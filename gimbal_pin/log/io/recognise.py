@@ -17,14 +17,14 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from gimbal_pin.errors import digits
-from gimbal_pin.log.io.mapping import ROW
 from gimbal_pin.log.log import Array
+from gimbal_pin.log.mapping import ROW
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.config import Motor
 from gimbal_pin.rig.reading import words
 from gimbal_pin.rig.rig import Rig
 
-WORDS = {
+_WORDS = {
     "temperature": "temp temps temperature celsius",
     "gyro": "gyr gyro gyros angvel",
     "accel": "acc accel accelerometer",
@@ -36,18 +36,18 @@ WORDS = {
     "rate": "vel velocity velocities dq qd qdot speed omega rate velo rpm dps",
     "position": "pos position positions angle angles theta q ang encoder enc winkel counts ticks",
 }
-KINDS: Mapping[str, frozenset[str]] = {kind: frozenset(text.split()) for kind, text in WORDS.items()}
+_KINDS: Mapping[str, frozenset[str]] = {kind: frozenset(text.split()) for kind, text in _WORDS.items()}
 """Kind of channel → words of which one stands in its name; the first kind that has one."""
-WANTED = {"des", "desired", "ref", "reference", "cmd", "command", "commanded", "target", "setpoint", "sp", "goal"}
+_WANTED = {"des", "desired", "ref", "reference", "cmd", "command", "commanded", "target", "setpoint", "sp", "goal"}
 """Words of references and commands, which are not measured."""
-MEASURED, PLAIN, DERIVED, CONTROLLER = 0, 1, 2, 3
-RANK = {
-    **dict.fromkeys(("meas", "measured", "actual", "raw"), MEASURED),
-    **dict.fromkeys(("filt", "filtered", "filter", "est", "estimated", "smooth", "lp"), DERIVED),
-    **dict.fromkeys(("con", "control", "ctrl", "fric", "friction", "ff", "feedforward", "ext", "int"), CONTROLLER),
+_MEASURED, _PLAIN, _DERIVED, _CONTROLLER = 0, 1, 2, 3
+_RANK = {
+    **dict.fromkeys(("meas", "measured", "actual", "raw"), _MEASURED),
+    **dict.fromkeys(("filt", "filtered", "filter", "est", "estimated", "smooth", "lp"), _DERIVED),
+    **dict.fromkeys(("con", "control", "ctrl", "fric", "friction", "ff", "feedforward", "ext", "int"), _CONTROLLER),
 }
 """Words beside a kind's → which of several columns of one joint is taken: the lowest."""
-UNITS: Mapping[str, Mapping[str, str]] = {
+_UNITS: Mapping[str, Mapping[str, str]] = {
     "position": {"rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "counts": "counts",
                  "ticks": "counts", "turns": "turns", "rev": "turns", "revs": "turns", "mrad": "mrad", "mdeg": "mdeg"},
     "gyro": {"rad": "rad", "deg": "deg", "dps": "deg", "mrad": "mrad", "mdps": "mdeg", "mdeg": "mdeg"},
@@ -56,32 +56,32 @@ UNITS: Mapping[str, Mapping[str, str]] = {
              "mrad": "mrad", "mdps": "mdeg", "mdeg": "mdeg"},
     "torque": {"nm": "N m", "mnm": "mN m", "nmm": "N mm", "ncm": "N cm"},
 }  # fmt: skip
-"""Words in a name that say its unit, as `units_in` reads them."""
-FACTORS = {"rad": "", "deg": "pi/180", "turns": "2*pi", "mrad": "1e-3", "mdeg": "1e-3*pi/180", "rpm": "pi/30",
+"""Words in a name that say its unit, as `_read_units` reads them."""
+_FACTORS = {"rad": "", "deg": "pi/180", "turns": "2*pi", "mrad": "1e-3", "mdeg": "1e-3*pi/180", "rpm": "pi/30",
            "mA": "1e-3", "N m": "", "mN m": "1e-3", "N mm": "1e-3", "N cm": "1e-2"}  # fmt: skip
 """Unit → its radians, amperes or N m, as a mapping writes it."""
-VALUES = {"rad": 1.0, "deg": pi / 180, "turns": 2 * pi, "mrad": 1e-3, "mdeg": 1e-3 * pi / 180, "rpm": pi / 30}
-TIME_UNITS = (("s", 1.0, ""), ("ms", 1e-3, "1e-3"), ("µs", 1e-6, "1e-6"), ("ns", 1e-9, "1e-9"))
-TIME_WORDS = {"s": 0, "sec": 0, "secs": 0, "seconds": 0, "ms": 1, "msec": 1, "millis": 1, "us": 2, "usec": 2,
+_VALUES = {"rad": 1.0, "deg": pi / 180, "turns": 2 * pi, "mrad": 1e-3, "mdeg": 1e-3 * pi / 180, "rpm": pi / 30}
+_TIME_UNITS = (("s", 1.0, ""), ("ms", 1e-3, "1e-3"), ("µs", 1e-6, "1e-6"), ("ns", 1e-9, "1e-9"))
+_TIME_WORDS = {"s": 0, "sec": 0, "secs": 0, "seconds": 0, "ms": 1, "msec": 1, "millis": 1, "us": 2, "usec": 2,
               "micros": 2, "ns": 3, "nsec": 3, "nanos": 3}  # fmt: skip
-SLOWEST = 5.0
+_SLOWEST = 5.0
 """Samples a second below which no joint is logged: the coarsest unit of time that makes it faster is the clock's."""
-INTERVALS = 300
+_INTERVALS = 300
 """Over so many intervals rates are added up: each holds noise of the angle twice only."""
-ALIKE = 0.9
+_ALIKE = 0.9
 """Least correlation of an angle's ways with its rate's sums: in the measured logs of the tests it is over 0.97."""
-NEAR = 0.1
+_NEAR = 0.1
 """Relative error of k up to which it is a ratio of units: slow filters of a rate take some of its size."""
-EXPLAINED = 0.5
+_EXPLAINED = 0.5
 """Least share of a column that the joints' motion explains for it to be a torque: in the measured logs of the tests,
 names taken away, torques and currents have 0.79 to 1 (two have 0.45), references and supply voltages 0.36 at most."""
-OFF = 3.0
+_OFF = 3.0
 """Ratio from which a rate in no known unit is given what makes it its angle's rate: readers refuse it otherwise."""
-FAST = 6.0
+_FAST = 6.0
 """A platform that turns faster, rad/s rms, is most likely given in degrees (as `platform_log` refuses it)."""
-AVERAGED = 0.05
+_AVERAGED = 0.05
 """Time over which motion and torque are averaged before they are compared, s: differentiated steps of encoders go."""
-POWERS = range(6, 25)
+_POWERS = range(6, 25)
 """Powers of two that encoders count in a turn: 64 to 16 million."""
 
 
@@ -92,7 +92,7 @@ class Channel:
     Attributes:
         column: Its name.
         values: Its values, (N,).
-        quantity: One of `KINDS`, "time", "constant", "copy" or "unknown".
+        quantity: One of `_KINDS`, "time", "constant", "copy" or "unknown".
         unit: rad, deg, turns, counts, rpm, s, ms, …, "A", "N m"; empty where it is unknown.
         factor: What it is multiplied by to be in SI units, as a mapping writes it.
         wanted: Whether it is a reference or command, not a measurement.
@@ -136,7 +136,7 @@ class Channel:
     @cached_property
     def step(self) -> float:
         """Its quantum; 0 where it has none."""
-        return 0.0 if self.quantity == "time" else quantum(self.values)
+        return 0.0 if self.quantity == "time" else _find_quantum(self.values)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``--json`` writes of a column."""
@@ -169,11 +169,11 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
         data: Column → values, (N,) each.
         rig: Whose joints they may be of.
     """
-    unit, scale, factor, why = time_unit(time, data[time])
+    unit, scale, factor, why = find_time_unit(time, data[time])
     later = np.diff(np.maximum.accumulate(data[time]), prepend=-inf) > 0
     t = data[time][later] * scale
     joints = () if rig is None else rig.joints
-    channels = {name: named(name, values[later], joints) for name, values in data.items() if name != time}
+    channels = {name: _read_name(name, values[later], joints) for name, values in data.items() if name != time}
     known: dict[bytes, str] = {}
     for channel in channels.values():
         first = channel.column if channel.still else known.setdefault(channel.values.tobytes(), channel.column)
@@ -181,83 +181,83 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
             channel.reasons.append(f"the same as '{first}'")
             channel.quantity = "copy" if channel.quantity == "unknown" else channel.quantity
     kinds = ("position", "rate") if time == ROW else ("position", "rate", "unknown", "attitude", "gyro")
-    ties = relations(t, [channel for channel in channels.values() if not channel.still and channel.quantity in kinds])
-    pair_rates(ties, channels)
-    if time == ROW and (step := interval(ties, channels)) is not None:
+    ties = _find_ties(t, [one for one in channels.values() if not one.still and one.quantity in kinds])
+    _pair_rates(ties, channels)
+    if time == ROW and (step := _find_interval(ties, channels)) is not None:
         scale, factor, why = step, f"{step:.4g}", "the rates add up to the angles with so many seconds a sample"
         t, ties = t * scale, [tie._replace(ratio=tie.ratio / scale) for tie in ties]
     rooms = [] if rig is None else np.subtract(*rig.stops[::-1]).tolist()
-    units(ties, channels, max(filter(isfinite, rooms), default=inf), bool(rooms))
+    _set_units(ties, channels, max(filter(isfinite, rooms), default=inf), bool(rooms))
     mapping: dict[str, tuple[str, str, str]] = {}
     if rig is not None:
-        mapping = {"t": (time, factor, why), **assigned(t, channels, rig)}
+        mapping = {"t": (time, factor, why), **assign_columns(t, channels, rig)}
         if time == ROW and not factor:
             del mapping["t"]
     first_one = Channel(time, data[time], "time", unit, factor, reasons=[why])
     return Recognised((first_one, *channels.values()), mapping, t, scale)
 
 
-def needed(rig: Rig, mapping: Iterable[str]) -> list[str]:
+def required_columns(rig: Rig, mapping: Iterable[str]) -> list[str]:
     """Return the columns that a log of a rig needs, of the joints of which a mapping holds any, or of all."""
     held = [joint for joint in rig.joints if any(target.endswith(f"_{joint}") for target in mapping)]
     return ["t", *(f"{prefix}_{joint}" for prefix in ("q", "tau") for joint in held or rig.joints)]
 
 
-def interval(ties: Sequence[Tie], channels: Mapping[str, Channel]) -> float | None:
+def _find_interval(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> float | None:
     """Return the seconds from row to row by which rates add up to angles; units that no name gives are the same."""
     for tie in ties:
         x, v = channels[tie.x], channels[tie.v]
         if v.rate_of == tie.x:
-            return abs(tie.ratio) * VALUES.get(x.unit, 1.0) / VALUES.get(v.unit, VALUES.get(x.unit, 1.0))
+            return abs(tie.ratio) * _VALUES.get(x.unit, 1.0) / _VALUES.get(v.unit, _VALUES.get(x.unit, 1.0))
     return None
 
 
-def time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
+def find_time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
     """Return unit, its seconds, the mapping's factor and why: by the name's last word, or by the usual interval."""
     if name == ROW:
         return ROW, 1.0, "", "the sample's number"
     split = words(name)
     step = float(np.median(np.abs(np.diff(t)))) if len(t) > 1 else 0.0
-    if split and split[-1] in TIME_WORDS:
-        unit, scale, factor = TIME_UNITS[TIME_WORDS[split[-1]]]
+    if split and split[-1] in _TIME_WORDS:
+        unit, scale, factor = _TIME_UNITS[_TIME_WORDS[split[-1]]]
         return unit, scale, factor, f"its name says {unit}"
-    for unit, scale, factor in TIME_UNITS:
-        if 0 < step * scale <= 1 / SLOWEST:
+    for unit, scale, factor in _TIME_UNITS:
+        if 0 < step * scale <= 1 / _SLOWEST:
             return unit, scale, factor, f"increases by {digits(step, 3)}: {digits(1 / (step * scale), 3)} Hz in {unit}"
     return "s", 1.0, "", "nothing tells its unit"
 
 
-def named(column: str, values: Array, joints: Sequence[str] = ()) -> Channel:
+def _read_name(column: str, values: Array, joints: Sequence[str] = ()) -> Channel:
     """Return what a name says of a column: by a word of its kind, by its unit, or as the name of one of the joints."""
-    channel, split, written = Channel(column, values), words(column), units_in(column)
-    kind = next((kind for kind, known in KINDS.items() if known & set(split)), None)
+    channel, split, written = Channel(column, values), words(column), _read_units(column)
+    kind = next((kind for kind, known in _KINDS.items() if known & set(split)), None)
     if {"angular", "velocity"} <= set(split):
         kind = "gyro"
     elif {"linear", "acceleration"} <= set(split):
         kind = "accel"
     elif kind is None:
-        angle, torque, current = ({*written} & UNITS[kind].keys() for kind in ("position", "torque", "current"))
+        angle, torque, current = ({*written} & _UNITS[kind].keys() for kind in ("position", "torque", "current"))
         rate = angle and split[-1] in ("s", "sec")
         own = any(words(joint) == split for joint in joints)
         kinds = {"torque": torque, "current": current, "rate": rate, "position": angle or own}
         kind = next((kind for kind, is_so in kinds.items() if is_so), None)
-    elif kind == "torque" and {*written} & UNITS["current"].keys():
+    elif kind == "torque" and {*written} & _UNITS["current"].keys():
         kind = "current"
-    channel.wanted = bool(WANTED & set(split))
+    channel.wanted = bool(_WANTED & set(split))
     if kind is not None:
         channel.quantity = kind
         channel.reasons.append(f"its name says {kind}")
     if channel.still:
         channel.reasons.append("never changes")
         channel.quantity = kind or "constant"
-    known_units = UNITS.get(kind or "", {})
+    known_units = _UNITS.get(kind or "", {})
     if unit := next((known_units[word] for word in written if word in known_units), ""):
         channel.unit = unit
         channel.reasons.append(f"its name says {unit}")
     return channel
 
 
-def units_in(column: str) -> tuple[str, ...]:
+def _read_units(column: str) -> tuple[str, ...]:
     """Return what may be units in a name, in lower case: its words as they are written, then newtons with their metres.
 
     ``Iq_yaw_mA`` holds "ma", which is two words of a name in mixed case, and ``tau [N mm]`` "nmm". Those come last.
@@ -266,13 +266,13 @@ def units_in(column: str) -> tuple[str, ...]:
     return (*written, *(a + b for a, b in pairwise(written) if a in ("n", "mn")), *words(column))
 
 
-def measured_motion(column: str, values: Array) -> bool:
+def is_measured_motion(column: str, values: Array) -> bool:
     """Whether a column is an angle or a rate that was measured, by its name."""
-    channel = named(column, values)
+    channel = _read_name(column, values)
     return channel.quantity in ("position", "rate", "gyro", "attitude") and not channel.wanted
 
 
-class Tie(NamedTuple):
+class _Tie(NamedTuple):
     """One column is the integral of another: ``x = ratio * sum v dt`` with that correlation."""
 
     correlation: float
@@ -281,9 +281,9 @@ class Tie(NamedTuple):
     v: str
 
 
-def relations(t: Array, channels: Sequence[Channel]) -> list[Tie]:
+def _find_ties(t: Array, channels: Sequence[Channel]) -> list[_Tie]:
     """Return every pair of which one is the other's rate, the highest correlation first."""
-    ends = np.unique(np.linspace(0, len(t) - 1, INTERVALS + 1).astype(int))
+    ends = np.unique(np.linspace(0, len(t) - 1, _INTERVALS + 1).astype(int))
     if len(ends) < 10:
         return []
     moved = {channel.column: np.diff(channel.values[ends]) for channel in channels}
@@ -292,92 +292,89 @@ def relations(t: Array, channels: Sequence[Channel]) -> list[Tie]:
     for x, way in moved.items():
         for v, total in sums.items():
             size, other, both = float(way @ way), float(total @ total), float(way @ total)
-            if x != v and size and other and abs(both) > ALIKE * (size * other) ** 0.5:
+            if x != v and size and other and abs(both) > _ALIKE * (size * other) ** 0.5:
                 ratio = np.sign(both) * (size / other) ** 0.5
-                found.append(Tie(abs(both) / (size * other) ** 0.5, float(ratio), x, v))
+                found.append(_Tie(abs(both) / (size * other) ** 0.5, float(ratio), x, v))
     return sorted(found, reverse=True)
 
 
-def pair_rates(ties: Sequence[Tie], channels: Mapping[str, Channel]) -> None:
+def _pair_rates(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> None:
     """Set which columns that their names leave open are angles and rates, and of which angle each rate is.
 
     Columns that are named angle and rate are paired first where their names differ in nothing else.
     """
     for strict in (True, False):
-        strip = KINDS["position"] | KINDS["rate"] | (frozenset() if strict else RANK.keys())
+        strip = _KINDS["position"] | _KINDS["rate"] | (frozenset() if strict else _RANK.keys())
         for tie in ties:
             x, v = channels[tie.x], channels[tie.v]
             taken = x.rate_of or v.rate_of or x.column in {channel.rate_of for channel in channels.values()}
             if taken or x.quantity not in ("position", "unknown") or v.quantity not in ("rate", "unknown"):
                 continue
             if "unknown" in (x.quantity, v.quantity):
-                fits = same_unit(tie.ratio) is not None
+                fits = _find_unit_pair(tie.ratio) is not None
             else:
                 fits = x.wanted == v.wanted and {*words(x.column)} - strip == {*words(v.column)} - strip
             if fits:
                 x.quantity, v.quantity, v.rate_of = "position", "rate", x.column
 
 
-def same_unit(ratio: float) -> tuple[str, str] | None:
+def _find_unit_pair(ratio: float) -> tuple[str, str] | None:
     """Return the units of an angle and a rate of that ratio, the most usual; None where it is of none."""
     pairs = [("rad", "rad"), ("rad", "deg"), ("deg", "rad"), ("rad", "rpm"), ("deg", "rpm"), ("turns", "rpm"),
              ("turns", "rad"), ("rad", "turns")]  # fmt: skip
-    return next((p for p in pairs if abs(abs(ratio) * VALUES[p[0]] / VALUES[p[1]] - 1) < NEAR), None)
+    return next((p for p in pairs if abs(abs(ratio) * _VALUES[p[0]] / _VALUES[p[1]] - 1) < _NEAR), None)
 
 
-def units(ties: Sequence[Tie], channels: Mapping[str, Channel], room: float, with_rig: bool) -> None:
+def _set_units(ties: Sequence[_Tie], channels: Mapping[str, Channel], room: float, with_rig: bool) -> None:
     """Set the units and factors of all columns; `room`: the widest range of a joint, rad."""
     for channel in channels.values():
         if channel.quantity in ("position", "attitude"):
-            unit_of_angle(channel, room, with_rig)
+            _set_angle_unit(channel, room, with_rig)
     beside = {kind: [c.values for c in channels.values() if c.quantity == kind] for kind in ("gyro", "accel")}
     for channel in channels.values():
         if channel.quantity == "rate" and channel.rate_of:
             x = channels[channel.rate_of]
             tie = next(tie for tie in ties if (tie.x, tie.v) == (channel.rate_of, channel.column))
             true = tie.ratio * x.scale  # rad/s in a unit of the column
-            channel.unit = channel.unit or next((u for u, v in VALUES.items() if abs(abs(true) / v - 1) < NEAR), "")
-            channel.reasons.append(adds_up(tie))
-            channel.factor = ("-" if true < 0 else "") + FACTORS.get(channel.unit, "")
-            if not channel.unit and not 1 / OFF < abs(true) < OFF:
+            channel.unit = channel.unit or next((u for u, v in _VALUES.items() if abs(abs(true) / v - 1) < _NEAR), "")
+            channel.reasons.append(_describe_tie(tie))
+            channel.factor = ("-" if true < 0 else "") + _FACTORS.get(channel.unit, "")
+            if not channel.unit and not 1 / _OFF < abs(true) < _OFF:
                 channel.factor = f"{true:.4g}"
         elif channel.quantity == "gyro":
             of = next((t for t in ties if t.v == channel.column and channels[t.x].quantity == "attitude"), None)
             most = max(float(np.sqrt(np.mean(values**2))) for values in beside["gyro"])
-            if not channel.unit and of is not None and same_unit(of.ratio) == ("rad", "rad"):
+            if not channel.unit and of is not None and _find_unit_pair(of.ratio) == ("rad", "rad"):
                 channel.unit = channels[of.x].unit
-                channel.reasons.append(adds_up(of))
+                channel.reasons.append(_describe_tie(of))
             elif not channel.unit:
-                channel.unit = "deg" if most > FAST else "rad"
-                fast = ", too fast for rad/s" if most > FAST else ""
+                channel.unit = "deg" if most > _FAST else "rad"
+                fast = ", too fast for rad/s" if most > _FAST else ""
                 channel.reasons.append(f"the gyro's largest axis has {digits(most, 3)} rms{fast}")
-            channel.factor = FACTORS[channel.unit]
+            channel.factor = _FACTORS[channel.unit]
         elif channel.quantity == "accel":
             size = float(np.median(np.sqrt(sum(values**2 for values in beside["accel"]))))
             channel.unit, channel.factor = ("g", "9.80665") if 0.5 < size < 2.0 else ("m/s²", "")
             channel.reasons.append(f"its axes' size is {digits(size, 3)} most of the time")
-        elif channel.quantity in ("rate", "current"):
-            channel.unit = channel.unit or ("rad" if channel.quantity == "rate" else "A")
-            channel.factor = FACTORS.get(channel.unit, "")
-        elif channel.quantity == "torque":
-            channel.unit = channel.unit or "N m"
-            channel.factor = FACTORS[channel.unit]
+        elif usual := {"rate": "rad", "current": "A", "torque": "N m"}.get(channel.quantity):
+            channel.unit = channel.unit or usual
+            channel.factor = _FACTORS.get(channel.unit, "")
     for channel in channels.values():
         if channel.quantity in ("rate", "gyro") and channel.unit in ("rad", "deg", "turns", "mrad", "mdeg"):
             channel.unit += "/s"
 
 
-def adds_up(tie: Tie) -> str:
+def _describe_tie(tie: _Tie) -> str:
     """Return a sentence on a column that is the rate of another."""
     return f"adds up to '{tie.x}' (factor {digits(tie.ratio, 3)}, correlation {tie.correlation:.3f})"
 
 
-def unit_of_angle(channel: Channel, room: float, with_rig: bool) -> None:
+def _set_angle_unit(channel: Channel, room: float, with_rig: bool) -> None:
     """Set the unit of an angle: by its name, a quantum that divides a turn, its range, and the rig's `room`, rad."""
     x, say = channel.values, channel.reasons.append
     travel, most, step = float(np.ptp(x)), float(np.abs(x).max()), channel.step
     if channel.unit == "counts":
-        turn = next((2**k for k in POWERS if 0.98 * 2**k <= most <= 1.001 * 2**k), None)
+        turn = next((2**k for k in _POWERS if 0.98 * 2**k <= most <= 1.001 * 2**k), None)
         channel.factor, channel.scale = (f"2*pi/{turn}", 2 * pi / turn) if turn else ("", 1.0)
         say(f"goes to {digits(most, 4)}: {turn} counts a turn" if turn
             else "how many counts a turn has does not show: multiply by 2*pi/(counts per turn)")  # fmt: skip
@@ -385,7 +382,7 @@ def unit_of_angle(channel: Channel, room: float, with_rig: bool) -> None:
     if not channel.unit:
         parts = {unit: turn / step for unit, turn in (("rad", 2 * pi), ("deg", 360.0)) if step}
         # By chance a step is that near to one of the 19 powers of two in 1 of 3500 logs (2e-4 / log 2).
-        exact = [unit for unit, n in parts.items() if any(abs(n / 2**k - 1) < 1e-4 for k in POWERS)]
+        exact = [unit for unit, n in parts.items() if any(abs(n / 2**k - 1) < 1e-4 for k in _POWERS)]
         goes_on = abs(x[-1] - x[0]) > 0.5 * travel
         channel.unit = "deg"
         if exact:
@@ -400,10 +397,10 @@ def unit_of_angle(channel: Channel, room: float, with_rig: bool) -> None:
         else:
             channel.unit = "rad"
             say(f"goes {digits(travel, 3)}" + (" and on: it turns" if travel > 4 * pi else ", as radians do"))
-    channel.factor, channel.scale = FACTORS.get(channel.unit, ""), VALUES.get(channel.unit, 1.0)
+    channel.factor, channel.scale = _FACTORS.get(channel.unit, ""), _VALUES.get(channel.unit, 1.0)
 
 
-def quantum(x: Array) -> float:
+def _find_quantum(x: Array) -> float:
     """Return the step of which nearly all differences between values are multiples; 0 where there is none."""
     distinct = np.unique(x)
     steps = np.diff(distinct)
@@ -417,7 +414,7 @@ def quantum(x: Array) -> float:
     return one if np.mean(off < 0.05) > 0.95 else 0.0
 
 
-def assigned(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple[str, str, str]]:
+def assign_columns(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple[str, str, str]]:
     """Return target → (column, factor, remark) of a rig's log, in the CONTRACT's order.
 
     Args:
@@ -425,37 +422,37 @@ def assigned(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[str, t
         channels: Column → what it is; those of several streams together, too.
         rig: Whose joints.
     """
-    found: dict[str, tuple[str, str, str]] = {}
-    q, v = by_joint(channels, rig, "position"), by_joint(channels, rig, "rate")
+    q, v, torque, current, temperature = (
+        _assign_by_joint(channels, rig, kind) for kind in ("position", "rate", "torque", "current", "temperature")
+    )
     if not v:  # those that add up to the angles
         of_angle = {channel.rate_of: channel.column for channel in channels.values() if channel.rate_of}
         v = {joint: of_angle[column] for joint, column in q.items() if column in of_angle}
-    tau = by_joint(channels, rig, "torque") or by_joint(channels, rig, "current") or torques(t, channels, rig, q, v)
-    kinds = {"q": q, "dq": v, "tau": tau, "q_ref": by_joint(channels, rig, "position", wanted=True),
-             "temp": by_joint(channels, rig, "temperature")}  # fmt: skip
-    for prefix, columns in kinds.items():
+    tau, reference = torque or current, _assign_by_joint(channels, rig, "position", wanted=True)
+    kinds = {"q": q, "dq": v, "tau": tau or _find_torques(t, channels, rig, q, v), "q_ref": reference}
+    found: dict[str, tuple[str, str, str]] = {}
+    for prefix, columns in {**kinds, "temp": temperature}.items():
         for joint, column in columns.items():
             channel = channels[column]
-            remark = channel.reasons[-1] if channel.reasons else ""
-            factor, constant = channel.factor, rig.motors[rig.joint_index(joint)].torque_constant
+            factor, remark = channel.factor, channel.reasons[-1] if channel.reasons else ""
             if prefix == "tau" and channel.quantity == "current":
-                stated = constant != Motor().torque_constant
-                remark = f"a current{', A' * (not factor)}: multiply it by the motor's torque constant, N m per A, too"
-                remark = (
-                    f"a current, {channel.unit}, times the rig's torque constant, {constant:g} N m per A"
-                    if stated
-                    else remark
-                )
-                factor = f"{constant:g}" + f"*{factor}" * bool(factor) if stated else factor
+                constant = rig.motors[rig.joint_index(joint)].torque_constant
+                if constant != Motor().torque_constant:
+                    remark = f"a current, {channel.unit}, times the rig's torque constant, {constant:g} N m per A"
+                    factor = f"{constant:g}" + f"*{factor}" * bool(factor)
+                else:
+                    unit = "" if factor else ", A"
+                    remark = f"a current{unit}: multiply it by the motor's torque constant, N m per A, too"
             channel.joint = joint
             found[f"{prefix}_{joint}"] = (column, factor, remark)
     links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
     for kind, prefix, axes in (("gyro", "gyro", "xyz"), ("accel", "accel", "xyz"), ("quaternion", "quat", "wxyz")):
-        found |= imu_columns([c for c in channels.values() if c.quantity == kind], rig.base, links, prefix, axes)
+        sensors = [channel for channel in channels.values() if channel.quantity == kind]
+        found |= _assign_imu_columns(sensors, rig.base, links, prefix, axes)
     return found
 
 
-def by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wanted: bool = False) -> dict[str, str]:
+def _assign_by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wanted: bool = False) -> dict[str, str]:
     """Return joint → column of a kind: of the columns whose names differ by joint alone, the best set.
 
     That is the one of most joints, of these the one that was measured. Joints are told by their names, or all of them
@@ -467,14 +464,14 @@ def by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wanted: bool 
         split = words(channel.column)
         inside = [joint for joint in rig.joints if set(words(joint)) <= set(split)]
         joint = max(inside, key=lambda joint: len(words(joint)), default="")
-        known = KINDS[kind] | UNITS.get(kind, {}).keys() | {*words(joint)}
+        known = _KINDS[kind] | _UNITS.get(kind, {}).keys() | {*words(joint)}
         rest = tuple(word for word in split if not (word.isdigit() or word in known))
         key = joint or next((word for word in reversed(split) if word.isdigit()), "")
         sets.setdefault(rest, {}).setdefault(key, channel.column)
     best: tuple[tuple[float, float], dict[str, str]] = (0, 0), {}
     for rest, each in sets.items():
-        ranks = [RANK.get(word, PLAIN) for word in rest]
-        rank = MEASURED if MEASURED in ranks else max(ranks, default=PLAIN)
+        ranks = [_RANK.get(word, _PLAIN) for word in rest]
+        rank = _MEASURED if _MEASURED in ranks else max(ranks, default=_PLAIN)
         found = {joint: each[joint] for joint in rig.joints if joint in each}
         numbered = sorted((int(key), column) for key, column in each.items() if key.isdigit())
         if len(numbered) == rig.n and all(b - a == 1 for (a, _), (b, _) in pairwise(numbered)):
@@ -485,20 +482,20 @@ def by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wanted: bool 
     return best[1] or (dict(zip(rig.joints, (c.column for c in several))) if len(several) == rig.n else {})
 
 
-def torques(
+def _find_torques(
     t: Array, channels: Mapping[str, Channel], rig: Rig, q: Mapping[str, str], v: Mapping[str, str]
 ) -> dict[str, str]:
     """Return joint → a column without a name that the joints' motion explains: the first n that stand side by side.
 
     Regressed on a constant, all accelerations, rates and their signs, and sines and cosines of the angles' sums from
-    the base on (gravity), all averaged over `AVERAGED`. The joints are taken in the columns' order: what moves one axis
+    the base on (gravity), all averaged over `_AVERAGED`. The joints are in the columns' order: what moves one axis
     of several moves all, so that the explained share does not tell them apart.
     """
     free = [c for c in channels.values() if c.quantity == "unknown" and not c.still]
     lengths = {len(channels[column].values) for column in (*q.values(), *v.values())}
     if not (len(q) == len(v) == rig.n and len(free) >= rig.n and lengths == {len(t)}):
         return {}
-    width = min(max(round(AVERAGED / float(np.median(np.diff(t)))), 1), len(t) // 4)
+    width = min(max(round(_AVERAGED / float(np.median(np.diff(t)))), 1), len(t) // 4)
 
     def averaged(x: Array) -> Array:
         return np.convolve(x, np.ones(width) / width, "valid")
@@ -513,7 +510,7 @@ def torques(
     for channel in free:
         y = averaged(channel.values)
         rest = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
-        if (share := 1 - float(np.var(rest) / max(np.var(y), 1e-300))) > EXPLAINED:
+        if (share := 1 - float(np.var(rest) / max(np.var(y), 1e-300))) > _EXPLAINED:
             explained.append(channel)
             channel.reasons.append(f"{100 * share:.0f} % of it follow from the joints' motion")
     order = {column: k for k, column in enumerate(channels)}
@@ -526,7 +523,7 @@ def torques(
     return dict(zip(rig.joints, (channel.column for channel in chosen)))
 
 
-def imu_columns(
+def _assign_imu_columns(
     channels: Iterable[Channel], base: str, links: Sequence[str], prefix: str, axes: str
 ) -> dict[str, tuple[str, str, str]]:
     """Return target → column of the sensors that have all axes, each of the link that its name holds or of the base."""

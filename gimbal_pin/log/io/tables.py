@@ -9,20 +9,20 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.log.io.clocks import offset_between
-from gimbal_pin.log.io.recognise import measured_motion, time_unit
+from gimbal_pin.log.io.clocks import find_clock_offset
+from gimbal_pin.log.io.recognise import find_time_unit, is_measured_motion
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import check_size, words
 
-SHOWN = 24
+_SHOWN = 24
 """Most names in a list of an error."""
 DEEPEST = 8
 """Deepest nesting of groups that are read; a Simulink log has four."""
 WIDEST = 64
 """Most numbers of one array in a sample that each get a column: a pose's covariance has 36, an image far more."""
-TIMES = {"t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit"}
+_TIMES = {"t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit"}
 """Words of which one stands in the name of a column of times."""
-TORN = 10.0
+_TORN = 10.0
 """Longest interval, in median intervals of a table, over which another's samples are interpolated."""
 
 
@@ -49,20 +49,20 @@ class Table(Protocol):
 
 
 def quote_names(names: Sequence[str]) -> str:
-    """Return the names in quotes, of a long list the first `SHOWN`."""
-    text = ", ".join(f"'{name}'" for name in names[:SHOWN])
-    return text if len(names) <= SHOWN else f"{text}, … {len(names)} in all"
+    """Return the names in quotes, of a long list the first `_SHOWN`."""
+    text = ", ".join(f"'{name}'" for name in names[:_SHOWN])
+    return text if len(names) <= _SHOWN else f"{text}, … {len(names)} in all"
 
 
-def time_in(names: Iterable[str]) -> str | None:
-    """Return the name of the times: of those with one of `TIMES` the first with the fewest other words, or None."""
-    found = [(len(split), k, name) for k, name in enumerate(names) if set(split := words(name)) & TIMES]
+def _find_time_name(names: Iterable[str]) -> str | None:
+    """Return the name of the times: of those with one of `_TIMES` the first with the fewest other words, or None."""
+    found = [(len(split), k, name) for k, name in enumerate(names) if set(split := words(name)) & _TIMES]
     return min(found)[2] if found else None
 
 
-def time_of(table: Table) -> str:
+def find_time(table: Table) -> str:
     """Return the column of a table's times, by its name, or else the first column if it increases."""
-    if (name := time_in(table.columns)) is not None:
+    if (name := _find_time_name(table.columns)) is not None:
         return name
     first = table.columns[0]
     values = table.read([first])[first]
@@ -72,7 +72,7 @@ def time_of(table: Table) -> str:
     raise UsageError(table.name, "has no column that is called time, and its first does not increase", mend)
 
 
-def numeric_columns(table: Table) -> tuple[dict[str, Array], list[str]]:
+def read_numeric_columns(table: Table) -> tuple[dict[str, Array], list[str]]:
     """Return the columns of numbers, (N,) each, missing values interpolated, and a sentence on each flaw.
 
     Raises:
@@ -129,7 +129,7 @@ class ArrayTable:
 
     def read(self, columns: Sequence[str]) -> dict[str, Array]:
         """Return the named columns as float64, (N,) each; `LogError` names the first value that is infinite."""
-        check_size(self.name, 8 * sum(len(self.data[column]) for column in columns), LogError)
+        check_size(self.name, 8 * len(columns) * sum(len(self.data[column]) for column in columns[:1]), LogError)
         read: dict[str, Array] = {column: self.data[column].astype(np.float64, copy=False) for column in columns}
         for column, values in read.items():
             if not values.size:
@@ -156,7 +156,7 @@ class Stream(NamedTuple):
     columns: Mapping[str, np.ndarray[Any, Any]]
 
 
-def table_of(name: str, streams: Sequence[Stream], notes: Sequence[str]) -> Table:
+def make_table(name: str, streams: Sequence[Stream], notes: Sequence[str]) -> Table:
     """Return the table of a file of one or several streams, all by one clock; `LogError` if it holds nothing."""
     if not streams:
         raise LogError(name, "holds no columns of numbers", "give a file with one array per channel, a value a sample")
@@ -167,15 +167,17 @@ def table_of(name: str, streams: Sequence[Stream], notes: Sequence[str]) -> Tabl
     return JoinedTable(name, parts, [stream.time for stream in streams], shared=True, notes=said)
 
 
-def streams_of(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
+def group_streams(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
     """Return the streams in nested named arrays, and what was left out.
 
     Samples lie along the dimension as long as an array of times, or else the longest. Arrays of another length are a
     stream of their own if one of them holds their times; so are those of a structure with its own times.
     """
-    flat = {key: values for key, array in arrays.items() for key, values in numeric(key, array)}
+    flat = {key: values for key, array in arrays.items() for key, values in _flatten_arrays(key, array)}
     flat = {key: values for key, values in flat.items() if values.ndim in (1, 2) and max(values.shape) > 1}
-    times = {key: values for key, values in flat.items() if values.ndim == 1 and time_in([key.rpartition(".")[2]])}
+    times = {
+        key: values for key, values in flat.items() if values.ndim == 1 and _find_time_name([key.rpartition(".")[2]])
+    }
     groups: dict[tuple[int, bytes], dict[str, np.ndarray[Any, Any]]] = {}
     for key, values in flat.items():
         size = max(values.shape, key=lambda one: (one in map(len, times.values()), one))
@@ -189,25 +191,25 @@ def streams_of(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
             group[key] = rows
         elif rows.shape[1] <= WIDEST:
             group |= {f"{key}[{k}]": rows[:, k] for k in range(rows.shape[1])}
-    found = [Stream(time_in(group) or "", group) for group in sorted(groups.values(), key=len, reverse=True)]
+    found = [Stream(_find_time_name(group) or "", group) for group in sorted(groups.values(), key=len, reverse=True)]
     streams = [stream for stream in found if stream is found[0] or (stream.time and found[0].time)]
     lost = [key for stream in found if stream not in streams for key in stream.columns]
     return streams, [f"{quote_names(lost)} have other lengths than the rest and no times: left out"] if lost else []
 
 
-def numeric(key: str, value: Any, depth: int = 0) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
+def _flatten_arrays(key: str, value: Any, depth: int = 0) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
     """Yield name and values of the arrays of real numbers in an array, a record array, a table or a list of them."""
     if depth > DEEPEST:
         return
     if isinstance(value, Mapping):
         for name, inner in value.items():
-            yield from numeric(f"{key}.{name}" if key else str(name), inner, depth + 1)
+            yield from _flatten_arrays(f"{key}.{name}" if key else str(name), inner, depth + 1)
     elif isinstance(value, list) and len(value) <= WIDEST and any(isinstance(inner, Mapping) for inner in value):
         for k, inner in enumerate(value):
-            yield from numeric(f"{key}[{k}]", inner, depth + 1)
+            yield from _flatten_arrays(f"{key}[{k}]", inner, depth + 1)
     elif isinstance(value, np.ndarray) and value.dtype.names:
         for name in value.dtype.names:
-            yield from numeric(f"{key}.{name}" if key else name, value[name], depth + 1)
+            yield from _flatten_arrays(f"{key}.{name}" if key else name, value[name], depth + 1)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         yield key, value.squeeze()
 
@@ -260,7 +262,7 @@ class JoinedTable:
                 joined[column] = np.interp(t, own, np.nan_to_num(values)) if len(own) else np.full(len(t), np.nan)
                 if np.isnan(values).any():
                     joined[column][np.interp(t, own, np.isnan(values)) > 0] = np.nan
-            kept &= surrounded(t, own)
+            kept &= _is_surrounded(t, own)
         if not kept.any():
             raise LogError(self.name, "have no time in common", "give files of one recording, times in the same unit")
         if not kept.all():
@@ -274,14 +276,14 @@ class JoinedTable:
         what the drive takes.
         """
         pair = [(self.parts[k], self.times[k]) for k in (first, other)]
-        data = [numeric_columns(part)[0] for part, _ in pair]
+        data = [read_numeric_columns(part)[0] for part, _ in pair]
         if any(name not in one for one, (_, name) in zip(data, pair)):
             return 1.0, 0.0  # a table without times has none in common
         times = [one.pop(name) for one, (_, name) in zip(data, pair)]
-        scale, its = (1.0, 1.0) if self.shared else (time_unit(name, t)[1] for t, (_, name) in zip(times, pair))
+        scale, its = (1.0, 1.0) if self.shared else (find_time_unit(name, t)[1] for t, (_, name) in zip(times, pair))
         if self.shared:
-            data = [{name: x for name, x in one.items() if measured_motion(name, x)} for one in data]
-        seconds, sentence = offset_between(times[0] * scale, data[0], times[1] * its, data[1])
+            data = [{name: x for name, x in one.items() if is_measured_motion(name, x)} for one in data]
+        seconds, sentence = find_clock_offset(times[0] * scale, data[0], times[1] * its, data[1])
         if seconds or not self.shared:
             self.notes.append(f"{pair[1][1] if self.shared else pair[1][0].name}: {sentence}")
         return 1.0 if its == scale else its / scale, seconds / scale
@@ -291,11 +293,11 @@ class JoinedTable:
         return f"{self.name} sample {row + 1} column '{column}'"
 
 
-def surrounded(t: Array, own: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Whether each of the times `t` lies on one of the increasing times `own`, or between two not `TORN` apart."""
+def _is_surrounded(t: Array, own: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Whether each of the times `t` lies on one of the increasing times `own`, or between two not `_TORN` apart."""
     same = np.isin(t, own)
     if len(own) < 2:
         return same
     after = np.clip(np.searchsorted(own, t), 1, len(own) - 1)
-    near = own[after] - own[after - 1] <= TORN * np.median(np.diff(own))
+    near = own[after] - own[after - 1] <= _TORN * np.median(np.diff(own))
     return same | (near & (t >= own[0]) & (t <= own[-1]))

@@ -7,26 +7,27 @@ from math import degrees, isfinite, pi
 from types import MappingProxyType
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.limited import MOSTLY, near_limit
 from gimbal_pin.log.log import Array
-from gimbal_pin.log.source import Source, remapped
+from gimbal_pin.log.mapping import Source, remapped
 from gimbal_pin.rig.rig import Rig
 
-TOO_STRONG = 3.0
+_TOO_STRONG = 3.0
 """Torque over a motor's limit from which it is not in N m: noise and clipping go a little beyond."""
-SPIKES = 0.01
+_SPIKES = 0.01
 """Share of the samples at either end that do not count: spikes are the audit's to find."""
-FEWEST = 50
+_FEWEST = 50
 """Fewest samples that are judged."""
-BEYOND = 1.5
+_BEYOND = 1.5
 """Travel over the room within the rig's limits, a turn of the encoder aside, from which it is not in radians."""
-INTERVALS = 200
+_INTERVALS = 200
 """Intervals over which angles are compared with the integrals of their rates."""
-ALIKE = 0.9
+_ALIKE = 0.9
 """Least correlation of the two by which their ratio counts."""
-OFF = 3.0
+_OFF = 3.0
 """Ratio of the two from which they are in different units."""
 
 
@@ -52,22 +53,22 @@ def check_units(
         q_ref: References, (N, n), or None.
         sources: What the columns were read from.
     """
-    if len(t) >= FEWEST:
-        check_angles(name, rig, sources, q, q_ref)
-    if v is not None and len(t) > INTERVALS:
-        check_rates(name, rig, sources, t, q, v)
+    if len(t) >= _FEWEST:
+        _check_angles(name, rig, sources, q, q_ref)
+    if v is not None and len(t) > _INTERVALS:
+        _check_rates(name, rig, sources, t, q, v)
 
 
-def check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, q_ref: Array | None) -> None:
+def _check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, q_ref: Array | None) -> None:
     """Raise `LogError` if joints travel much farther than the rig's limits let them, in radians."""
-    travel = np.subtract(*np.quantile(q, [1 - SPIKES, SPIKES], axis=0))
+    travel = np.subtract(*np.quantile(q, [1 - _SPIKES, _SPIKES], axis=0))
     room = np.subtract(*rig.stops[::-1])
-    off = [j for j in range(rig.n) if isfinite(room[j]) and travel[j] > BEYOND * room[j] + 2 * pi]
+    off = [j for j in range(rig.n) if isfinite(room[j]) and travel[j] > _BEYOND * room[j] + 2 * pi]
     for j in off if q_ref is not None else ():
         # Where an angle goes as its reference does, in whatever unit, the loop holds the joint.
         assert q_ref is not None
         a, b = q_ref[:, j] - q_ref[:, j].mean(), q[:, j] - q[:, j].mean()
-        if not a @ b > ALIKE * np.sqrt((a @ a) * (b @ b)):
+        if not a @ b > _ALIKE * np.sqrt((a @ a) * (b @ b)):
             joint, limits = rig.joints[j], f"where the rig's limits leave {room[j]:.3g}"
             what = f"q_{joint} travels {travel[j]:.4g} rad {limits}, and not as q_ref_{joint}"
             raise LogError(
@@ -86,15 +87,14 @@ def check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, q
         raise LogError(name, what, f"if these are {unit}, map them, and rates in such units as well: {maps}")
 
 
-def check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q: Array, v: Array) -> None:
+def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q: Array, v: Array) -> None:
     """Raise `LogError` if an angle plainly follows its rate, but many times faster or slower."""
-    ends = np.linspace(0, len(t) - 1, INTERVALS + 1).astype(int)
-    added = np.concatenate([np.zeros((1, rig.n)), np.cumsum((v[1:] + v[:-1]) / 2 * np.diff(t)[:, None], axis=0)])
-    moved, sums = np.diff(q[ends], axis=0), np.diff(added[ends], axis=0)
+    ends = np.linspace(0, len(t) - 1, _INTERVALS + 1).astype(int)
+    moved, sums = (np.diff(x[ends], axis=0) for x in (q, cumulative_trapezoid(v, t, axis=0, initial=0.0)))
     size, other, both = (np.sum(a * b, axis=0) for a, b in ((moved, moved), (sums, sums), (moved, sums)))
     ratio = np.sqrt(size / np.maximum(other, 1e-300))
-    alike = (both > ALIKE * np.sqrt(size * other)) & (both > 0)
-    off = alike & ((ratio > OFF) | (ratio < 1 / OFF))
+    alike = (both > _ALIKE * np.sqrt(size * other)) & (both > 0)
+    off = alike & ((ratio > _OFF) | (ratio < 1 / _OFF))
     if not off.any():
         return
     j = int(np.argmax(off))
@@ -110,7 +110,7 @@ def check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q:
     raise LogError(name, what, mend)
 
 
-def torque_notes(rig: Rig, tau: Array | None) -> tuple[str, ...]:
+def describe_torques(rig: Rig, tau: Array | None) -> tuple[str, ...]:
     """Return a sentence per joint whose torque, (N, n), can be no N m, or is at the motor's limit most of the time."""
     if tau is None:
         return ()
@@ -122,7 +122,7 @@ def torque_notes(rig: Rig, tau: Array | None) -> tuple[str, ...]:
             f"other units, map tau_{joint}=COLUMN*(N m per unit)",
         )
         for joint, limit, most, _ in joints
-        if most > TOO_STRONG * limit
+        if most > _TOO_STRONG * limit
     ]
     pushed = [
         (

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from gimbal_pin.log.io.inspection import Inspected, summary
+from gimbal_pin.log.io.inspection import Inspected, summarize_stream
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import (
@@ -153,7 +153,9 @@ def overview(rig: Rig, log: Log) -> plots.Figure:
 
 def inspection(found: Inspected) -> Section:
     """Return the picture of a file's channels, their table, and the mapping that is proposed."""
-    parts: list[object] = [bullets([line for stream in found.streams for line in summary(stream)] + list(found.notes))]
+    parts: list[object] = [
+        bullets([line for stream in found.streams for line in summarize_stream(stream)] + list(found.notes))
+    ]
     parts.append(plots.picture(partial(channels, found), f"Every channel of {found.name} over time", "As recorded."))
     parts.append(tables.channels([channel for stream in found.streams for channel in stream.channels]))
     if found.rig is not None:

@@ -1,6 +1,6 @@
-"""Mappings ``target = factor * source`` from a file's own headers to the CONTRACT's columns.
+"""Where a log's columns come from: ``value = factor * column`` of a file, read and written as text.
 
-The grammar of an entry:
+The grammar of an entry of a mapping from a file's own headers to the CONTRACT's columns:
 
 - entry := target "=" expression | joint {"," joint} "=" joint {"," joint}
 - expression := [product "*"] column {("*" | "/") factor}
@@ -13,31 +13,77 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log.source import FACTOR, Source
 from gimbal_pin.rig.reading import read_yaml
 
-TERM = re.compile(rf"([*/]?)\s*({FACTOR})")
-EXPRESSION = re.compile(
-    rf"""\s*(?P<before>{FACTOR}(?:\s*[*/]\s*{FACTOR})*\s*\*\s*)?
+_FACTOR = r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|pi)"
+"""A number of an expression."""
+_BARE_NAME = re.compile(r"[^\W\d][\w .\[\]]*")
+"""Names that an expression of a mapping holds without quotes."""
+_TERM = re.compile(rf"([*/]?)\s*({_FACTOR})")
+_EXPRESSION = re.compile(
+    rf"""\s*(?P<before>{_FACTOR}(?:\s*[*/]\s*{_FACTOR})*\s*\*\s*)?
          (?P<sign>[+-]?)\s*
          (?:"(?P<double>[^"]+)"|'(?P<single>[^']+)'|(?P<bare>[^"'*\s](?:[^*]*?[^*\s])??))
-         (?P<after>(?:\s*[*/]\s*{FACTOR})*)\s*""",
+         (?P<after>(?:\s*[*/]\s*{_FACTOR})*)\s*""",
     re.VERBOSE,
 )
 
 Entries = str | Path | Sequence[str | Path] | Mapping[str, str]
 """A mapping as it is given: ``target=expression`` or the path of a YAML file with a table of such, one or several; or
 the table itself, target → expression."""
-LONGEST = 1000
+_LONGEST_EXPRESSION = 1000
 """Most characters of an expression: matching takes the square of that in time."""
-KINDS = ("q", "dq", "ddq", "tau", "q_ref", "temp")
+_JOINT_PREFIXES = ("q", "dq", "ddq", "tau", "q_ref", "temp")
 """Prefixes of a joint's columns."""
 ROW = "row"
 """Column that every log has beside its own: the sample's number from 0, for files of a known rate without times."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """``value = factor * column``.
+
+    Attributes:
+        column: Header in the file.
+        factor: What one unit of it is in SI units; finite and not zero.
+        place: Where the mapping was stated; empty for a column that bears its name already, or another joint's.
+    """
+
+    column: str
+    factor: float = 1.0
+    place: str = ""
+
+    def times(self, factor: float | str) -> str:
+        """Return the expression of this times a number, or a product as text: ``-pos1*0.5``, ``pos1*0.5*pi/180``."""
+        value, rest = (self.factor, factor) if isinstance(factor, str) else (self.factor * factor, "")
+        numbers = [text for text in (f"{abs(value):.12g}", rest) if text not in ("", "1")]
+        return expression(self.column, "-" * (value < 0) + "*".join(numbers))
+
+
+def expression(column: str, factor: str) -> str:
+    """Return what a mapping writes for a column times a factor, such as ``pos1*pi/180``."""
+    sign, rest = ("-", factor[1:]) if factor.startswith("-") else ("", factor)
+    bare = _BARE_NAME.fullmatch(column) and not re.fullmatch(_FACTOR, column)
+    quote = "'" if '"' in column else '"'
+    shown = column if bare else f"{quote}{column}{quote}"
+    return f"{sign}{shown}" + (f"*{rest}" if rest else "")
+
+
+def remapped(sources: Mapping[str, Source], changes: Mapping[str, tuple[str, float | str]]) -> str:
+    """Return the ``--map`` entries, as a shell takes them, that mend a log read from these sources.
+
+    Args:
+        sources: Target → what it was read from; one that is missing bears its name in the file.
+        changes: Target → (what is read as now, times which number or product), such as ``{"tau_a": ("tau_b", -1.0)}``.
+    """
+    entries = (f"{to}={sources.get(of, Source(of)).times(factor)}" for to, (of, factor) in changes.items())
+    return " ".join(f"--map {shlex.quote(entry)}" for entry in entries)
 
 
 def read_mapping(entries: Entries = ()) -> dict[str, Source]:
@@ -52,17 +98,17 @@ def read_mapping(entries: Entries = ()) -> dict[str, Source]:
     sources, stated = dict[str, Source](), list[str]()
     for entry in [entries] if isinstance(entries, (str, Path, Mapping)) else entries:
         if isinstance(entry, Mapping):
-            add_table(sources, entry, "mapping")
-        elif is_file(entry):
-            add_table(sources, read_yaml(entry), str(entry))
+            _add_table(sources, entry, "mapping")
+        elif is_mapping_file(entry):
+            _add_table(sources, read_yaml(entry), str(entry))
         else:
             stated.append(str(entry))
     for entry in stated:
-        add(sources, *parse_entry(entry))
+        _add_entry(sources, *parse_entry(entry))
     return sources
 
 
-def add_table(sources: dict[str, Source], table: object, place: str) -> None:
+def _add_table(sources: dict[str, Source], table: object, place: str) -> None:
     """Add a table of target → expression; `UsageError` if it is none."""
     if not isinstance(table, Mapping):
         raise UsageError(place, "is no table of columns", "write one line 'q_yaw: pos1*pi/180' per column")
@@ -70,15 +116,15 @@ def add_table(sources: dict[str, Source], table: object, place: str) -> None:
         if not isinstance(text, str):
             mend = "quote it: 'column*factor'"
             raise UsageError(f"{place}: {target}", f"maps to {text!r}, which is no text", mend)
-        add(sources, target, parse_expression(text, f"{place}: {target}"))
+        _add_entry(sources, target, parse_expression(text, f"{place}: {target}"))
 
 
-def is_file(entry: str | Path) -> bool:
+def is_mapping_file(entry: str | Path) -> bool:
     """Whether an entry names a file: it ends in .yaml or .yml, and has no = or is there."""
     return Path(entry).suffix.lower() in (".yaml", ".yml") and ("=" not in str(entry) or Path(entry).is_file())
 
 
-def add(sources: dict[str, Source], target: str, source: Source) -> None:
+def _add_entry(sources: dict[str, Source], target: str, source: Source) -> None:
     """Add a target, or let joints exchange all that was mapped to them so far: ``yaw,pitch = pitch,yaw``."""
     joints, others = target.split(","), source.column.split(",")
     if len(joints) == 1 or sorted(joints) != sorted(others):
@@ -86,7 +132,7 @@ def add(sources: dict[str, Source], target: str, source: Source) -> None:
         return
     before = dict(sources)
     for joint, other in zip(joints, others):
-        for kind in KINDS:
+        for kind in _JOINT_PREFIXES:
             name = f"{kind}_{other}"
             sources[f"{kind}_{joint}"] = before.get(name, Source(name))
 
@@ -105,26 +151,27 @@ def parse_expression(text: str, place: str) -> Source:
     Raises:
         UsageError: `text` is too long, does not follow the grammar, or its factor is zero or not finite.
     """
-    if len(text) > LONGEST:
-        raise UsageError(place, f"has {len(text)} characters", f"give at most {LONGEST}: a column and a factor")
-    match = EXPRESSION.fullmatch(text)
+    if len(text) > _LONGEST_EXPRESSION:
+        mend = f"give at most {_LONGEST_EXPRESSION}: a column and a factor"
+        raise UsageError(place, f"has {len(text)} characters", mend)
+    match = _EXPRESSION.fullmatch(text)
     if match is None:
         what = "is not one column times or divided by numbers and pi"
         raise UsageError(place, what, "write e.g. pos*pi/180, without brackets; quote a name that holds a *")
     column = match["double"] or match["single"] or match["bare"]
-    if match["bare"] and re.fullmatch(FACTOR, column):
+    if match["bare"] and re.fullmatch(_FACTOR, column):
         raise UsageError(place, "names no column, only numbers", f"name one, or quote it: '\"{column}\"'")
     sign = -1.0 if match["sign"] == "-" else 1.0
-    factor = sign * product(match["before"] or "", product(match["after"]))
+    factor = sign * _multiply(match["before"] or "", _multiply(match["after"]))
     if factor == 0 or not math.isfinite(factor):
         raise UsageError(place, f"has the factor {factor:g}", "give a finite factor other than zero")
     return Source(column, factor, place)
 
 
-def product(text: str, start: float = 1.0) -> float:
+def _multiply(text: str, start: float = 1.0) -> float:
     """Return `start` times or divided by the factors in `text`, left to right; NaN after a division by zero."""
     value = start
-    for operator, factor in TERM.findall(text):
+    for operator, factor in _TERM.findall(text):
         number = math.copysign(math.pi, -1.0 if factor[0] == "-" else 1.0) if "pi" in factor else float(factor)
         value = value * number if operator != "/" else value / number if number else math.nan
     return value
