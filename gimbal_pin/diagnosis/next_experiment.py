@@ -30,12 +30,12 @@ from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.excitation.clearance import Clearance
-from gimbal_pin.excitation.columns import Columns
+from gimbal_pin.excitation.columns import ExcitationColumns
 from gimbal_pin.excitation.criteria import Determinant
-from gimbal_pin.excitation.design import CLEARANCE, COARSE, enforce_clearance
+from gimbal_pin.excitation.design import CLEARANCE, enforce_clearance
 from gimbal_pin.excitation.fourier import LONGEST_PERIOD, Series
 from gimbal_pin.excitation.limits import Envelope
-from gimbal_pin.excitation.problem import Problem as Limits
+from gimbal_pin.excitation.problem import ExcitationProblem as Limits
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import Samples
 
@@ -208,8 +208,8 @@ def next_experiment(
         return Tried(limits, x, tuple(each.expected(*log) for each in contests))
 
     envelope, series = Envelope.of(rig, MARGIN), [Series(seconds / times, HARMONICS) for times in REPEATS]
-    clear, columns = Clearance.of(rig, CLEARANCE, envelope), Columns.of(rig)
-    family = [Limits(model, each, columns, Determinant(), envelope, COARSE, clear) for each in series]
+    clear, columns = Clearance.of(rig, CLEARANCE, envelope), ExcitationColumns.of(rig)
+    family = [Limits(model, each, columns, Determinant(), envelope, clear) for each in series]
     motions, finished = searched(family, tried, tries, rng)
     most = np.max([[apart.deviations for apart in one.apart] for one in motions], axis=0)
     possible = most >= 1  # less than the noise's own deviation is nothing

@@ -1,7 +1,7 @@
 from .adjoint import build_links as build_links
 from .adjoint import compute_regressor_gradient as compute_regressor_gradient
 from .clearance import Clearance as Clearance
-from .columns import Columns as Columns
+from .columns import ExcitationColumns as ExcitationColumns
 from .columns import build_sequential_criterion as build_sequential_criterion
 from .criteria import Condition as Condition
 from .criteria import Criterion as Criterion
@@ -13,4 +13,4 @@ from .fourier import Series as Series
 from .fourier import count_periods as count_periods
 from .limits import Envelope as Envelope
 from .limits import find_crest as find_crest
-from .problem import Problem as Problem
+from .problem import ExcitationProblem as ExcitationProblem

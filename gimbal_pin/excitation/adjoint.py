@@ -76,7 +76,7 @@ def build_links(model: pin.Model) -> tuple[Link, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class BodyMotions:
     """Motions in the frames of all bodies, as columns: A less gravity, V, and J of each joint that moves the body.
 
     Attributes:
@@ -90,7 +90,7 @@ class Frames:
     passages: Array
 
     @staticmethod
-    def of(tree: tuple[Link, ...], gravity: Array, motion: Motion) -> Frames:
+    def of(tree: tuple[Link, ...], gravity: Array, motion: Motion) -> BodyMotions:
         """``V = X V' + S v``, ``A = X A' + S a + V x S v``, ``J = X J'`` from base to tips; gravity (3,), m/s²."""
         n, count = len(tree), len(motion)
         v, a = motion.v.T, motion.a.T
@@ -106,7 +106,7 @@ class Frames:
             own[:, 1] += along * v[i]
             own[:, 0] += along * a[i] - link.cross @ own[:, 1] * v[i]
             own[:, 2 + i] = along
-        return Frames(columns, arrived, passages)
+        return BodyMotions(columns, arrived, passages)
 
     def compute_adjoints(self, weights: Array) -> Array:
         """Adjoints of the columns in ``sum_ij J_j' (I_ij A + V x* I_ij V)``, I_ij of the parameters (n, 10, n, N)."""
@@ -137,7 +137,7 @@ def compute_regressor_gradient(tree: tuple[Link, ...], gravity: Array, motion: M
         motion: The motion, N samples.
         weights: One per entry of Y, by body, its parameter, row and sample, (n, 10, n, N).
     """
-    frames = Frames.of(tree, gravity, motion)
+    frames = BodyMotions.of(tree, gravity, motion)
     bars = frames.compute_adjoints(weights)
     out = np.empty((3, len(tree), len(motion)))
     for i, link in reversed(list(enumerate(tree))):

@@ -34,7 +34,7 @@ from gimbal_pin.rig.rig import Rig
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class ExcitationColumns:
     """``W = [Y[:, independent], effects' bases]``: torque per unit of each base parameter and effect coefficient.
 
     Attributes:
@@ -48,9 +48,9 @@ class Columns:
     reduction: Reduction
 
     @staticmethod
-    def of(rig: Rig, effects: Sequence[Effect] = ()) -> Columns:
+    def of(rig: Rig, effects: Sequence[Effect] = ()) -> ExcitationColumns:
         """The rig's base parameters and friction, and the `effects` on top."""
-        return Columns(rig, (*friction_effects(rig.joints), *effects), reduce(rig))
+        return ExcitationColumns(rig, (*friction_effects(rig.joints), *effects), reduce(rig))
 
     @cached_property
     def places(self) -> Array:
@@ -151,7 +151,7 @@ def build_sequential_criterion(
 
     `prior`: what is known of every parameter before any log, s.
     """
-    known = Columns.of(rig, effects).compute_information([log.ordered(rig) for log in logs])
+    known = ExcitationColumns.of(rig, effects).compute_information([log.ordered(rig) for log in logs])
     return Determinant(known + prior * np.eye(len(known)), seconds * rig.n, "sequential")
 
 

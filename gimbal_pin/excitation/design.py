@@ -14,27 +14,18 @@ from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.clearance import Clearance, Gap
-from gimbal_pin.excitation.columns import Columns
+from gimbal_pin.excitation.columns import ExcitationColumns
 from gimbal_pin.excitation.criteria import Criterion, Determinant, find_criterion
 from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.limits import QUANTITIES, Envelope, check_stated_limits
-from gimbal_pin.excitation.problem import Problem
+from gimbal_pin.excitation.problem import ExcitationProblem
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
 
-TOLERANCE = 3e-4
-"""Gain in the criterion per step at which a descent ends; the log of a condition number need not be known better."""
-
-COARSE, FINE = 12, 24
-"""Samples per period of the highest harmonic: from every start, and for the best one in the end."""
-
 CLEARANCE = 0.005
 """Distance that parts keep which can hit each other, m."""
-
-SPEED = 0.3
-"""Rms rate that every joint should reach, as a share of its rate limit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +40,7 @@ class Excitation:
         coefficients: Its coefficients (2 L + 1, n): q0 rad, a_l and b_l rad/s.
         criterion: Name of what was minimised.
         value: Its value.
-        condition_number: Of the columns in unit torque (`Columns.compute_condition_number`).
+        condition_number: Of the columns in unit torque (`ExcitationColumns.compute_condition_number`).
         limits_used: Joint → q, dq, ddq, tau → the largest share of the limit that is used; 0 where there is none.
         finished: False if it was interrupted; it is then the best found until that moment.
         speed: Joint → its rms rate, rad/s.
@@ -141,7 +132,7 @@ def excite(
     margin: float = 0.05,
     share: float = 1.0,
     clearance: float = CLEARANCE,
-    speed: float = SPEED,
+    speed: float = 0.3,
     torque_model: Model | None = None,
     dt: float = 1e-3,
 ) -> Excitation:
@@ -190,13 +181,12 @@ def excite(
         raise UsageError("speed", f"is {speed:g}", "give a share of the rate limits from 0 up to under 1")
     envelope = Envelope.of(rig, margin, share)
     check_stated_limits(rig)
-    problem = Problem(
+    problem = ExcitationProblem(
         model,
         Series.of(seconds, harmonics, periods),
-        Columns.of(rig, effects),
+        ExcitationColumns.of(rig, effects),
         find_criterion(criterion),
         envelope,
-        COARSE,
         Clearance.of(rig, clearance, envelope),
         speed,
     )
@@ -207,7 +197,7 @@ def excite(
     return replace(describe(problem, x, motion, finished), clearance=gap, seed=seed)
 
 
-def enforce_clearance(problem: Problem, x: Array) -> tuple[Array, Gap | None]:
+def enforce_clearance(problem: ExcitationProblem, x: Array) -> tuple[Array, Gap | None]:
     """Return x and its smallest clearance; scaled down where parts come too near each other that nobody watched."""
     if problem.clearance is None:
         return x, None
@@ -225,7 +215,7 @@ def enforce_clearance(problem: Problem, x: Array) -> tuple[Array, Gap | None]:
     return enforce_clearance(watching, repaired)
 
 
-def describe(problem: Problem, x: Array, motion: Motion, finished: bool) -> Excitation:
+def describe(problem: ExcitationProblem, x: Array, motion: Motion, finished: bool) -> Excitation:
     """Return x as an `Excitation`, its figures from the dense grid."""
     rig, criterion, dense = problem.columns.rig, problem.criterion, problem.motion(x, problem.dense)
     narrowed = None
@@ -249,7 +239,7 @@ def describe(problem: Problem, x: Array, motion: Motion, finished: bool) -> Exci
     )
 
 
-def optimise(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[Array, bool]:
+def optimise(problem: ExcitationProblem, starts: int, rng: np.random.Generator) -> tuple[Array, bool]:
     """Return the best motion found, and whether the search came to its end.
 
     SLSQP with exact gradients from so many random motions, and again on the finer grid from the best of its ends.
@@ -257,7 +247,7 @@ def optimise(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[A
     (medians of three seeds, three bundled rigs, 5 and 20 s) in 0.4-1.3 times the time.
     """
     tried = [problem.draw_start(rng) for _ in range(starts)]
-    fine, finished = replace(problem, per_period=FINE), True
+    fine, finished = replace(problem, per_period=2 * problem.per_period), True
     try:
         for k in trange(starts + 1, desc="excitation", unit="descent", disable=None, leave=False):
             if k == starts:
@@ -271,7 +261,7 @@ def optimise(problem: Problem, starts: int, rng: np.random.Generator) -> tuple[A
     return min(repaired, key=lambda x: fine.evaluate(x)[0]), finished
 
 
-def descend(problem: Problem, tried: list[Array], k: int) -> None:
+def descend(problem: ExcitationProblem, tried: list[Array], k: int) -> None:
     """Minimise from the k-th of the motions tried, which is where the descent is by then, even if it is interrupted."""
     from scipy.optimize import minimize
 
@@ -279,7 +269,7 @@ def descend(problem: Problem, tried: list[Array], k: int) -> None:
         tried[k] = x.copy()
 
     limits = {"type": "ineq", "fun": problem.compute_room, "jac": problem.differentiate_room}
-    options = {"ftol": TOLERANCE, "maxiter": 100}
+    options = {"ftol": 3e-4, "maxiter": 100}  # a log of a condition number need not be known better
     found = minimize(
         problem.evaluate, tried[k], jac=True, method="SLSQP", constraints=limits, callback=keep, options=options
     )

@@ -10,23 +10,17 @@ import numpy as np
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.clearance import Clearance
-from gimbal_pin.excitation.columns import Columns
+from gimbal_pin.excitation.columns import ExcitationColumns
 from gimbal_pin.excitation.criteria import Criterion
 from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.limits import Envelope, find_crest
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import compute_direction
 
-DENSE = 240
-"""Samples per period of the highest harmonic on which the limits are checked afterwards."""
-
-SLOW = 100.0
-"""What a joint that does not move at all costs; the criteria are logarithms."""
-
 
 @dataclass(frozen=True, eq=False)
-class Problem:
-    """Minimise ``criterion(W(x)) + SLOW * deficit(x)`` subject to ``shares(x) <= 1``; x: the free coefficients, flat.
+class ExcitationProblem:
+    """Minimise ``criterion(W(x)) + 100 deficit(x)`` subject to ``shares(x) <= 1``; x: the free coefficients, flat.
 
     Attributes:
         model: Rig and torques (friction included) that the limits are checked with.
@@ -34,39 +28,35 @@ class Problem:
         columns: What is to be seen.
         criterion: What is to be minimised.
         envelope: What is to be kept to.
-        per_period: Samples per period of the highest harmonic while optimising.
         clearance: Parts to be kept apart; None: nothing is kept from hitting anything.
         speed: Rms rate that every joint should reach, as a share of `Envelope.pace`, so that friction shows.
+        per_period: Samples per period of the highest harmonic while optimising.
     """
 
     model: Model
     series: Series
-    columns: Columns
+    columns: ExcitationColumns
     criterion: Criterion
     envelope: Envelope
-    per_period: int
     clearance: Clearance | None = None
     speed: float = 0.0
+    per_period: int = 12
 
     @cached_property
     def step(self) -> float:
         """Interval of the optimisation's grid, s."""
         return self.series.seconds / (self.per_period * self.series.harmonics)
 
-    def grid(self, step: float) -> Array:
-        """Midpoints of intervals of `step` s over the period."""
-        return step * (np.arange(round(self.series.seconds / step)) + 0.5)
-
     @cached_property
     def coarse(self) -> tuple[Array, Array]:
-        """Times (T,) and basis (3, T, k) of the optimisation's grid."""
-        t = self.grid(self.step)
+        """Times (T,), the intervals' midpoints, and basis (3, T, k) of the optimisation's grid."""
+        t = self.step * (np.arange(self.per_period * self.series.harmonics) + 0.5)
         return t, self.series.basis(t) @ self.series.rest
 
     @cached_property
     def dense(self) -> tuple[Array, Array]:
-        """The same of the grid on which the limits are checked, ends included."""
-        t = np.linspace(0.0, self.series.seconds, DENSE * self.series.harmonics + 1)
+        """The same of the grid on which the limits are checked, both ends and 240 samples per period included."""
+        t = np.linspace(0.0, self.series.seconds, 240 * self.series.harmonics + 1)
         return t, self.series.basis(t) @ self.series.rest
 
     def motion(self, x: Array, grid: tuple[Array, Array]) -> Motion:
@@ -81,9 +71,9 @@ class Problem:
         seen = self.columns.scale_rows(motion, compute_direction(motion.v, motion.a, self.step))
         lack, too_slow = self.compute_rate_deficit(motion)
         slopes = self.columns.compute_gradient(motion, self.step, *self.criterion.factors(seen))
-        slopes[1] += SLOW * too_slow
+        slopes[1] += 100 * too_slow  # the criteria are logarithms
         gradient = np.einsum("ctk,cti->ki", self.coarse[1], slopes).ravel()
-        return self.criterion.value(seen) + SLOW * lack, gradient
+        return self.criterion.value(seen) + 100 * lack, gradient
 
     def compute_rate_deficit(self, motion: Motion) -> tuple[float, Array]:
         """``sum_j max(0, 1 - rms(v_j)/(speed pace_j))^2``, and its derivative to the rates, (N, n)."""

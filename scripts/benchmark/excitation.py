@@ -14,17 +14,17 @@ from tqdm import tqdm
 
 from benchmark.figure import Figure
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.excitation import Columns, Condition, Envelope, Series, excite
-from gimbal_pin.excitation.design import COARSE, FINE, TOLERANCE
-from gimbal_pin.excitation.problem import Problem
+from gimbal_pin.excitation import Condition, Envelope, ExcitationColumns, ExcitationProblem, Series, excite
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
 
 SEEDS, STARTS, SECONDS, HARMONICS, MARGIN = 3, 5, 10.0, 5, 0.05
 RIGS = ("thesis", "handheld")
 """The reference problem, and a rig with axes that miss each other."""
-DENSER = 10
-"""How much denser the grid is on which all are judged."""
+SAMPLES = 240
+"""Samples per period of the highest harmonic of the grid on which all are judged."""
+TOLERANCE = 3e-4
+"""Gain per step at which a descent ends, as ours does."""
 ITERATIONS, EVALUATIONS = 150, 40_000
 """Most iterations of SLSQP and evaluations of CMA-ES per start; both end before by the tolerance."""
 STEP = 0.3
@@ -108,17 +108,17 @@ def ratios(of: str, at: dict[str, list[Entry]], required: bool) -> Iterator[Figu
     yield Figure(f"{of}ours, largest share of a limit, dense grid", max(one.share for one in mine), at_most=1.0)
 
 
-def problem(rig: Rig, series: Series) -> Problem:
+def problem(rig: Rig, series: Series) -> ExcitationProblem:
     """What all of them minimise, and the limits on the grid that all of them see."""
-    return Problem(nominal(rig), series, Columns.of(rig), Condition(), Envelope.of(rig, MARGIN), COARSE)
+    return ExcitationProblem(nominal(rig), series, ExcitationColumns.of(rig), Condition(), Envelope.of(rig, MARGIN))
 
 
 def judged(rig: Rig, series: Series, coefficients: Array, seconds: float) -> Entry:
     """Judge a motion on a grid that no optimiser saw, between the samples of a ten times denser one."""
-    count = DENSER * FINE * HARMONICS
+    count = SAMPLES * HARMONICS
     motion = series.motion(coefficients, (np.arange(count) + 0.5) * SECONDS / count)
     return Entry(
-        Columns.of(rig).compute_condition_number(motion),
+        ExcitationColumns.of(rig).compute_condition_number(motion),
         float(Envelope.of(rig).find_largest_shares(nominal(rig), motion).max()),
         seconds,
     )
@@ -142,7 +142,7 @@ def splines(rig: Rig, seed: int) -> Entry:
     return by_slsqp(rig, problem(rig, Splines(SECONDS, HARMONICS)), seed)
 
 
-def by_slsqp(rig: Rig, at: Problem, seed: int) -> Entry:
+def by_slsqp(rig: Rig, at: ExcitationProblem, seed: int) -> Entry:
     """The best of SLSQP's ends."""
     from scipy.optimize import minimize
 
@@ -176,7 +176,7 @@ def cma_es(rig: Rig, seed: int) -> Entry:
     return best(rig, at, seed, end)
 
 
-def best(rig: Rig, at: Problem, seed: int, end: Callable[[Array], Array]) -> Entry:
+def best(rig: Rig, at: ExcitationProblem, seed: int, end: Callable[[Array], Array]) -> Entry:
     """Return the best of the ends of so many starts, as it is found: what exceeds a limit a little is let pass."""
     begin, rng = process_time(), np.random.default_rng(seed)
     x = min((end(at.draw_start(rng)) for _ in range(STARTS)), key=lambda x: at.evaluate(x)[0])

@@ -1,0 +1,86 @@
+"""Rigs, problems and designs that the tests of the room share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from gimbal_pin.dynamics import Model, nominal
+from gimbal_pin.effects import Effect
+from gimbal_pin.excitation import (
+    Condition,
+    Criterion,
+    Envelope,
+    Excitation,
+    ExcitationColumns,
+    ExcitationProblem,
+    Series,
+    excite,
+)
+from gimbal_pin.log import Array
+from gimbal_pin.rig import Rig, bundled_rigs
+
+RIGS = bundled_rigs()
+
+
+def problem(
+    rig: Rig, criterion: Criterion | None = None, effects: tuple[Effect, ...] = (), model: Model | None = None
+) -> ExcitationProblem:
+    return ExcitationProblem(
+        model or nominal(rig),
+        Series(10.0, 5),
+        ExcitationColumns.of(rig, effects),
+        criterion or Condition(),
+        Envelope.of(rig, 0.05),
+    )
+
+
+def differences(function, x: Array) -> Array:
+    """Central differences of a function of a vector, one column per entry."""
+    step = 1e-6
+    return np.stack([(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(len(x))], axis=-1)
+
+
+@cache
+def designed(name: str, seed: int) -> Excitation:
+    return excite(Rig.load(name), starts=1, rng=np.random.default_rng(seed))
+
+
+def moved(rig: Rig, **changes: object) -> Rig:
+    """The rig with the same change to every joint's limits."""
+    return replace(rig, limits=tuple(replace(limit, **changes) for limit in rig.limits))
+
+
+def assert_within(rig: Rig, model: Model, found: Excitation, margin: float) -> None:
+    """Every limit holds at 20 000 random instants, whichever of them is stated."""
+    t = np.sort(np.random.default_rng(7).uniform(0.0, found.seconds, 20_000))
+    motion = found.series.motion(found.coefficients, t)
+    tau = model.inverse(motion.q, motion.v, motion.a)
+    share, slack = 1 - margin, 1e-3
+    for j, limit in enumerate(rig.limits):
+        trimmed = margin / 2 * (limit.upper - limit.lower) if np.isfinite(limit.upper - limit.lower) else 0.0
+        assert motion.q[:, j].min() >= limit.lower + trimmed - slack
+        assert motion.q[:, j].max() <= limit.upper - trimmed + slack
+        assert np.abs(motion.v[:, j]).max() <= share * limit.velocity + slack
+        assert np.abs(motion.a[:, j]).max() <= share * limit.acceleration + slack
+        assert np.abs(tau[:, j]).max() <= share * rig.tau_max[j] + slack
+
+
+SLIDER = """<robot name="crane"><link name="rail"/>
+<link name="cart"><inertial><mass value="2"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="boom"><inertial><origin xyz="0.2 0 0.1"/><mass value="1"/>
+<inertia ixx="0.02" iyy="0.03" izz="0.03" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="slide" type="prismatic"><parent link="rail"/><child link="cart"/><axis xyz="1 0 0"/>
+<limit lower="-0.3" upper="0.4" effort="40" velocity="1"/></joint>
+<joint name="swing" type="continuous"><parent link="cart"/><child link="boom"/><axis xyz="0 1 0"/>
+<limit effort="5" velocity="4"/></joint></robot>"""
+
+
+def crane(folder: Path) -> Rig:
+    path = folder / "crane.urdf"
+    path.write_text(SLIDER)
+    return Rig.load(path)

@@ -1,0 +1,151 @@
+"""Clearance: no parts hit each other, and no short cut misses the nearest ones."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from gimbal_pin.dynamics import nominal
+from gimbal_pin.errors import RigError, UsageError
+from gimbal_pin.excitation import (
+    Clearance,
+    Envelope,
+    Excitation,
+    enforce_clearance,
+    excite,
+)
+from gimbal_pin.report import text
+from gimbal_pin.rig import Rig
+from tests.excitation.designs import RIGS, assert_within, crane, designed, moved, problem
+
+POST = """<robot name="post"><link name="base"><collision><origin xyz="0 0 -0.05"/>
+<geometry><cylinder radius="0.05" length="0.1"/></geometry></collision></link>
+<link name="post"><collision><origin xyz="{at} 0.1"/><geometry><cylinder radius="0.02" length="0.4"/></geometry>
+</collision></link><joint name="bolt" type="fixed"><parent link="base"/><child link="post"/></joint>
+<link name="arm"><inertial><origin xyz="0.05 0 0.02"/><mass value="0.8"/>
+<inertia ixx="0.004" iyy="0.006" izz="0.007" ixy="0" ixz="0.0005" iyz="0"/></inertial>
+<collision><origin xyz="0.05 0 0.05"/><geometry><box size="0.1 0.05 0.02"/></geometry></collision></link>
+<link name="head"><inertial><origin xyz="0.06 0.01 0.02"/><mass value="1.1"/>
+<inertia ixx="0.002" iyy="0.005" izz="0.005" ixy="0.0002" ixz="0" iyz="0"/></inertial>
+<collision><origin xyz="0.08 0 0"/><geometry><box size="0.24 0.06 0.06"/></geometry></collision>{more}</link>
+<joint name="pan" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>
+<limit lower="-2.5" upper="2.5" effort="4" velocity="2"/><dynamics damping="0.01" friction="0.03"/></joint>
+<joint name="tilt" type="revolute"><parent link="arm"/><child link="head"/><origin xyz="0.05 0 0.08"/>
+<axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="4" velocity="2"/><dynamics damping="0.01" friction="0.02"/></joint></robot>"""
+"""A head that swings round and meets a post which stands beside its base."""
+
+
+def beside(folder: Path, at: str = "0.12 0.18", more: str = "") -> Rig:
+    path = folder / "post.urdf"
+    path.write_text(POST.format(at=at, more=more))
+    return Rig.load(path)
+
+
+def apart(rig: Rig, found: Excitation) -> float:
+    """The smallest distance of all pairs on a grid twice as dense, without any short cut."""
+    all_pairs = Clearance.of(rig, 0.0, Envelope.of(rig))
+    q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 2401)).q
+    return float(all_pairs.compute_distances(q, range(len(all_pairs.geometry.collisionPairs))).min())
+
+
+def test_the_arm_does_not_hit_the_frame(tmp_path: Path) -> None:
+    free = excite(beside(tmp_path, "3 3"), starts=1, seconds=5.0, rng=np.random.default_rng(0))
+    passed = np.median(free.motion.q[:, 0])
+    rig = beside(tmp_path, f"{0.21 * np.cos(passed)} {0.21 * np.sin(passed)}")
+    assert apart(rig, free) < 0  # what is best where there is no post runs into one that stands in its way
+    found = excite(rig, starts=1, seconds=5.0, rng=np.random.default_rng(0), clearance=0.01)
+    assert found.clearance is not None
+    assert found.clearance.distance == pytest.approx(apart(rig, found), abs=2e-6)
+    assert found.clearance.distance >= 0.01 - 1e-6
+    assert "head" in found.clearance.between
+    assert_within(rig, nominal(rig), found, margin=0.05)
+    read = json.loads(json.dumps(found.to_dict()))["clearance"]
+    assert read == {"distance": found.clearance.distance, "between": list(found.clearance.between)}
+    assert f"smallest clearance: {1000 * read['distance']:.3g} mm, between" in text.excitation(found)
+
+
+def test_what_is_not_watched_is_checked_and_mended(tmp_path: Path) -> None:
+    rig = beside(tmp_path)
+    at = replace(problem(rig), clearance=replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=()))
+    for seed in range(40):
+        x = at.draw_start(np.random.default_rng(seed))
+        gap = at.clearance.find_smallest_gap(at.motion(x, at.dense).q)  # type: ignore[union-attr]
+        if (
+            gap is not None
+            and gap.distance < 0.01
+            and at.clearance.compute_distances(at.coefficients(x)[:1], (0,))[0] > 0.02
+        ):  # type: ignore[union-attr]
+            break
+    mended, now = enforce_clearance(at, x)
+    assert gap is not None and gap.distance < 0.01 <= now.distance + 1e-6  # type: ignore[union-attr]
+    assert np.abs(mended).sum() < np.abs(x).sum()
+
+
+def test_derivative_of_the_distance_is_exact(tmp_path: Path) -> None:
+    rig = beside(tmp_path)
+    at = replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=(0, 1, 2))
+    q = Envelope.of(rig).spread().q[:30]
+    exact, step = at.differentiate_room(q), 1e-3
+    rough = np.stack(
+        [(at.compute_room(q + step * e) - at.compute_room(q - step * e)) / (2 * step) for e in np.eye(2)], axis=-1
+    )
+    error = np.abs(exact - rough)
+    assert np.quantile(error, 0.9) < 1e-3 * np.abs(rough).max()  # the others: another edge becomes the nearest
+    watching = replace(problem(rig), clearance=at)
+    x = watching.draw_start(np.random.default_rng(0))
+    assert watching.differentiate_room(x).shape == (len(watching.compute_room(x)), len(x))
+
+
+def test_links_that_a_joint_connects_are_left_out_and_what_is_built_close(tmp_path: Path) -> None:
+    rig = beside(tmp_path)
+    at = Clearance.of(rig, 0.01, Envelope.of(rig))
+    pairs = {frozenset(at.get_links(k)) for k in range(len(at.geometry.collisionPairs))}
+    assert pairs == {frozenset(p) for p in (("base", "head"), ("post", "head"), ("post", "arm"))}
+    assert frozenset(("post", "arm")) not in {
+        frozenset(built.get_links(k))
+        for built in [Clearance.of(rig, 0.2, Envelope.of(rig))]
+        for k in range(len(built.geometry.collisionPairs))
+    }
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_short_cut_to_the_smallest_distance_misses_nothing(name: str) -> None:
+    rig, found = Rig.load(name), designed(name, 0)
+    q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 301)).q
+    at = Clearance.of(rig, 0.005, Envelope.of(rig))
+    gap = at.find_smallest_gap(q)
+    assert gap is not None
+    every = at.compute_distances(q, range(len(at.geometry.collisionPairs)))
+    assert gap.distance == pytest.approx(every.min(), abs=2e-6)
+    assert gap.between == at.get_links(int(np.argmin(every.min(axis=0))))
+
+
+def test_rig_without_collision_geometry_has_no_clearance(tmp_path: Path) -> None:
+    rig = crane(tmp_path)
+    assert Clearance.of(rig, 0.005, Envelope.of(rig)).find_smallest_gap(np.zeros((3, 2))) is None
+
+
+def test_mesh_that_is_not_there_is_named_and_one_that_is_counts(tmp_path: Path) -> None:
+    mesh = '<collision><geometry><mesh filename="package://rig/{}.stl"/></geometry></collision>'
+    rig = beside(tmp_path, more=mesh.format("lens") + mesh.format("gone"))
+    trimesh.creation.box((0.02, 0.02, 1.0)).export(tmp_path / "lens.stl")
+    at = Clearance.of(rig, 0.0, Envelope.of(rig))
+    assert at.unchecked == ("head",)
+    plain = Clearance.of(beside(tmp_path), 0.0, Envelope.of(rig))
+    level = np.zeros((1, 2))
+    assert at.find_smallest_gap(level).distance < 0 < plain.find_smallest_gap(level).distance  # type: ignore[union-attr]
+    (tmp_path / "gone.stl").write_text("no mesh")
+    with pytest.raises(RigError, match="collision mesh that cannot be read"):
+        Clearance.of(rig, 0.0, Envelope.of(rig))
+
+
+def test_rig_that_can_only_hit_is_named(tmp_path: Path) -> None:
+    rig = moved(beside(tmp_path, "0.2 0"), lower=-1.0, upper=1.0)
+    with pytest.raises(UsageError, match=r"keep 0.1 m from each other: at mid-range \w+ and \w+ are"):
+        excite(rig, starts=1, rng=np.random.default_rng(0), clearance=0.1)
