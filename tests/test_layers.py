@@ -48,10 +48,10 @@ NAMELESS = ("estimation/identification", "dynamics/apply", "dynamics/drive", "dy
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 438,
-    "percent of functions that are one word": 67,
-    "upper-case constants": 1086,
-    "distinct deep names imported by the tests": 274,
+    "names at the top of more than one module": 390,
+    "percent of functions that are one word": 62,
+    "upper-case constants": 1058,
+    "distinct deep names imported by the tests": 260,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

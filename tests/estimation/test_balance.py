@@ -14,12 +14,14 @@ from gimbal_pin.dynamics import Model, nominal, rnea
 from gimbal_pin.dynamics.checking import gravity_load, poses
 from gimbal_pin.effects import PayloadShift
 from gimbal_pin.estimation import Balance, Identified, identify
-from gimbal_pin.estimation.balance import COUNT, MINIMISED, balance, reported
+from gimbal_pin.estimation.balance import balance, reported
 from gimbal_pin.log import Array
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
+
+MINIMISED = "gravity's torque over the motors' limits is least, mean square over all joints"
 
 RIGS = ("thesis", "handheld", "turret")
 
@@ -58,7 +60,7 @@ def test_slid_as_it_says_gravity_takes_what_it_says(name: str) -> None:
 
 def total(rig: Rig, way: Array) -> float:
     """Gravity over the motors' torque, mean square over poses within the limits."""
-    q = poses(rig, COUNT)
+    q = poses(rig, 400)
     torque = rnea(slid(rig, way).rig, q, np.zeros_like(q), np.zeros_like(q))
     return float(np.mean((torque / rig.tau_max) ** 2))
 
@@ -110,7 +112,7 @@ def test_no_way_that_brute_force_tries_is_better(name: str) -> None:
     """Least of what it says it minimises, over every way on a grid about it and many at random, on the fitted model."""
     one = found(name, (0.012, -0.006, 0.009))
     said = balance(one)
-    assert said is not None and MINIMISED in said.sentences and "mean square over all joints" in MINIMISED
+    assert said is not None and any(MINIMISED in sentence for sentence in said.sentences)
     fitted = one.model.rig
     best = total(fitted, said.way)
     steps = np.array([-0.02, -0.005, -0.001, 0.0, 0.001, 0.005, 0.02])

@@ -17,7 +17,7 @@ from gimbal_pin.errors import DataError
 from gimbal_pin.estimation import identify
 from gimbal_pin.estimation.audit.base import taken
 from gimbal_pin.log import Filled, Log, filled, holes, inside
-from gimbal_pin.log.missing_samples import LONGEST, resolution
+from gimbal_pin.log.missing_samples import resolution
 from gimbal_pin.regression import Filtering, find_standstill, smooth_samples, split_segments
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
@@ -82,7 +82,7 @@ def test_holes_that_are_long_or_in_fast_motion_stay(pattern: tuple[int, int, flo
     log = holed(recorded(), pattern)
     _, closed = filled(log, CUTOFF)
     for begin, end in closed:
-        assert (end - begin) * CUTOFF <= LONGEST
+        assert (end - begin) * CUTOFF <= 0.25
         a = MOTION.a[(MOTION.t >= begin) & (MOTION.t <= end)]
         assert np.all((end - begin) ** 2 / 8 * np.abs(a).max(axis=0) < 3 * resolution(log))
     open_ = holes(filled(log, CUTOFF).log, CUTOFF)

@@ -65,7 +65,7 @@ from gimbal_pin.pointing import (
 from gimbal_pin.pointing.forecast import Past, waves
 from gimbal_pin.pointing.navigator import Fused
 from gimbal_pin.pointing.result import cumulative
-from gimbal_pin.pointing.roster import Loops, slack, without_hidden
+from gimbal_pin.pointing.roster import slack, without_hidden
 from gimbal_pin.pointing.sight import holding, inverted, lost_turn
 from gimbal_pin.pointing.verify import planted_once
 from gimbal_pin.rig import Noise, Rig
@@ -539,8 +539,11 @@ def test_a_known_delay_is_told_beside_the_ratio_that_it_changes(late: float) -> 
     ratio, *_ = targets(Contest("turret", None, (Row("pid-world", (run,)),)), Sight(rig), late)
     assert ratio.must == (4.0 if late > 0.004 else 5.0) and (f"must is {ratio.must:g}" in ratio.note) == (late > 0.004)
     assert (f"{1e3 * late:g} ms" in ratio.note) == (late > 0) == bool(ratio.note)
-    slower = Loops(nominal(rig), DT, 1 + round(late / DT)).margins("pid-world")[0].crossover_hz
-    assert (slower < Loops(nominal(rig), DT, 1).margins("pid-world")[0].crossover_hz) == (late > 0)
+    now, slower = (
+        roster(nominal(rig), delay=1 + steps).loops.margins("pid-world")[0].crossover_hz
+        for steps in (0, round(late / DT))
+    )
+    assert (slower < now) == (late > 0)
 
 
 # --- In closed loop --------------------------------------------------------------------------------------------------
