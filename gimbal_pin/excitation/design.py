@@ -45,7 +45,7 @@ class Excitation:
         finished: False if it was interrupted; it is then the best found until that moment.
         speed: Joint → its rms rate, rad/s.
         clearance: The smallest distance between parts that can hit each other; None: there are none.
-        unchecked: Links whose collision mesh is not there, so that nobody knows what they hit.
+        unchecked: Links that are not checked, as their collision mesh is missing.
         seed: Repeats it as `rng`; None where a generator was given.
         narrowed: Standard deviations of base parameters and friction with this motion over those of the earlier logs
             alone, (p,); None where no earlier logs were given.
@@ -198,7 +198,7 @@ def excite(
 
 
 def enforce_clearance(problem: ExcitationProblem, x: Array) -> tuple[Array, Gap | None]:
-    """Return x and its smallest clearance; scaled down where parts come too near each other that nobody watched."""
+    """Return x and its smallest clearance; scaled down where parts come too near that were not watched."""
     if problem.clearance is None:
         return x, None
     q = problem.motion(x, problem.dense).q

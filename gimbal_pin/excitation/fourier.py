@@ -12,11 +12,11 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array, Motion
 
 LONGEST_PERIOD = 20.0
-"""Longest period, s, whose harmonics nobody chose: a longer motion repeats. Forty harmonics gain three per cent in the
-condition number over ten, and take ten times as long to find."""
+"""Longest period, s, where no number of harmonics is given: a longer motion repeats. Forty harmonics gain three per
+cent in the condition number over ten, and take ten times as long to find."""
 
 MOST_PERIODS, SHORTEST_PERIOD = 5, 4.0
-"""Periods of a motion that nobody chose, and the shortest of them, s: `count_periods`.
+"""Default number of periods of a motion, and the shortest of them, s: `count_periods`.
 
 What differs between periods is noise, what all of them show and the model does not is structure (Swevers et al. 1997;
 Pintelon and Schoukens 2012): the first has the start in it, and four are left. Five of 5 s tell the parameters of

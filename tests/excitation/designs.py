@@ -38,10 +38,10 @@ def problem(
     )
 
 
-def differences(function, x: Array) -> Array:
-    """Central differences of a function of a vector, one column per entry."""
-    step = 1e-6
-    return np.stack([(function(x + step * e) - function(x - step * e)) / (2 * step) for e in np.eye(len(x))], axis=-1)
+def differences(function, x: Array, along: Array | None = None) -> Array:
+    """Central differences of a function of a vector along its entries, or other directions (k, n), one column each."""
+    step, ways = 1e-6, np.eye(len(x)) if along is None else along
+    return np.stack([(function(x + step * e) - function(x - step * e)) / (2 * step) for e in ways], axis=-1)
 
 
 @cache
