@@ -314,19 +314,25 @@ def _weights(variance: Array, fit: _Fit) -> Array:
 
 
 def _start_fit(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:
-    """Fit by medians, which up to half of the units may spoil; a median's variance is π/2, a MAD's 1/.37 times more."""
+    """Fit by medians, which up to half of the units may spoil; a median's variance is π/2, a MAD's 1/.37 times more.
+
+    Of fewer than three units with several logs no median says what logs differ by: that is left to the spread.
+    """
     shown = np.where(is_in, logs.y, np.nan)
     error = _nanmedian(np.where(is_in, logs.variance, np.nan))
     means = np.array([_nanmean(shown[rows]) for rows in logs.rows])
-    steps = np.abs(np.diff(shown, axis=0))[np.diff(logs.group) == 0]
+    scatter = np.array([_nanmean(np.abs(np.diff(shown[rows], axis=0))) for rows in logs.rows])
     total = np.square(_nanmedian(np.abs(means - _nanmedian(means))) / NORMAL_MAD)
-    between, pairs = np.maximum(total - error, 0.0), np.isfinite(steps).sum(axis=0)
-    within = np.where(pairs > 0, np.maximum(np.square(_nanmedian(steps) / NORMAL_MAD) / 2 - error, 0.0), 0.0)
+    repeated = np.isfinite(scatter).sum(axis=0)
+    repeated = np.where(repeated < 3, 0, repeated)
+    between = np.maximum(total - error, 0.0)
+    # The mean distance of two draws is 2 / √π standard deviations.
+    within = np.where(repeated > 0, np.maximum(np.pi / 4 * np.square(_nanmedian(scatter)) - error, 0.0), 0.0)
     count = np.maximum(np.isfinite(means).sum(axis=0), 2)
     covariance = np.zeros((len(error), 2, 2))
     covariance[:, 0, 0] = 2 / 0.37 * np.square(between + error) / (count - 1)
-    covariance[:, 1, 1] = 2 / 0.37 * np.square(within + error) / np.maximum(pairs, 1)
-    mean_var, freedom = np.pi / 2 * (between + error) / count, 0.37 * np.stack([count - 1.0, pairs], axis=1)
+    covariance[:, 1, 1] = 2 / 0.37 * np.square(within + error) / np.maximum(repeated, 1)
+    mean_var, freedom = np.pi / 2 * (between + error) / count, 0.37 * np.stack([count - 1.0, repeated], axis=1)
     return _Fit(_nanmedian(means), mean_var, between, within, covariance, between, freedom)
 
 

@@ -150,3 +150,14 @@ def test_what_exceeds_any_spread_is_found_though_the_spread_is_within_the_errors
     values[11:, 0] = 100.0
     found = compare_units(NAMES, values, np.ones(values.shape), units, times)
     assert [(own.unit, own.parameter, own.kind) for own in found.deviations] == [("worn", NAMES[0], Kind.OFFSET)]
+
+
+@pytest.mark.parametrize("repeats", [1, 2])
+def test_two_odd_units_do_not_hide_each_other(repeats: int) -> None:
+    units = [f"unit {k}" for k in range(8) for _ in range(1 + (k < repeats - 1))] + ["changed"] * 3
+    values = np.random.default_rng(10).normal(scale=1e-4, size=(len(units), len(NAMES)))
+    values[units.index("unit 7"), 0] += 2.5e-3
+    values[-1, 0] += 6e-3
+    found = compare_units(NAMES, values, np.full(values.shape, 3e-6), units, np.arange(float(len(units))))
+    assert {(own.unit, own.kind) for own in found.deviations} == {("unit 7", Kind.OFFSET), ("changed", Kind.STEP)}
+    assert {own.parameter for own in found.deviations} == {NAMES[0]}
