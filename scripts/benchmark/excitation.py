@@ -16,6 +16,7 @@ from benchmark.figure import Figure
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.excitation import Condition, Envelope, ExcitationColumns, ExcitationProblem, Series, excite
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import compute_direction
 from gimbal_pin.rig.rig import Rig
 
 SEEDS, STARTS, SECONDS, HARMONICS, MARGIN = 3, 5, 10.0, 5, 0.05
@@ -113,6 +114,12 @@ def problem(rig: Rig, series: Series) -> ExcitationProblem:
     return ExcitationProblem(nominal(rig), series, ExcitationColumns.of(rig), Condition(), Envelope.of(rig, MARGIN))
 
 
+def compute_objective(at: ExcitationProblem, x: Array) -> float:
+    """Return what `ExcitationProblem.evaluate` does, without the gradient, which these ways do not use."""
+    motion = at.motion(x, at.coarse)
+    return at.criterion.value(at.columns.scale_rows(motion, compute_direction(motion.v, motion.a, at.step)))
+
+
 def judged(rig: Rig, series: Series, coefficients: Array, seconds: float) -> Entry:
     """Judge a motion on a grid that no optimiser saw, between the samples of a ten times denser one."""
     count = SAMPLES * HARMONICS
@@ -146,13 +153,12 @@ def by_slsqp(rig: Rig, at: ExcitationProblem, seed: int) -> Entry:
     """The best of SLSQP's ends."""
     from scipy.optimize import minimize
 
-    def objective(x: Array) -> float:
-        return at.evaluate(x)[0]
-
     def end(x: Array) -> Array:
         room = {"type": "ineq", "fun": at.compute_room}
         options = {"maxiter": ITERATIONS, "ftol": TOLERANCE}
-        found: Array = minimize(objective, x, method="SLSQP", constraints=[room], options=options).x
+        found: Array = minimize(
+            lambda x: compute_objective(at, x), x, method="SLSQP", constraints=[room], options=options
+        ).x
         return found
 
     return best(rig, at, seed, end)
@@ -166,7 +172,7 @@ def cma_es(rig: Rig, seed: int) -> Entry:
 
     def penalised(x: Array) -> float:
         beyond = np.maximum(-at.compute_room(x), 0.0)
-        return at.evaluate(x)[0] + PENALTY * float(beyond.max() + beyond.sum() / at.per_period)
+        return compute_objective(at, x) + PENALTY * float(beyond.max() + beyond.sum() / at.per_period)
 
     def end(x: Array) -> Array:
         options = {"seed": seed + 1, "verbose": -9, "tolfun": TOLERANCE, "maxfevals": EVALUATIONS}
@@ -179,5 +185,5 @@ def cma_es(rig: Rig, seed: int) -> Entry:
 def best(rig: Rig, at: ExcitationProblem, seed: int, end: Callable[[Array], Array]) -> Entry:
     """Return the best of the ends of so many starts, as it is found: what exceeds a limit a little is let pass."""
     begin, rng = process_time(), np.random.default_rng(seed)
-    x = min((end(at.draw_start(rng)) for _ in range(STARTS)), key=lambda x: at.evaluate(x)[0])
+    x = min((end(at.draw_start(rng)) for _ in range(STARTS)), key=lambda x: compute_objective(at, x))
     return judged(rig, at.series, at.coefficients(x), process_time() - begin)
