@@ -11,6 +11,7 @@ import json
 import multiprocessing
 import os
 import re
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,6 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from io import BytesIO
+from shutil import get_terminal_size
 from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -103,7 +105,7 @@ def run_units(
         run: The units.
         executor: Makes the executor; None: `process_pool` with `workers` processes.
         workers: How many tasks run at once, or what tells; 0: the processors of this machine.
-        quiet: No progress bar.
+        quiet: No progress bar, nor lines on standard error where that is no terminal.
 
     Raises:
         UsageError: The folder holds another run's results, or cannot be used; the executor cannot be reached.
@@ -116,15 +118,24 @@ def run_units(
     if "://" not in run.folder:  # workers may run elsewhere
         run = replace(run, folder=os.path.abspath(run.folder))
     claim_folder(run)
-    failed, missing = 0, find_missing(run)
-    found = len(run.units) - sum(block.stop - block.first for block in missing)
+    failed, missing, total = 0, find_missing(run), len(run.units)
+    found = total - sum(block.stop - block.first for block in missing)
+    show = partial(tqdm, total=total, initial=found, desc="units", unit="unit", miniters=1, disable=quiet or None)
+    columns, lines = get_terminal_size()  # tqdm shows nothing in a terminal that states a size of 0 by 0
+    bar = show(ncols=columns, nrows=lines)
+    is_written = bar.disable and not quiet and sys.stderr is not None
     try:
-        with tqdm(total=len(run.units), initial=found, desc="units", unit="unit", disable=quiet or None) as bar:
+        with bar:
+            if is_written and found:
+                tqdm.write(f"units: {found} of {total} were there", sys.stderr)
             for done, errors in compute(run, missing, executor or partial(process_pool, capacity()), capacity):
                 failed += errors
                 bar.set_postfix_str(f"{failed} failed" if failed else "", refresh=False)
                 bar.update(done)
-        return Progress(found, len(run.units) - found, write_table(run))
+        progress = Progress(found, total - found, write_table(run))
+        if is_written:
+            tqdm.write(f"units: {progress.computed} computed, {progress.failed} of {total} failed", sys.stderr)
+        return progress
     except OSError as error:
         raise UsageError(run.folder, f"cannot be written ({error})", RESUME) from error
 
@@ -296,7 +307,8 @@ def claim_folder(run: Run) -> None:
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise UsageError(run.folder, f"cannot be used ({error})", "give another folder") from error
     if other := [key for key in {**settings, **earlier} if earlier.get(key) != settings.get(key)]:
-        what = f"holds another run's results: {', '.join(other)} differ{'s' * (len(other) == 1)}"
+        keys = " and ".join(f"`{key}`" for key in other)
+        what = f"holds another run's results: {keys} differ{'s' * (len(other) == 1)}"
         raise UsageError(run.folder, what, "give another folder, or the same settings to go on")
 
 

@@ -76,6 +76,27 @@ class FleetCause:
     of: int
 
 
+@dataclass(frozen=True)
+class UnitCause:
+    """A cause or fault that is a unit's own.
+
+    Attributes:
+        cause: Its name.
+        joint: Where; None for the whole rig.
+        status: One of `CERTAIN`.
+        since: When the first log with it was taken, as the manifest states it; None: the unit was never without it.
+    """
+
+    cause: str
+    joint: str | None
+    status: str
+    since: str | None
+
+    def __str__(self) -> str:
+        """Return it as people read it."""
+        return f"{self.cause} at {self.joint or 'the rig'}"
+
+
 @dataclass(frozen=True, eq=False)
 class JudgedUnit:
     """A unit of a fleet.
@@ -86,7 +107,7 @@ class JudgedUnit:
         reasons: Why it does not pass.
         logs: Number of its logs.
         deviations: Parameters that are not like its siblings', the least probable first.
-        causes: Its own causes and faults, ``cause at joint``.
+        causes: Its own causes and faults.
         uncertain: Parameters that its logs do not tell well enough.
         errors: What kept its logs from being used.
         estimate: Its parameters, partially pooled with the fleet's; None where no log could be used.
@@ -97,7 +118,7 @@ class JudgedUnit:
     reasons: tuple[Reason, ...]
     logs: int
     deviations: tuple[Deviation, ...] = ()
-    causes: tuple[str, ...] = ()
+    causes: tuple[UnitCause, ...] = ()
     uncertain: tuple[str, ...] = ()
     errors: tuple[str, ...] = ()
     estimate: UnitEstimate | None = field(default=None, repr=False)
@@ -116,10 +137,10 @@ class Fleet:
         logs: Number of logs, and `failed` of these without a result.
         failed: See there.
         units: Those that fail first, then those to test again, then those that pass.
-        population: The parameters over the fleet.
+        population: The parameters over the fleet that units are judged against.
         parameter_units: Parameter → its SI unit.
         detectable: Parameter → offset that the median unit's logs show in one of two cases.
-        causes: Named causes, the most common first.
+        causes: Named causes of these units, the most common first.
         is_dated: Whether times are dates, s since 1970; else in the manifest's own unit.
         table: One row per log: serial, time, error, parameters with deviations, accuracy, verdict, findings.
     """
@@ -175,7 +196,7 @@ class Fleet:
                         {**asdict(own), "kind": own.kind.value, "score": own.score, "since": self.since(own)}
                         for own in one.deviations
                     ],
-                    "causes": list(one.causes),
+                    "causes": [asdict(cause) for cause in one.causes],
                     "uncertain": list(one.uncertain),
                     "errors": list(one.errors),
                 }
@@ -298,7 +319,8 @@ def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
         known = table[table["error"].isna()].assign(reported=True)
         lacking = {"serial", "time", "units"} - set(known)
     except (OSError, ValueError, KeyError, TypeError) as error:
-        what = f"is no folder of an earlier fleet ({type(error).__name__}: {error})"
+        missing = isinstance(error, FileNotFoundError)
+        what = "is no folder of an earlier fleet" + ("" if missing else f" ({type(error).__name__}: {error})")
         raise UsageError("--reference", f"{folder} {what}", "give what 'gimbal-pin fleet -o' wrote") from error
     if lacking or known.empty:
         raise UsageError("--reference", f"{folder} has no identified logs", "give what 'gimbal-pin fleet -o' wrote")
@@ -362,7 +384,8 @@ def _judge_fleet(
     """Return what the rows say of each unit."""
     import pandas as pd
 
-    causes = _count_causes(table if earlier is None else earlier)
+    of_these = _count_causes(table)
+    causes = of_these if earlier is None else _count_causes(earlier)
     for rows in (table,) if earlier is None else (table, earlier):
         rows["own"] = [causes.list_own(*row) for row in zip(rows["serial"], _read_findings(rows))]
         rows["spoilt"] = [any(key[2] == "data" for key in keys) for keys in rows["own"]]
@@ -417,12 +440,21 @@ def _judge_fleet(
         parameter_units=units,
         detectable=dict(zip(units, detectable.tolist())),
         causes=tuple(
-            FleetCause(cause, joint, len(having), len(causes.diagnosed))
-            for (cause, joint, _), having in sorted(causes.having.items(), key=lambda one: -len(one[1]))
+            FleetCause(cause, joint, len(having), len(of_these.diagnosed))
+            for (cause, joint, _), having in sorted(of_these.having.items(), key=lambda one: -len(one[1]))
         ),
         is_dated=manifest.is_dated,
         table=table.drop(columns=["own", "reported"]),
     )
+
+
+def _find_start(rows: DataFrame, key: tuple[str, str | None, str]) -> str | None:
+    """When the first of a unit's logs was taken that has a cause; None where no earlier one was diagnosed."""
+    ordered = rows.sort_values("time", kind="stable")
+    has = np.array([key in own for own in ordered["own"]])
+    first = int(has.argmax())
+    is_diagnosed = ordered["verdict"].notna().to_numpy() & (ordered["time"] < ordered["time"].iloc[first]).to_numpy()
+    return str(ordered["taken"].iloc[first]) if is_diagnosed.any() else None
 
 
 def _judge_unit(
@@ -450,7 +482,9 @@ def _judge_unit(
         reasons,
         len(rows),
         tuple(deviations),
-        tuple(f"{cause} at {joint or 'the rig'}" for cause, joint, _ in keys),
+        tuple(
+            UnitCause(cause, joint, status, _find_start(rows, (cause, joint, status))) for cause, joint, status in keys
+        ),
         uncertain,
         tuple(error.replace(log, PurePosixPath(log).name) for log, error in zip(failed["log"], failed["error"])),
         estimate,

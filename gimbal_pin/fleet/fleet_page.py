@@ -13,7 +13,7 @@ from gimbal_pin.fleet.fleet import Fleet, JudgedUnit, Verdict
 from gimbal_pin.fleet.population import Deviation, Kind
 from gimbal_pin.report import plots
 from gimbal_pin.report.format import DASH, PALETTE, figures, interval
-from gimbal_pin.report.html import Card, Section, cards, join, paragraph, render
+from gimbal_pin.report.html import Card, Section, cards, folded, join, paragraph, render
 from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
@@ -32,38 +32,46 @@ COLOURS = {Verdict.FAIL: "poor", Verdict.RETEST: "fair", Verdict.PASS: "good"}
 
 def _summarise(found: Fleet) -> str:
     """How many units pass, in a sentence."""
-    counts = found.counts
+    units, logs = (f"{n} {word}{'s' * (n != 1)}" for n, word in ((len(found.units), "unit"), (found.logs, "log")))
+    failed = f", {found.failed} of which could not be used" if found.failed else ""
     against = f", against {found.reference}" if found.reference else ""
-    logs = f"{found.logs} logs, {found.failed} of which could not be used{against}"
-    passing, failing, others = (counts[one] for one in Verdict)
-    result = f"{passing} pass, {failing} fail, {others} to be tested again"
-    return f"{found.rig}: {len(found.units)} units, {logs}: {result}."
+    passing, failing, others = (found.counts[one] for one in Verdict)
+    result = f"{passing} pass, {failing} fail" + (f", {others} to be tested again" if others else "")
+    return f"{found.rig}: {units}, {logs}{failed}{against}: {result}."
 
 
-def _list_facts(found: Fleet, unit: JudgedUnit) -> Iterator[tuple[str, str, str, str]]:
-    """Yield what speaks against a unit: what, its size, how many standard deviations, since when."""
+def _list_passing(found: Fleet) -> list[str]:
+    """Serial numbers of the units that pass."""
+    return [one.unit for one in found.units if one.verdict is Verdict.PASS]
+
+
+def _list_facts(found: Fleet, unit: JudgedUnit, longest: int | None) -> Iterator[tuple[str, str, str, str]]:
+    """Yield what speaks against a unit: what, its size, how many standard deviations, since when.
+
+    `longest`: characters of an error; None: all.
+    """
     for own in unit.deviations:
         size, half = interval(own.shift, own.shift_std)
         text = f"{'+' if own.shift > 0 else ''}{size} {half} {found.parameter_units[own.parameter]}"
         score = f"{'+' if own.score > 0 else ''}{figures(own.score, 2)}"
         since = found.since(own) or {Kind.OFFSET: "first log", Kind.DRIFT: "drifts"}[own.kind]
         yield own.parameter, text, score, since
-    yield from ((cause, DASH, DASH, DASH) for cause in unit.causes)
-    yield from ((shortened(error, 72), DASH, DASH, DASH) for error in unit.errors)
+    yield from ((str(own), DASH, DASH, own.since or "first log") for own in unit.causes)
+    yield from ((shortened(error, longest or len(error)), DASH, DASH, DASH) for error in unit.errors)
     if unit.uncertain:
-        yield f"its logs do not tell {_join_names(unit.uncertain)}", DASH, DASH, DASH
+        yield f"its logs do not tell {_join_names(unit.uncertain, 2)}", DASH, DASH, DASH
 
 
-def _join_names(names: Sequence[str]) -> str:
-    """The first two names, and how many more there are."""
-    return ", ".join(names[:2]) + (f" and {len(names) - 2} more" if len(names) > 2 else "")
+def _join_names(names: Sequence[str], most: int) -> str:
+    """The first names, and how many more there are."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def _tabulate_units(found: Fleet) -> Table:
-    """The units that do not pass, with what speaks against them."""
+def _tabulate_units(found: Fleet, longest: int | None = None) -> Table:
+    """The units that do not pass, with what speaks against them; errors shortened to `longest` characters."""
     rows = []
     for unit in [one for one in found.units if one.verdict is not Verdict.PASS][:FIRST]:
-        facts = list(_list_facts(found, unit))
+        facts = list(_list_facts(found, unit, longest))
         more = len(facts) - FACTS
         facts = facts[:FACTS] + ([(f"and {more} more", "", "", "")] if more > 0 else [])
         reasons = ", ".join(reason.value for reason in unit.reasons)
@@ -73,8 +81,13 @@ def _tabulate_units(found: Fleet) -> Table:
     return Table(heads, rows, texts=3, label="Units that do not pass")
 
 
+def _name_population(found: Fleet) -> str:
+    """Whose parameters those of `Fleet.population` are."""
+    return "Parameters of the reference fleet" if found.reference else "Parameters over the fleet"
+
+
 def _tabulate_population(found: Fleet) -> Table:
-    """The parameters over the fleet."""
+    """The parameters over the fleet that units are judged against."""
     rows, has_repeats = [], any(unit.logs > 1 for unit in found.units)
     for own in found.population:
         mean, half = interval(own.mean, own.mean_std)
@@ -82,7 +95,7 @@ def _tabulate_population(found: Fleet) -> Table:
         numbers = (mean, half, *(figures(x, 2) for x in (own.spread, own.p_value, repeat, found.detectable[own.name])))
         rows.append((own.name, found.parameter_units[own.name], *numbers))
     heads = ["Parameter", "Unit", "Mean", "±", "Between units", "p, all alike", "Between logs", "Shown from"]
-    return Table(heads, rows, texts=2, label="Parameters over the fleet")
+    return Table(heads, rows, texts=2, caption=_name_population(found))
 
 
 def _tabulate_causes(found: Fleet) -> Table:
@@ -93,9 +106,11 @@ def _tabulate_causes(found: Fleet) -> Table:
 
 def summarise_fleet(found: Fleet) -> str:
     """What a terminal shows."""
+    passing = _list_passing(found)
     parts = [_summarise(found)]
-    parts += [str(_tabulate_units(found))] if found.counts[Verdict.PASS] < len(found.units) else []
-    parts += [str(_tabulate_population(found))]
+    parts += [str(_tabulate_units(found, 72))] if len(passing) < len(found.units) else []
+    parts += [f"Pass: {_join_names(passing, FIRST)}"] if passing else []
+    parts += [f"{_name_population(found)}:\n{_tabulate_population(found)}"]
     parts += [str(_tabulate_causes(found))] if found.causes else []
     return "\n\n".join(parts)
 
@@ -190,12 +205,16 @@ def render_fleet(found: Fleet) -> str:
     rest = len(found.units) - counts[Verdict.PASS]
     listed: list[object] = [_tabulate_units(found)] if rest else []
     listed += [paragraph(f"{rest - FIRST} more are in the JSON.")] if rest > FIRST else []
+    if passing := _list_passing(found):
+        line = f"Pass: {_join_names(passing, FIRST)}"
+        listed.append(folded(line, paragraph(", ".join(passing))) if len(passing) > FIRST else paragraph(line))
     sections = [Section("Verdict", join([paragraph(_summarise(found)), cards(top), *listed]))]
     strip = plots.picture(
         partial(_draw_units, found),
         "Every log's parameters about the fleet's means",
         "A dot per log. Dashed: the offset that the median unit's logs show in one of two cases. Named: units that are "
-        "not like their siblings; an arrow is beyond the axis.",
+        "not like their siblings; an arrow is beyond the axis. A dot beyond the dashes without a name is of a unit "
+        "whose logs, together, do not tell it from its siblings, such as an uncertain one.",
     )
     sections.append(Section("Parameters", join([strip, _tabulate_population(found)])))
     changes = [own for unit in found.units for own in unit.deviations if own.kind is not Kind.OFFSET][:PANELS]

@@ -51,6 +51,15 @@ def test_the_table_is_the_same_whatever_computes_it_in_whatever_order_and_tasks(
         assert pq.read_schema(tmp_path / name / "results.parquet") == pq.read_schema(tmp_path / "one/results.parquet")
 
 
+def test_a_resumed_run_says_what_was_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_units(run_of(tmp_path, 12), lambda: ThreadPoolExecutor(1), workers=1, quiet=True)
+    assert capsys.readouterr().err == ""
+    min((tmp_path / "parts").iterdir()).unlink()
+    found = run_units(run_of(tmp_path, 12), lambda: ThreadPoolExecutor(1), workers=1).found
+    said = [f"units: {found} of 12 were there", f"units: {12 - found} computed, 1 of 12 failed"]
+    assert 0 < found < 12 and capsys.readouterr().err.splitlines() == said
+
+
 def test_what_is_there_is_not_computed_again(tmp_path: Path) -> None:
     log = tmp_path / "log"
     run = run_of(tmp_path / "out", log=str(log))

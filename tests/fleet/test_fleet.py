@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -129,7 +129,7 @@ def test_a_run_is_resumed_without_computing_anything(
     assert "thick" in shown and "http" not in shown.replace("http://www.w3.org", "")
     table = pd.read_parquet(f"{results}/results.parquet")
     assert table["value.tilt.Fv"].notna().sum() == 14 and table["error"].notna().sum() == 1
-    refused(run(*call, "--seed", 1), 2, "holds another run's results: seed differs")
+    refused(run(*call, "--seed", 1), 2, "holds another run's results: `seed` differs")
 
 
 def test_one_short_log_is_judged_against_an_earlier_fleet(
@@ -148,19 +148,61 @@ def test_one_short_log_is_judged_against_an_earlier_fleet(
     refused(run(*call, "-o", tmp_path / "new"), 2, "has the payload infrared, and these logs zoom-lens")
 
 
+def write_cogging(file: Path, rig: Rig, seed: int, amplitude: float = 0.0) -> None:
+    """Write the log of a unit of one joint, which cogs or does not."""
+    motion = fourier(rig, 3, 8.0, dt=2.5e-3)
+    cogging = parse_effect(f"cogging:joint0:amplitude={amplitude},harmonic=14", rig)
+    plant = plant_with(nominal(rig), [cogging] * (amplitude > 0)).plant
+    tau = plant.inverse(motion.q, motion.v, motion.a)
+    tau += 0.01 * np.std(tau) * np.random.default_rng(seed).standard_normal(tau.shape)
+    write_log(Log("cogs", rig.joints, motion.t, motion.q, motion.v, tau), file)
+
+
 def test_a_cause_of_one_unit_alone_fails_it(tmp_path: Path) -> None:
     rig = chain(1)
-    motion = fourier(rig, 3, 8.0, dt=2.5e-3)
     for k in range(3):
-        cogging = parse_effect("cogging:joint0:amplitude=0.03,harmonic=14", rig)
-        plant = plant_with(nominal(rig), [cogging] * (k == 2)).plant
-        tau = plant.inverse(motion.q, motion.v, motion.a)
-        tau += 0.01 * np.std(tau) * np.random.default_rng(k).standard_normal(tau.shape)
-        write_log(Log("cogs", rig.joints, motion.t, motion.q, motion.v, tau), tmp_path / f"{k}.csv")
+        write_cogging(tmp_path / f"{k}.csv", rig, k, 0.03 * (k == 2))
     found = compare_fleet(tmp_path, rig=rig, workers=1)
-    assert Reason.OWN_CAUSE in verdicts(found)["2"][1] and found.units[0].causes == ("cogging at joint0",)
+    assert Reason.OWN_CAUSE in verdicts(found)["2"][1]
+    assert [asdict(own) for own in found.units[0].causes] == [
+        {"cause": "cogging", "joint": "joint0", "status": "named", "since": None}
+    ]
     assert [verdicts(found)[unit][0] for unit in "01"] == [Verdict.PASS] * 2
     assert [(one.cause, one.units, one.of) for one in found.causes] == [("cogging", 1, 3)]
+
+
+def test_a_cause_began_with_the_first_log_that_has_it(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Planted is what `diagnose` says of each log: C is diagnosed without the cause before, D is not diagnosed."""
+    cogging = json.dumps([{"cause": "cogging", "joint": "joint0", "status": "named"}])
+    logs = [("A", 0, "[]"), ("B", 0, "[]"), ("C", 0, "[]"), ("C", 1, cogging), ("C", 2, cogging), ("D", 0, None)]
+    logs.append(("D", 1, cogging))
+
+    def diagnosed(study: LogStudy, log: Log) -> dict[str, object]:
+        findings = logs[int(Path(log.name).stem)][2]
+        return {"verdict": findings and "ok", "findings": findings or "[]"}
+
+    monkeypatch.setattr(LogStudy, "diagnose", diagnosed)
+    rig, out = chain(1), tmp_path / "out"
+    (tmp_path / "chain.urdf").write_text(rig.urdf)
+    entries = [{"log": f"{k}.csv", "unit": unit, "time": MONTHS[month]} for k, (unit, month, _) in enumerate(logs)]
+    for k, entry in enumerate(entries):
+        write_cogging(tmp_path / entry["log"], rig, k)
+    manifest = tmp_path / "manifest.yaml"
+    manifest.write_text(json.dumps({"rig": "chain.urdf", "logs": entries}))
+    call = ["fleet", tmp_path, "--workers", 1]
+    found = result(run, *call, "-o", out)
+    causes = {one["unit"]: [(own["cause"], own["since"]) for own in one["causes"]] for one in found["units"]}
+    assert causes == {"A": [], "B": [], "C": [("cogging", MONTHS[1])], "D": [("cogging", None)]}
+    told = run(*call, "-o", out)[1].splitlines()
+    shown = [line for line in told if "cogging at joint0" in line]
+    assert len(shown) == 2 and all(line.endswith((MONTHS[1], "first log")) for line in shown)
+    assert "Pass: A, B" in told and "Parameters over the fleet:" in told
+    assert "Pass: A, B" in (out / "report.html").read_text()
+    manifest.write_text(json.dumps({"rig": "chain.urdf", "logs": entries[:1]}))
+    _, said, _ = run(*call, "-o", tmp_path / "today", "--reference", out)
+    assert "Parameters of the reference fleet:" in said and "1 unit, 1 log, against" in said and "cogging" not in said
 
 
 def test_manifests_in_yaml_parquet_and_csv_are_one(folder: Path, tmp_path: Path) -> None:
@@ -246,5 +288,8 @@ def test_a_folder_that_is_none_and_logs_that_cannot_be_used(run: Run, tmp_path: 
     (tmp_path / "manifest.parquet").unlink()
     for name in "ab":
         (tmp_path / f"{name}.csv").write_text("t,q_pan\n0,1\n")
-    refused(run("fleet", tmp_path, *out, "--rig", "turret"), 3, "has no log that can be used: ")
+    code, said, told = run("fleet", tmp_path, *out, "--rig", "turret")
+    progress, error = told.split("\n", 1)
+    assert progress == "units: 2 computed, 2 of 2 failed"
+    refused((code, said, error), 3, "has no log that can be used: ")
     assert len(pd.read_parquet(tmp_path / "out" / "results.parquet")) == 2

@@ -92,7 +92,7 @@ def test_the_yield_is_the_share_that_meets_all_with_wilsons_interval(rig: Rig, t
     assert np.allclose([found.yield_.low, found.yield_.high], (middle + np.array([-half, half])) / (1 + z**2 / 8))
     assert own(spec=[f"rms_error < {float(np.radians(bound))!r} rad", "peak_torque < 1e-6"]).yield_.value == 0.0
     assert found.figures["rms_error"].worst == errors[-1]
-    with pytest.raises(UsageError, match="another run's results: seed differs"):
+    with pytest.raises(UsageError, match="another run's results: `seed` differs"):
         own(seed=1)
 
 
