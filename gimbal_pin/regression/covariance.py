@@ -12,15 +12,14 @@ from scipy.special import stdtrit
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.design import Block
 from gimbal_pin.regression.noise import (
-    ORDER,
     Autoregression,
     compute_autocovariance,
     fit_autoregression,
     join_blocks,
 )
 
-PASSES = 3
-"""Colours in turn, each corrected by what the one before says that the fit took away."""
+MOST_LEVERAGE = 0.95
+"""A row of more tells nothing of its own noise."""
 NORMAL_975 = 1.959964
 FEWEST_SQUARES = 2.0
 """Degrees of freedom of a variance that is known no better than from so many squares, at least."""
@@ -45,9 +44,9 @@ def fit_residual_noise(
 ) -> ResidualNoise:
     """Return the noise of each joint's residual under ``theta = gain Σ zᵀW b``.
 
-    A fit takes out of the residual what looks like its columns, most of all where noise and motion have the same
-    frequencies: ``E e eᵀ = Γ - A g Γ - Γ gᵀAᵀ + A P Aᵀ`` with g = gain ZᵀW and P the covariance of theta. So the colour
-    is that of the residual plus what the last one says the fit took, in a few passes.
+    A fit takes out of the residual what looks like its columns: ``e / (1 - h)`` with the leverage h = w aᵀ gain z of a
+    row stands for the noise, which is more than it where the residual is white (HC3, MacKinnon and White 1985): of few
+    rows, that is what intervals have to be.
 
     Args:
         blocks: Rows.
@@ -56,15 +55,13 @@ def fit_residual_noise(
         gain: ``(Σ ZᵀWA)⁻¹``, (k, k), zero where a direction is not seen.
         weight: W, (n,).
     """
-    whole, lent = join_blocks(blocks), join_columns(blocks, columns)
+    whole, errors = join_blocks(blocks), []
+    for block, z in zip(whole, join_columns(blocks, columns)):
+        leverage = weight * np.einsum("mjk,mjk->mj", block.A @ gain, z)
+        errors.append((block.b - block.A @ theta) / (1.0 - np.clip(leverage, 0.0, MOST_LEVERAGE)))
     shares = [block.share for block in whole]
-    seen = compute_autocovariance([block.b - block.A @ theta for block in whole], shares)
+    gamma = compute_autocovariance(errors, shares)
     rows = np.sum([np.sum(share**2, axis=0) for share in shares], axis=0)
-    gamma = seen
-    for _ in range(PASSES):
-        processes = [fit_autoregression(each, float(count)) for each, count in zip(gamma.T, rows)]
-        spread = gain @ compute_score_covariance(lent, processes, weight).sum(axis=0) @ gain.T
-        gamma = seen + _compute_absorbed_autocovariance(whole, lent, processes, gain, spread, weight)
     processes = [fit_autoregression(each, float(count)) for each, count in zip(gamma.T, rows)]
     return ResidualNoise(processes, gamma, np.maximum(rows - len(theta) / len(rows), 1.0))
 
@@ -107,29 +104,6 @@ def compute_coloured_covariance(
     freedom = 2 * np.diag(out) ** 2 / np.where(uncertain > 0, uncertain, np.inf).clip(1e-300)
     widening = stdtrit(np.maximum(freedom, FEWEST_SQUARES), 0.975) / NORMAL_975
     return np.asarray(out * np.outer(widening, widening))
-
-
-def _compute_absorbed_autocovariance(
-    whole: Sequence[Block],
-    columns: Sequence[Array],
-    processes: Sequence[Autoregression],
-    gain: Array,
-    spread: Array,
-    weight: Array,
-) -> Array:
-    """Autocovariance that a fit takes out of residuals of these colours, (lags + 1, n); see `fit_residual_noise`."""
-    total, count = np.zeros((ORDER + 1, len(processes))), np.zeros((ORDER + 1, len(processes)))
-    for block, z in zip(whole, columns):
-        for j, process in enumerate(processes):
-            through = process.power * weight[j] * process.colour(process.colour(z[::-1, j])[::-1])  # Γ W z
-            a, share = block.A[:, j], block.share[:, j]
-            lost, kept = a @ gain, a @ spread
-            for lag in range(min(ORDER, len(a) - 1) + 1):
-                early, late = slice(0, len(a) - lag), slice(lag, None)
-                cross = np.sum(lost[early] * through[late]) + np.sum(lost[late] * through[early])
-                total[lag, j] += cross - np.sum(kept[early] * a[late])
-                count[lag, j] += np.sum(share[early] * share[late])
-    return total / np.maximum(count, 1.0)
 
 
 def compute_score_covariance(columns: Sequence[Array], processes: Sequence[Autoregression], weight: Array) -> Array:

@@ -57,18 +57,24 @@ def compute_autocovariance(errors: Sequence[Array], shares: Sequence[Array]) -> 
 
 
 def fit_autoregression(gamma: Array, rows: float) -> Autoregression:
-    """Process of an autocovariance, (lags + 1,), of so many rows: Levinson's recursion, its order by Akaike's rule."""
+    """Process of an autocovariance, (lags + 1,), of so many rows N, by Levinson's recursion.
+
+    Its order p is that of the least ``N log power + 2 (p + 1) N / (N - p - 2)``, Akaike's criterion for few rows
+    (Hurvich and Tsai 1989): plain, it takes twelve coefficients of fifty rows for granted, and intervals are too
+    narrow. The power is that of N - p rows: so many are left.
+    """
     polynomial, power = np.ones(1), max(float(gamma[0]), 0.0)
     best, least = Autoregression(polynomial, power), np.inf
-    for order in range(1, len(gamma) + 1):
-        if power <= 1e-12 * gamma[0] or gamma[0] <= 0:
+    for order in range(len(gamma)):
+        left = rows - order - 2
+        if power <= 1e-12 * gamma[0] or gamma[0] <= 0 or (order and left <= 0):
             break
-        score = rows * np.log(power) + 2 * (order - 1)
+        score = rows * np.log(power) + 2 * (order + 1) * rows / max(left, 1.0)
         if score < least:
-            best, least = Autoregression(polynomial, power), score
-        if order == len(gamma):
+            best, least = Autoregression(polynomial, power * rows / max(rows - order, 1.0)), score
+        if order == len(gamma) - 1:
             break
-        reflection = -float(polynomial @ gamma[order:0:-1]) / power
+        reflection = -float(polynomial @ gamma[order + 1 : 0 : -1]) / power
         if abs(reflection) > STABLE:
             break
         longer = np.append(polynomial, 0.0)
