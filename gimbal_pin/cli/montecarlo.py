@@ -37,7 +37,7 @@ DEFAULT_STUDY = StudyOptions()
 def montecarlo(
     rig: RigName,
     model: Annotated[
-        Positional[Path | None], Reads(), optional("MODEL", "a model's YAML, from identify", "as the URDF states it")
+        Positional[Path | None], Reads(), optional("[MODEL]", "a model's YAML, from identify", "as the URDF states it")
     ] = None,
     *,
     output: Annotated[

@@ -117,8 +117,9 @@ def summarise_fleet(found: Fleet) -> str:
 
 def _draw_units(found: Fleet) -> Figure:
     """Draw every log's parameters about the fleet's means; those of units that deviate in them are named."""
-    height = 1.0 + 0.3 * len(found.population)
+    height = 0.75 + 0.3 * len(found.population)
     figure, ((axes,),) = plots.panels(1, 1, height, left=2.6)
+    figure.subplots_adjust(top=1 - 0.1 / height)  # it has no title
     odd = {(own.parameter, unit.unit): own for unit in found.units for own in unit.deviations}
     used = found.table[found.table["error"].isna()]
     units = used["serial"].to_numpy()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
@@ -139,7 +139,7 @@ def read_manifest(folder: str | Path) -> Manifest:
                 f"{place}: logs[{k}]", f"is {stated.logs[k].log}, which is logs[{first}], too", "list it once"
             )
     rig, payload = (
-        name if name is None or name in known else _locate(name, base, f"{place}: {key}", is_remote)
+        name if name is None or name in known else _locate(name, base, f"{place}: {key}", is_remote, known)
         for key, name, known in (("rig", stated.rig, bundled_rigs()), ("payload", stated.payload, bundled_payloads()))
     )
     return Manifest(place, logs, rig, payload, stated.cutoff, kinds[0] is True)
@@ -210,8 +210,8 @@ def _read_entry(
     return FleetLog(path, entry.unit or name.stem, time, name.name if entry.time is None else str(entry.time), mapping)
 
 
-def _locate(name: str, base: str, place: str, is_remote: bool) -> str:
-    """Absolute path, or URL, of what a manifest names.
+def _locate(name: str, base: str, place: str, is_remote: bool, bundled: Sequence[str] = ()) -> str:
+    """Absolute path, or URL, of what a manifest names; `bundled`: the names that it could have been instead.
 
     Raises:
         UsageError: It is not there, or lies outside of a folder behind a URL.
@@ -224,7 +224,8 @@ def _locate(name: str, base: str, place: str, is_remote: bool) -> str:
         return name
     path = str(Path(base) / name)
     if missing := [file for file in files_of(path) if not os.path.exists(file)]:
-        raise UsageError(place, f"is {missing[0]}, which does not exist", "give a path relative to the manifest")
+        mend = "give a path relative to the manifest" + (f", or one of {', '.join(bundled)}" if bundled else "")
+        raise UsageError(place, f"is {missing[0]}, which does not exist", mend)
     return path
 
 

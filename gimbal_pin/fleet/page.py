@@ -42,7 +42,8 @@ def label_figure(found: MonteCarlo, name: str) -> str:
 
 def describe_yield(found: MonteCarlo) -> str:
     """How many rigs meet what was asked for, in a sentence."""
-    rigs = f"{found.count} rigs, {found.failed} of which could not be simulated"
+    rigs = f"{found.count} rig{'s' * (found.count != 1)}"
+    rigs += f", {found.failed} of which could not be simulated" if found.failed else ""
     if found.yield_ is None:
         return f"{found.rig}: {rigs}; nothing was asked of them."
     own, asked = found.yield_, " and ".join(limit.text for limit in found.specification)
@@ -68,24 +69,26 @@ def tabulate_influences(found: MonteCarlo) -> Table:
         ]
         return Table(["Input", "First order", "±", "Total", "±"], rows, label="Sobol indices")
     rows = [(own.input, figures(own.rank_correlation)) for own in found.sensitivity[:SHOWN]]
-    return Table(["Input", "Rank correlation"], rows, label="Rank correlations")
+    used = "the share of the specification used" if found.specification else next(iter(found.units))
+    return Table(["Input", f"Rank correlation with {used}"], rows, label="Rank correlations")
 
 
 def tabulate_worst(found: MonteCarlo) -> Table:
     """The rigs that use most of the specification, with what costs most of it."""
     asked = list(dict.fromkeys(limit.figure for limit in found.specification)) or list(found.units)[:1]
     inputs = [own.input for own in found.sensitivity[:3]]
+    has_errors = any(row["error"] for row in found.worst)
     rows: list[Sequence[Any]] = [
         (
             str(row["unit"]),
-            row["error"] or "",
+            *([row["error"] or ""] if has_errors else []),
             *(format_figure(found, name, row[name]) for name in asked),
             *(figures(row[name]) for name in inputs),
         )
         for row in found.worst
     ]
-    heads = ["Rig", "Error", *(label_figure(found, name) for name in asked), *inputs]
-    return Table(heads, rows, texts=2, label="Worst rigs")
+    heads = ["Rig", *(["Error"] if has_errors else []), *(label_figure(found, name) for name in asked), *inputs]
+    return Table(heads, rows, texts=1 + has_errors, label="Worst rigs")
 
 
 def summarise_monte_carlo(found: MonteCarlo) -> str:
@@ -99,6 +102,7 @@ def draw_distributions(found: MonteCarlo, names: Sequence[str]) -> Figure:
     """Draw how figures are spread, and where the specification ends."""
     rows = -(-len(names) // ACROSS)
     figure, axes = plots.panels(rows, ACROSS, 0.9 + 1.9 * rows, gaps=(0.75, 0.75))
+    figure.subplots_adjust(right=1 - 0.3 / plots.WIDTH)  # half of the last tick's label
     bounds = {limit.figure: limit.bound for limit in found.specification}
     for panel, name in zip(axes.flat, names):
         values = found.table[name].to_numpy(dtype=float) / find_scale(found, name)

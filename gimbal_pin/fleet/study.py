@@ -61,6 +61,8 @@ def parse_limit(text: str, known: Mapping[str, str]) -> Limit:
     mend = f"write FIGURE < NUMBER with one of {', '.join(known)}"
     if figure not in known:
         raise UsageError(f"--spec '{text}'", f"speaks of '{figure}', which is no figure of these runs", mend)
+    if rest.startswith("="):
+        raise UsageError(f"--spec '{text}'", "compares by <=", "write <")
     unit = word.strip() or known[figure]
     scales = SCALES.get(known[figure], {known[figure]: 1.0})
     try:

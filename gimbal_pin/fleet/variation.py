@@ -15,6 +15,7 @@ from scipy.special import ndtri
 from gimbal_pin.control.laws.uncertainty import estimate
 from gimbal_pin.dynamics.apply import plant_with
 from gimbal_pin.dynamics.model import Estimated, Model, brakes, with_bodies
+from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_mass import PayloadMass
@@ -25,6 +26,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.sweep import changed
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import record
+from gimbal_pin.rig.rig import Rig
 
 Values = Mapping[str, float]
 DISTRIBUTION_SYNTAX = "write a number, [uniform, LOWEST, HIGHEST] or [normal, MEAN, DEVIATION]"
@@ -55,7 +57,8 @@ def parse_distribution(written: Any, place: str) -> Distribution:
         raise UsageError(place, f"is {written!r}", DISTRIBUTION_SYNTAX)
     found = Distribution(str(kind), *map(float, numbers))
     if found.b < (found.a if kind == "uniform" else 0.0):
-        raise UsageError(place, f"is {written!r}", DISTRIBUTION_SYNTAX)
+        wrong = "lowest exceeds its highest" if kind == "uniform" else "deviation is negative"
+        raise UsageError(place, f"is {written!r}, whose {wrong}", DISTRIBUTION_SYNTAX)
     constant = (kind == "uniform" and found.a == found.b) or (kind == "normal" and found.b == 0)
     return Distribution("fixed", found.a) if constant else found
 
@@ -158,7 +161,14 @@ class Variation:
 
     def check(self) -> None:
         """Raise what there is against the file: a rig at the inputs' upper quartiles can be made."""
-        self.make_plant(self.make_body(values := self.values([0.75] * len(self.inputs))), values)
+        body = self.make_body(values := self.values([0.75] * len(self.inputs)))
+        for key, written in {"delay": self.vary.delay, **self.vary.effects}.items():
+            try:
+                self.make_causes(key, body.rig, values)
+            except UsageError as error:
+                place = f"{self.place}: {key if key == 'delay' else f'effects: {key}'}"
+                raise UsageError(place, f"is {written!r}: {error.what}", error.mend) from error
+        self.make_plant(body, values)
 
     def make_body(self, values: Values) -> Model:
         """Return the model with its parameters and its payload changed: what identifying such a unit would find."""
@@ -183,13 +193,16 @@ class Variation:
 
     def make_plant(self, body: Model, values: Values) -> Model:
         """Return the model with what an identification would not find: planted causes, and drives that act late."""
-        texts = []
-        for cause, own in self.vary.effects.items():
-            stated = [f"{name}={values[f'{cause}.{name}']!r}" for name in own]
-            texts.append(f"{cause}:{','.join(stated)}")
-        late = [Delay(joint, values["delay"]) for joint in body.rig.joints if values["delay"]]
-        plant, drive = plant_with(body, [*late, *(parse_effect(text, body.rig) for text in texts)])
+        keys = ("delay", *self.vary.effects)
+        plant, drive = plant_with(body, [cause for key in keys for cause in self.make_causes(key, body.rig, values)])
         return replace(plant, drive=(*plant.drive, *drive))
+
+    def make_causes(self, key: str, rig: Rig, values: Values) -> list[Term | Signal | RigEffect]:
+        """Return what `delay`, or an entry of `effects`, plants."""
+        if key == "delay":
+            return [Delay(joint, values[key]) for joint in rig.joints if values[key]]
+        stated = ",".join(f"{name}={values[f'{key}.{name}']!r}" for name in self.vary.effects[key])
+        return [parse_effect(f"{key}:{stated}", rig)]
 
 
 def factor_covariance(covariance: Array) -> Array:

@@ -251,7 +251,10 @@ A, B = {"log": "a.csv"}, {"log": "b.csv"}
         ({"logs": [A, {**B, "serial": "7"}]}, ("logs[1]: has an unknown key 'serial'", "log, unit, time, map")),
         ({"logs": [A, {**B, "unit": 7}]}, ("logs[1].unit: is 7; write a text",)),
         ({"logs": [A, B], "rigs": "turret"}, ("manifest.yaml: has an unknown key 'rigs'",)),
-        ({"logs": [A, B], "rig": "nowhere.urdf"}, ("manifest.yaml: rig: is ", "nowhere.urdf, which does not exist")),
+        (
+            {"logs": [A, B], "rig": "nowhere.urdf"},
+            ("rig: is ", "nowhere.urdf, which does not exist", "turret"),
+        ),
         ({"logs": [A, B]}, ("says of no rig", "give --rig")),
         ({"logs": [{**A, "time": "May"}, B]}, ("logs[0].time: is 'May'; write a date such as 2026-11-24",)),
         (

@@ -155,7 +155,12 @@ def test_a_platform_and_planted_causes_from_the_command_line(run: Run, tmp_path:
     [
         ("delay: [uniform, 1]", "vary.yaml: delay: is ['uniform', 1]; write a number, [uniform"),
         ("delay: [gamma, 1, 2]", "vary.yaml: delay"),
-        ("delay: [normal, 0, -1]", "vary.yaml: delay"),
+        ("delay: [normal, 0, -1]", "vary.yaml: delay: is ['normal', 0, -1], whose deviation is negative"),
+        ("delay: [uniform, 0, 0.9]", "vary.yaml: delay: is ['uniform', 0, 0.9]: time is"),
+        (
+            "effects: {cogging:pan: {amplitude: 0.1}}",
+            "vary.yaml: effects: cogging:pan: is {'amplitude': 0.1}: ",
+        ),
         ("delays: 1", "unknown key 'delays'"),
         ("payload: {w: 1}", "knows no 'w'"),
         ("effects: {rust:pan: {amount: 1}}", "there is no cause 'rust'"),
@@ -171,10 +176,23 @@ def test_a_bad_file_of_variations_is_one_line(run: Run, tmp_path: Path, vary: st
 
 
 @pytest.mark.parametrize(
-    "spec", ["rms_error", "jitter < 1", "rms_error > 1", "rms_error < nan", "rms_error < 1 kg", "settling_time < -1"]
+    "spec",
+    [
+        "rms_error",
+        "jitter < 1",
+        "rms_error > 1",
+        "rms_error <= 1",
+        "rms_error < nan",
+        "rms_error < 1 kg",
+        "settling_time < -1",
+    ],
 )
 def test_a_bad_specification_is_one_line(run: Run, tmp_path: Path, spec: str) -> None:
     refused(run("montecarlo", "turret", "--count", 2, "--spec", spec, "-o", tmp_path / "out"), 2, f"--spec '{spec}'")
+
+
+def test_a_specification_is_written_with_less(run: Run, tmp_path: Path) -> None:
+    refused(run("montecarlo", "turret", "--spec", "rms_error <= 1", "-o", tmp_path), 2, "compares by <=; write <")
 
 
 def test_sobol_asks_for_a_power_of_two_and_for_something_that_varies(run: Run, tmp_path: Path) -> None:
