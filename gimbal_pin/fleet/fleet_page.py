@@ -118,8 +118,7 @@ def summarise_fleet(found: Fleet) -> str:
 def _draw_units(found: Fleet) -> Figure:
     """Draw every log's parameters about the fleet's means; those of units that deviate in them are named."""
     height = 0.75 + 0.3 * len(found.population)
-    figure, ((axes,),) = plots.panels(1, 1, height, left=2.6)
-    figure.subplots_adjust(top=1 - 0.1 / height)  # it has no title
+    figure, ((axes,),) = plots.panels(1, 1, height, left=2.6, top=0.1)
     odd = {(own.parameter, unit.unit): own for unit in found.units for own in unit.deviations}
     used = found.table[found.table["error"].isna()]
     units = used["serial"].to_numpy()
@@ -154,7 +153,8 @@ def _draw_units(found: Fleet) -> Figure:
     axes.set_yticks(range(len(found.population)), [shortened(own.name, 36) for own in found.population])
     axes.set_ylim(len(found.population) - 0.4, -0.6)
     axes.set_xlim(-OUTSIDE, OUTSIDE)
-    axes.set_xlabel("offset from the fleet's mean, in offsets that a unit's logs show")
+    whose = "reference fleet" if found.reference else "fleet"
+    axes.set_xlabel(f"offset from the {whose}'s mean, in offsets that a unit's logs show")
     return figure
 
 
@@ -202,7 +202,8 @@ def render_fleet(found: Fleet) -> str:
         Card(title, str(counts[verdict]), f"of {len(found.units)} units", COLOURS[verdict] if counts[verdict] else "")
         for verdict, title in titles.items()
     ]
-    top.append(Card("Logs", str(found.logs), f"{found.failed} could not be used", "fair" if found.failed else "good"))
+    unusable = f"{found.failed} could not be used" if found.failed else "all could be used"
+    top.append(Card("Logs", str(found.logs), unusable, "fair" if found.failed else "good"))
     rest = len(found.units) - counts[Verdict.PASS]
     listed: list[object] = [_tabulate_units(found)] if rest else []
     listed += [paragraph(f"{rest - FIRST} more are in the JSON.")] if rest > FIRST else []

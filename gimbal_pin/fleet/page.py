@@ -101,8 +101,7 @@ def summarise_monte_carlo(found: MonteCarlo) -> str:
 def draw_distributions(found: MonteCarlo, names: Sequence[str]) -> Figure:
     """Draw how figures are spread, and where the specification ends."""
     rows = -(-len(names) // ACROSS)
-    figure, axes = plots.panels(rows, ACROSS, 0.9 + 1.9 * rows, gaps=(0.75, 0.75))
-    figure.subplots_adjust(right=1 - 0.3 / plots.WIDTH)  # half of the last tick's label
+    figure, axes = plots.panels(rows, ACROSS, 0.65 + 1.9 * rows, right=0.3, top=0.1, gaps=(0.75, 0.75))
     bounds = {limit.figure: limit.bound for limit in found.specification}
     for panel, name in zip(axes.flat, names):
         values = found.table[name].to_numpy(dtype=float) / find_scale(found, name)

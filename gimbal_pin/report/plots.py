@@ -133,6 +133,8 @@ def panels(
     *,
     ratios: Sequence[float] | None = None,
     left: float = 0.85,
+    right: float = 0.12,
+    top: float = 0.35,
     gaps: tuple[float, float] = (0.75, 0.35),
     share: tuple[bool, bool | Literal["row"]] = (False, False),
 ) -> tuple[Figure, Any]:
@@ -146,12 +148,14 @@ def panels(
         height: Height of the figure, in.
         ratios: The rows' heights to each other.
         left: Room for the labels at the left, in.
+        right: Room at the right, in: half of the last tick's label.
+        top: Room for the titles, in.
         gaps: Room between columns, and between rows, in.
         share: Whether all rows share one x axis, and all panels one y axis; "row": each row has one.
     """
     from matplotlib.figure import Figure
 
-    right, bottom, top = 0.12, 0.55, 0.35
+    bottom = 0.55
     wide = (WIDTH - left - right - (columns - 1) * gaps[0]) / columns
     high = (height - bottom - top - (rows - 1) * gaps[1]) / rows
     figure = Figure(figsize=(WIDTH, height))

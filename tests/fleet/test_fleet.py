@@ -12,6 +12,7 @@ import fsspec
 import numpy as np
 import pandas as pd
 import pytest
+from markupsafe import escape
 
 from gimbal_pin import Log, Rig, compare_fleet, nominal, write_log
 from gimbal_pin.dynamics import Model, plant_with
@@ -126,6 +127,8 @@ def test_a_run_is_resumed_without_computing_anything(
     assert code == 0 and "8 pass, 3 fail, 1 to be tested again" in said and "tilt.Fv" in said
     assert json.loads((tmp_path / "fleet.json").read_text()) == json.loads(json.dumps(fleet.to_dict()))
     shown = (Path(results) / "report.html").read_text()
+    broken = next(one for one in fleet.units if one.unit == "broken")
+    assert len(broken.errors[0]) > 72 and escape(broken.errors[0]) in shown
     assert "thick" in shown and "http" not in shown.replace("http://www.w3.org", "")
     table = pd.read_parquet(f"{results}/results.parquet")
     assert table["value.tilt.Fv"].notna().sum() == 14 and table["error"].notna().sum() == 1
