@@ -307,7 +307,8 @@ def claim_folder(run: Run) -> None:
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise UsageError(run.folder, f"cannot be used ({error})", "give another folder") from error
     if other := [key for key in {**settings, **earlier} if earlier.get(key) != settings.get(key)]:
-        keys = " and ".join(f"`{key}`" for key in other)
+        *some, last = [f"`{key}`" for key in other]
+        keys = f"{', '.join(some)} and {last}" if some else last
         what = f"holds another run's results: {keys} differ{'s' * (len(other) == 1)}"
         raise UsageError(run.folder, what, "give another folder, or the same settings to go on")
 

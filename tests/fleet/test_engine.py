@@ -114,8 +114,12 @@ def test_a_disk_that_is_full_ends_the_run_and_the_same_call_goes_on(tmp_path: Pa
 
 def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
     run_units(run_of(tmp_path, seed=1), lambda: ThreadPoolExecutor(1), quiet=True)
-    for other in (run_of(tmp_path, seed=2), run_of(tmp_path, 41, seed=1)):
-        with pytest.raises(UsageError, match="another run's results"):
+    for other, keys in (
+        (run_of(tmp_path, seed=2), "`seed` differs"),
+        (run_of(tmp_path, 41, seed=1), "`units` differs"),
+        (run_of(tmp_path, 41, seed=2), "`seed` and `units` differ;"),
+    ):
+        with pytest.raises(UsageError, match=f"another run's results: {keys}"):
             run_units(other, quiet=True)
 
 
