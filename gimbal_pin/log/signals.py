@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import butter, sosfiltfilt
 
 from gimbal_pin.log.log import Array
 
-KEPT, _KEPT_POWER = 0.98, 0.8735
+KEPT, KEPT_POWER = 0.98, 0.8735
 """Share of the samples that a noise estimate keeps, and the mean square of that share of a unit Gaussian."""
 ORDER = 3
 """Order of the Butterworth low-pass; run forwards and backwards it falls by 6 dB at the cutoff."""
@@ -53,7 +52,13 @@ def resample(t: Array, signal: Array, grid: Array) -> Array:
     """
     if len(t) == len(grid) and np.allclose(t, grid, rtol=0, atol=1e-9):
         return signal
-    return np.asarray(CubicHermiteSpline(t, signal, np.gradient(signal, t, axis=0))(np.clip(grid, t[0], t[-1])))
+    left = np.clip(np.searchsorted(t, grid, side="right") - 1, 0, len(t) - 2)
+    slope = np.gradient(signal, t, axis=0)
+    width = (t[left + 1] - t[left])[:, None]
+    s = np.clip((grid - t[left])[:, None] / width, 0.0, 1.0)
+    start, end = signal[left], signal[left + 1]
+    rise = (3 - 2 * s) * s * s
+    return start + rise * (end - start) + width * s * (1 - s) * ((1 - s) * slope[left] - s * slope[left + 1])
 
 
 def noise_std(signal: Array) -> Array:
@@ -62,7 +67,7 @@ def noise_std(signal: Array) -> Array:
     Third differences remove anything smooth at the sampling rate and multiply white noise by √20. The largest two
     per cent are left out: they hold the few samples where the signal itself is not smooth.
     """
-    return _std_from_differences(np.diff(signal, 3, axis=0)) if len(signal) >= 8 else np.zeros(signal.shape[1:])
+    return spread(np.diff(signal, 3, axis=0)) if len(signal) >= 8 else np.zeros(signal.shape[1:])
 
 
 def jumping_noise_std(signal: Array) -> Array:
@@ -76,15 +81,15 @@ def jumping_noise_std(signal: Array) -> Array:
     share = np.mean(across, axis=0) if len(across) else np.zeros(signal.shape[1:])
     out = noise_std(signal)
     for j in np.flatnonzero((share > 1 - KEPT) & (share < 0.5)):
-        out[j] = _std_from_differences(np.diff(signal[:, j], 3)[~across[:, j]])
+        out[j] = spread(np.diff(signal[:, j], 3)[~across[:, j]])
     return out
 
 
-def _std_from_differences(differences: Array) -> Array:
+def spread(differences: Array) -> Array:
     """Standard deviation of the white noise that third differences are of, per column."""
     squares = np.sort(differences**2, axis=0)
     kept = squares[: max(1, int(KEPT * len(squares)))].mean(axis=0)
-    return np.asarray(np.sqrt(kept / (20.0 * _KEPT_POWER)))
+    return np.asarray(np.sqrt(kept / (20.0 * KEPT_POWER)))
 
 
 def noise_gain(sections: Array, rate: float, derivatives: int) -> float:

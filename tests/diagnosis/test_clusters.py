@@ -103,7 +103,7 @@ def test_an_error_that_comes_back_with_the_angle_is_in_the_interval_of_bins_and_
 
 def test_planted_figures_lie_in_their_intervals_over_several_seeds(log: Log) -> None:
     off, width = [], []
-    for seed in range(6):
+    for seed in range(16):
         assert log.tau is not None
         noise = 0.02 * np.random.default_rng(seed).normal(size=log.tau.shape)
         said = told(fitted(replace(log, tau=log.tau + noise), COGGING, UNEVEN, CableSpring("tilt", stiffening=True)))

@@ -27,7 +27,6 @@ from gimbal_pin.control import (
     observed_margins,
     tune,
 )
-from gimbal_pin.control.laws.carried import share
 from gimbal_pin.control.laws.observer import observed_loop
 from gimbal_pin.dynamics import Estimated, Model, nominal, plant_with, readings, rnea
 from gimbal_pin.effects import Delay, parse_effect
@@ -415,12 +414,6 @@ def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
         aim = Aim(zero, zero, a, (Ahead(zero, zero, a, Carried([0.0, 0.0, 9.81], zero, zero)),))
         tau, memory = law.torque(0.0, zero, zero, aim, memory)
     assert abs(tau[0]) < 0.01 * limit
-
-
-@given(st.floats(-1, 1), st.floats(-1, 1))
-def test_dry_friction_counts_by_its_mean_over_a_hold(rate: float, change: float) -> None:
-    steps = np.sign(rate + abs(change) * np.linspace(-1, 1, 2001))
-    assert share(rate, change) == pytest.approx(steps.mean(), abs=2e-3) or abs(change) < 1e-6
 
 
 def test_all_loops_have_the_same_margin() -> None:
