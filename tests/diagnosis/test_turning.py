@@ -32,7 +32,7 @@ LATE = 14.0
 
 
 @given(
-    v=st.integers(-(10**6), 10**6).map(lambda x: 1e-6 * x),
+    rate=st.integers(-(10**6), 10**6),
     a=st.floats(-50.0, 50.0),
     dt=st.floats(1e-4, 1e-2),
     seed=st.integers(0, 2**32 - 1),
