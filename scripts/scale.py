@@ -65,11 +65,11 @@ def campaign(count: int, seconds: float, platform: bool = False) -> tuple[engine
         return Waiting.wait, [Waiting(k) for k in range(count)]
     from gimbal_pin import Rig, nominal
     from gimbal_pin.fleet.montecarlo import make_study
-    from gimbal_pin.fleet.variation import Design, Variation, choose_default_vary
+    from gimbal_pin.fleet.variation import RigDesign, Variation, choose_default_vary
 
     model = nominal(Rig.load("turret"))
     variation = Variation(model, choose_default_vary(model))
-    return make_study(variation, None, False, platform, seconds).run, Design(variation.inputs, count)
+    return make_study(variation, None, False, platform, seconds).run, RigDesign(variation.inputs, count)
 
 
 def coordinate(folder: Positional[str], log: Positional[str], count: int = 40, seconds: float = 1.0) -> None:

@@ -7,12 +7,12 @@ from .montecarlo import MonteCarlo as MonteCarlo
 from .montecarlo import monte_carlo as monte_carlo
 from .population import Comparison as Comparison
 from .population import Deviation as Deviation
-from .population import Kind as Kind
-from .population import Parameter as Parameter
+from .population import DeviationKind as DeviationKind
+from .population import FleetParameter as FleetParameter
 from .population import UnitEstimate as UnitEstimate
 from .population import compare_units as compare_units
 from .sensitivity import rank_influences as rank_influences
-from .variation import Design as Design
+from .variation import RigDesign as RigDesign
 from .variation import Variation as Variation
 from .variation import Vary as Vary
 from .variation import read_vary as read_vary

@@ -72,17 +72,17 @@ class Run:
     settings: Mapping[str, object] = field(default_factory=dict)
 
 
-class Block(NamedTuple):
+class UnitRange(NamedTuple):
     """Units `first` to ``stop - 1``, and in how many executors that broke they were in flight."""
 
     first: int
     stop: int
     breaks: int = 0
 
-    def split(self, count: int) -> list[Block]:
+    def split(self, count: int) -> list[UnitRange]:
         """The first `count` units and the others, each if there are any."""
         middle = min(self.first + count, self.stop)
-        return [Block(a, b, self.breaks) for a, b in ((self.first, middle), (middle, self.stop)) if a < b]
+        return [UnitRange(a, b, self.breaks) for a, b in ((self.first, middle), (middle, self.stop)) if a < b]
 
 
 @dataclass(frozen=True)
@@ -140,13 +140,13 @@ def run_units(
         raise UsageError(run.folder, f"cannot be written ({error})", RESUME) from error
 
 
-def compute(run: Run, missing: list[Block], factory: ExecutorFactory, capacity: Capacity) -> Iterator[Counts]:
+def compute(run: Run, missing: list[UnitRange], factory: ExecutorFactory, capacity: Capacity) -> Iterator[Counts]:
     """Yield what tasks return, in whatever order they end.
 
     Tasks get smaller as less is left, so that all workers end together. A broken executor does not say which task broke
     it: all that were in flight go to the next one; units that were so `SHARED_BREAKS` times run one at a time.
     """
-    queue, pending = deque(missing), dict[Future[Counts], Block]()
+    queue, pending = deque(missing), dict[Future[Counts], UnitRange]()
     while queue:
         pool = factory()
         try:
@@ -319,12 +319,12 @@ def find_parts(run: Run) -> list[tuple[int, int, str]]:
     return sorted((int(name[1]), int(name[2]), path) for name, path in names if name)
 
 
-def find_missing(run: Run) -> list[Block]:
+def find_missing(run: Run) -> list[UnitRange]:
     """The units whose rows are not there."""
     gaps, stop = [], 0
     for first, last, _ in [*find_parts(run), (len(run.units), 0, "")]:
         if first > stop:
-            gaps.append(Block(stop, first))
+            gaps.append(UnitRange(stop, first))
         stop = max(stop, last + 1)
     return gaps
 

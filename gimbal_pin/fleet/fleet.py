@@ -21,7 +21,7 @@ import numpy as np
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.fleet.engine import RUN, TABLE, Capacity, ExecutorFactory, Run, file_system, run_units
 from gimbal_pin.fleet.manifest import Manifest, read_manifest
-from gimbal_pin.fleet.population import Deviation, Kind, Parameter, UnitEstimate, compare_units
+from gimbal_pin.fleet.population import Deviation, DeviationKind, FleetParameter, UnitEstimate, compare_units
 from gimbal_pin.fleet.units import LogStudy
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -151,7 +151,7 @@ class Fleet:
     logs: int
     failed: int
     units: tuple[JudgedUnit, ...]
-    population: tuple[Parameter, ...]
+    population: tuple[FleetParameter, ...]
     parameter_units: Mapping[str, str] = field(repr=False)
     detectable: Mapping[str, float] = field(repr=False)
     causes: tuple[FleetCause, ...]
@@ -171,7 +171,7 @@ class Fleet:
 
         None: all of the unit's logs have the deviation, or more and more of it.
         """
-        if deviation.kind is not Kind.STEP:
+        if deviation.kind is not DeviationKind.STEP:
             return None
         is_first = (self.table["serial"] == deviation.unit) & (self.table["time"] == deviation.since)
         return str(self.table["taken"][is_first].iloc[0])

@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.errors import shortened
 from gimbal_pin.fleet.fleet import Fleet, JudgedUnit, Verdict
-from gimbal_pin.fleet.population import Deviation, Kind
+from gimbal_pin.fleet.population import Deviation, DeviationKind
 from gimbal_pin.report import plots
 from gimbal_pin.report.format import DASH, PALETTE, figures, interval
 from gimbal_pin.report.html import Card, Section, cards, folded, join, paragraph, render
@@ -54,7 +54,7 @@ def _list_facts(found: Fleet, unit: JudgedUnit, longest: int | None) -> Iterator
         size, half = interval(own.shift, own.shift_std)
         text = f"{'+' if own.shift > 0 else ''}{size} {half} {found.parameter_units[own.parameter]}"
         score = f"{'+' if own.score > 0 else ''}{figures(own.score, 2)}"
-        since = found.since(own) or {Kind.OFFSET: "first log", Kind.DRIFT: "drifts"}[own.kind]
+        since = found.since(own) or {DeviationKind.OFFSET: "first log", DeviationKind.DRIFT: "drifts"}[own.kind]
         yield own.parameter, text, score, since
     yield from ((str(own), DASH, DASH, own.since or "first log") for own in unit.causes)
     yield from ((shortened(error, longest or len(error)), DASH, DASH, DASH) for error in unit.errors)
@@ -219,7 +219,7 @@ def render_fleet(found: Fleet) -> str:
         "whose logs, together, do not tell it from its siblings, such as an uncertain one.",
     )
     sections.append(Section("Parameters", join([strip, _tabulate_population(found)])))
-    changes = [own for unit in found.units for own in unit.deviations if own.kind is not Kind.OFFSET][:PANELS]
+    changes = [own for unit in found.units for own in unit.deviations if own.kind is not DeviationKind.OFFSET][:PANELS]
     if changes:
         drawn = plots.picture(
             partial(_draw_changes, found, changes),

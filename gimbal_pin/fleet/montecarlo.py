@@ -25,7 +25,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.fleet.engine import TABLE, Capacity, ExecutorFactory, Run, file_system, run_units
 from gimbal_pin.fleet.sensitivity import CONFIDENCE, Influence, rank_influences
 from gimbal_pin.fleet.study import Limit, Study, list_figures, make_roster, parse_limit
-from gimbal_pin.fleet.variation import Design, Variation, Vary, choose_default_vary
+from gimbal_pin.fleet.variation import RigDesign, Variation, Vary, choose_default_vary
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -168,7 +168,7 @@ def monte_carlo(
 
     known = nominal(rig) if model is None else model
     variation = Variation(known, choose_default_vary(known) if vary is None else vary)
-    design = Design(variation.inputs, count, seed, sobol, variation.vary.own_noise)
+    design = RigDesign(variation.inputs, count, seed, sobol, variation.vary.own_noise)
     variation.check()
     units = list_figures(rig, platform)
     limits = tuple(parse_limit(text, units) for text in spec)
@@ -215,7 +215,7 @@ def describe_study(study: Study) -> dict[str, object]:
 
 
 def summarise_rigs(
-    rig: Rig, units: Mapping[str, str], design: Design, limits: Sequence[Limit], table: DataFrame
+    rig: Rig, units: Mapping[str, str], design: RigDesign, limits: Sequence[Limit], table: DataFrame
 ) -> MonteCarlo:
     """Return what the rows say."""
     ran = table.error.isna().to_numpy()

@@ -38,7 +38,7 @@ ROUNDS = 20
 """Most times that the deviating units are left out and looked for again; two or three are usual."""
 
 
-class Kind(Enum):
+class DeviationKind(Enum):
     """How a unit deviates."""
 
     OFFSET = "offset"
@@ -50,7 +50,7 @@ class Kind(Enum):
 
 
 @dataclass(frozen=True)
-class Parameter:
+class FleetParameter:
     """A parameter over the fleet.
 
     Attributes:
@@ -88,7 +88,7 @@ class Deviation:
 
     unit: str
     parameter: str
-    kind: Kind
+    kind: DeviationKind
     shift: float
     shift_std: float
     p_value: float
@@ -122,7 +122,7 @@ class UnitEstimate:
 class Comparison:
     """Units of a fleet beside each other; `estimates` by unit, `deviations` with the least probable first."""
 
-    population: tuple[Parameter, ...]
+    population: tuple[FleetParameter, ...]
     estimates: Mapping[str, UnitEstimate]
     deviations: tuple[Deviation, ...]
 
@@ -269,21 +269,21 @@ def _directions(when: Array) -> Array:
     return np.vstack([steps, (when - when[0]) / (when[-1] - when[0])])
 
 
-def _describe_population(names: Sequence[str], logs: _Logs, fit: _Fit) -> tuple[Parameter, ...]:
+def _describe_population(names: Sequence[str], logs: _Logs, fit: _Fit) -> tuple[FleetParameter, ...]:
     """Return the fleet's parameters in their own units."""
     stds = (logs.scale * np.sqrt(own) for own in (fit.mean_var, fit.spread, fit.repeat))
     # A variance at its bound under the hypothesis: half of the time the ratio is 0 (Self and Liang 1987).
     p_values = np.where(fit.ratio > 0, 0.5 * chdtrc(1, fit.ratio), 1.0)
     columns = zip(*(own.tolist() for own in (logs.middle + logs.scale * fit.mean, *stds, p_values)))
-    return tuple(Parameter(name, *own) for name, own in zip(names, columns))
+    return tuple(FleetParameter(name, *own) for name, own in zip(names, columns))
 
 
 def _describe_deviation(logs: _Logs, u: int, p: int, name: str, tests: _Tests) -> Deviation:
     """Return a unit's deviation in one parameter."""
     k, when = int(_choose_direction(tests)[p]), logs.when[logs.rows[u]]
-    kind = Kind.DRIFT if k == len(when) else Kind.STEP if k else Kind.OFFSET
+    kind = DeviationKind.DRIFT if k == len(when) else DeviationKind.STEP if k else DeviationKind.OFFSET
     size, std = (float(logs.scale[p] * own[p, k]) for own in (tests.size, tests.std))
-    since = float(when[k if kind is Kind.STEP else 0])
+    since = float(when[k if kind is DeviationKind.STEP else 0])
     return Deviation(logs.labels[u], name, kind, size, std, float(tests.p_value[p, k]), since)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import spearmanr
 
-from gimbal_pin.fleet.variation import Design
+from gimbal_pin.fleet.variation import RigDesign
 from gimbal_pin.log.log import Array
 
 CONFIDENCE = 0.95
@@ -42,7 +42,7 @@ class Influence:
         return abs((self.rank_correlation if self.total is None else self.total) or 0.0)
 
 
-def rank_influences(design: Design, used: Array) -> tuple[Influence, ...]:
+def rank_influences(design: RigDesign, used: Array) -> tuple[Influence, ...]:
     """Return what each input does to the values of a design's rigs, (N,), largest first; infinite: it failed.
 
     A base point of which a rig failed has no indices and is left out whole; a rank it has.
@@ -65,7 +65,7 @@ def correlate_ranks(share: Array, used: Array) -> float | None:
     return float(spearmanr(share, used).statistic)
 
 
-def compute_sobol_indices(design: Design, used: Array) -> list[Influence]:
+def compute_sobol_indices(design: RigDesign, used: Array) -> list[Influence]:
     """Return each input's Sobol indices (SALib) from the values of whole base points; none where nothing differs."""
     if len(used) < 2 * design.group or np.ptp(used) == 0:
         return [Influence(name) for name in design.inputs]

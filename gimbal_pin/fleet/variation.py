@@ -223,7 +223,7 @@ class Unit(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Design(Sequence[Unit]):
+class RigDesign(Sequence[Unit]):
     """The rigs that are looked at, each drawn on access and from its own place alone.
 
     Attributes:

@@ -6,8 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
@@ -17,7 +15,7 @@ from gimbal_pin.diagnosis.reversals import accelerating, apart, dry_friction, op
 from gimbal_pin.dynamics import nominal, plant_with, reduce, simulate
 from gimbal_pin.effects import CAUSES, Cause, Presliding, Term
 from gimbal_pin.log import Array, Log, Motion, lowpass, zero_phase
-from gimbal_pin.regression import compute_direction, compute_lost_impulse, split_segments
+from gimbal_pin.regression import compute_lost_impulse, split_segments
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 
@@ -29,20 +27,6 @@ EXACT = replace(BAND, alignment=0.0)
 """Torque that acts at the moment of its sample."""
 LATE = 14.0
 """When the held-out part of 20 s has begun, s."""
-
-
-@given(
-    rate=st.integers(-(10**6), 10**6),
-    a=st.floats(-50.0, 50.0),
-    dt=st.floats(1e-4, 1e-2),
-    seed=st.integers(0, 2**32 - 1),
-)
-def test_sliding_is_the_mean_sign_over_a_sample(rate: int, a: float, dt: float, seed: int) -> None:
-    v = 1e-6 * rate
-    draws = 20_000
-    s = dt * (np.arange(draws) + np.random.default_rng(seed).uniform(size=draws)) / draws - dt / 2
-    told = float(compute_direction(np.array([[v]]), np.array([[a]]), dt)[0, 0])
-    assert told == pytest.approx(float(np.mean(np.sign(v + a * s))), abs=2e-3)
 
 
 def few(*names: str) -> dict[str, type[Cause]]:

@@ -18,7 +18,7 @@ from gimbal_pin import Log, Rig, compare_fleet, nominal, write_log
 from gimbal_pin.dynamics import Model, plant_with
 from gimbal_pin.effects import parse_effect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.fleet import Design, Kind, Variation, Vary
+from gimbal_pin.fleet import DeviationKind, RigDesign, Variation, Vary
 from gimbal_pin.fleet.fleet import Fleet, Reason, Verdict
 from gimbal_pin.fleet.manifest import read_manifest
 from gimbal_pin.fleet.units import LogStudy
@@ -36,7 +36,7 @@ def record() -> Callable[..., None]:
     """Write the log of a unit of the turret, of its own tolerances and noise, all in one motion."""
     rig = Rig.load("turret")
     variation = Variation(nominal(rig), TOLERANCES)
-    design, motion = Design(variation.inputs, 100), fourier(rig, 1, 6.5, dt=2.5e-3)
+    design, motion = RigDesign(variation.inputs, 100), fourier(rig, 1, 6.5, dt=2.5e-3)
 
     def write(file: Path, unit: int, seed: int = 0, mass: float = 0.0, joint: str = "", viscous: float = 1.0) -> None:
         values = variation.values(design[unit].shares)
@@ -98,11 +98,12 @@ def test_who_is_odd_in_what_and_since_when(fleet: Fleet) -> None:
     assert verdicts(fleet) == {f"00{k}": (Verdict.PASS, ()) for k in range(8)} | planted
     found = {one.unit: {own.parameter: own for own in one.deviations} for one in fleet.units}
     assert set(found["thick"]) == {"tilt.Fv"} and set(found["worn"]) == {"pan.Fv"}
-    assert abs(found["thick"]["tilt.Fv"].shift - 2 * 0.008) < 0.006 and found["thick"]["tilt.Fv"].kind is Kind.OFFSET
+    thick = found["thick"]["tilt.Fv"]
+    assert abs(thick.shift - 2 * 0.008) < 0.006 and thick.kind is DeviationKind.OFFSET
     assert {"head_mount.mx", "head_mount.mz"} <= set(found["heavy"]) <= {n for n in found["heavy"] if "head" in n}
     worn = found["worn"]["pan.Fv"]
-    assert worn.kind is not Kind.OFFSET and worn.shift > 0.006
-    assert fleet.since(worn) in (None, *MONTHS[1:]) and fleet.since(found["thick"]["tilt.Fv"]) is None
+    assert worn.kind is not DeviationKind.OFFSET and worn.shift > 0.006
+    assert fleet.since(worn) in (None, *MONTHS[1:]) and fleet.since(thick) is None
     assert fleet.units[-1].verdict is Verdict.PASS and fleet.failed == 1
     assert "broken.csv:" in next(one for one in fleet.units if one.unit == "broken").errors[0]
 

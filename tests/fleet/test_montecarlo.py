@@ -16,7 +16,7 @@ from gimbal_pin import Rig, identify, monte_carlo, nominal, track, tune
 from gimbal_pin.dynamics import reduce
 from gimbal_pin.errors import UsageError
 from gimbal_pin.estimation import given_beta
-from gimbal_pin.fleet import Design, MonteCarlo, Variation, Vary, process_pool, rank_influences
+from gimbal_pin.fleet import MonteCarlo, RigDesign, Variation, Vary, process_pool, rank_influences
 from gimbal_pin.fleet.variation import NOTHING, factor_covariance
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result
@@ -41,7 +41,7 @@ def late(rig: Rig) -> MonteCarlo:
 def test_without_variation_every_rig_is_the_nominal_one(rig: Rig) -> None:
     found = monte_carlo(rig, count=3, vary=NOTHING, seconds=SHORT, workers=1)
     model = nominal(rig)
-    noise = np.random.default_rng([int(Design((), 3, own_noise=False)[0].seed), 2])
+    noise = np.random.default_rng([int(RigDesign((), 3, own_noise=False)[0].seed), 2])
     step = track(model, {"own": tune(model).controller}, rng=noise, seconds=SHORT, one_by_one=False).experiments[0]
     for joint, own in step.joints.items():
         assert set(found.table[f"rms_error_{joint}"]) == {own.rms_error}
@@ -59,7 +59,7 @@ def test_what_dominates_ranks_first_and_the_worst_are_its_largest(late: MonteCar
 
 def test_sobol_indices_of_ishigamis_function() -> None:
     """``sin a + 7 sin² b + 0.1 c⁴ sin a`` on ±π: Ishigami and Homma, 1990."""
-    design = Design(("a", "b", "c"), 1024, seed=3, sobol=True)
+    design = RigDesign(("a", "b", "c"), 1024, seed=3, sobol=True)
     a, b, c = (2 * pi * np.array([unit.shares for unit in design]) - pi).T
     found = {own.input: own for own in rank_influences(design, np.sin(a) + 7 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a))}
     assert list(found) == ["a", "b", "c"] and len(design) == 1024 * 5

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binom
 
 from gimbal_pin.errors import UsageError
-from gimbal_pin.fleet import Comparison, Kind, compare_units
+from gimbal_pin.fleet import Comparison, DeviationKind, compare_units
 
 NAMES = tuple(f"parameter {k}" for k in range(6))
 ERROR = 0.3
@@ -73,7 +73,7 @@ def test_units_that_are_off_are_found_and_no_others() -> None:
     assert planted.keys() <= found.keys()
     assert len(found) <= len(planted) + 2, "one false alarm in a thousand was asked for"
     for key, sign in planted.items():
-        assert found[key].kind is Kind.OFFSET
+        assert found[key].kind is DeviationKind.OFFSET
         assert found[key].shift == pytest.approx(9 * sign, abs=3.5)
 
 
@@ -94,11 +94,11 @@ def test_a_change_is_dated_and_a_drift_is_no_step() -> None:
     values[6 * 15 : 6 * 16, 4] -= 9
     found = {(own.unit, own.parameter): own for own in compare(fleet).deviations}
     step, drift, offset = (found[f"unit {unit:04d}", NAMES[p]] for unit, p in ((3, 1), (8, 2), (15, 4)))
-    assert (step.kind, step.since) == (Kind.STEP, 4.0)
+    assert (step.kind, step.since) == (DeviationKind.STEP, 4.0)
     assert step.shift == pytest.approx(4, abs=3 * step.shift_std)
-    assert (drift.kind, drift.since) == (Kind.DRIFT, 0.0)
+    assert (drift.kind, drift.since) == (DeviationKind.DRIFT, 0.0)
     assert drift.shift == pytest.approx(5, abs=3 * drift.shift_std)
-    assert (offset.kind, offset.since) == (Kind.OFFSET, 0.0)
+    assert (offset.kind, offset.since) == (DeviationKind.OFFSET, 0.0)
     assert len(found) == 3
 
 
@@ -146,10 +146,14 @@ def test_what_exceeds_any_spread_is_found_though_the_spread_is_within_the_errors
     values, times = rng.normal(size=(15, len(NAMES))), np.concatenate([np.zeros(11), np.arange(4.0)])
     values[11:, 0] += np.array([0.0, 40.0, 80.0, 120.0])
     found = compare_units(NAMES, values, np.ones(values.shape), units, times)
-    assert [(own.unit, own.parameter, own.kind) for own in found.deviations] == [("worn", NAMES[0], Kind.DRIFT)]
+    assert [(own.unit, own.parameter, own.kind) for own in found.deviations] == [
+        ("worn", NAMES[0], DeviationKind.DRIFT)
+    ]
     values[11:, 0] = 100.0
     found = compare_units(NAMES, values, np.ones(values.shape), units, times)
-    assert [(own.unit, own.parameter, own.kind) for own in found.deviations] == [("worn", NAMES[0], Kind.OFFSET)]
+    assert [(own.unit, own.parameter, own.kind) for own in found.deviations] == [
+        ("worn", NAMES[0], DeviationKind.OFFSET)
+    ]
 
 
 @pytest.mark.parametrize("repeats", [1, 2])
@@ -159,5 +163,8 @@ def test_two_odd_units_do_not_hide_each_other(repeats: int) -> None:
     values[units.index("unit 7"), 0] += 2.5e-3
     values[-1, 0] += 6e-3
     found = compare_units(NAMES, values, np.full(values.shape, 3e-6), units, np.arange(float(len(units))))
-    assert {(own.unit, own.kind) for own in found.deviations} == {("unit 7", Kind.OFFSET), ("changed", Kind.STEP)}
+    assert {(own.unit, own.kind) for own in found.deviations} == {
+        ("unit 7", DeviationKind.OFFSET),
+        ("changed", DeviationKind.STEP),
+    }
     assert {own.parameter for own in found.deviations} == {NAMES[0]}
