@@ -16,9 +16,9 @@ from typing import NamedTuple
 import pytest
 
 import gimbal_pin
+from gimbal_pin.checks import CHECKS
 from gimbal_pin.cli import parse
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.estimation import CHECKS
 from tests.command_line import Run, whole
 
 ROOT = Path(__file__).parents[1]

@@ -16,7 +16,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-BELOW = "errors rig log effects dynamics regression estimation excitation control diagnosis"
+BELOW = "errors rig log effects dynamics regression checks estimation excitation control diagnosis"
 ORDER = f"{BELOW} online pointing export report fleet cli".split()
 """Rooms of the package, each of which imports only what stands before it."""
 

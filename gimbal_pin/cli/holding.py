@@ -106,7 +106,7 @@ class Holding:
 
     def taught(self, rig: str, payload: str | None) -> Log | None:
         """Return the log that teaches, if one is named; say what is wrong with its platform's IMU."""
-        from gimbal_pin.log.platform_log import sound
+        from gimbal_pin.checks import sound
 
         if self.learn is None:
             return None

@@ -129,8 +129,8 @@ def measured_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array,
     Raises:
         LogError: The log cannot be used, see `platform_log.sound`.
     """
+    from gimbal_pin.checks import sound
     from gimbal_pin.log.io import read_imu
-    from gimbal_pin.log.platform_log import sound
 
     t, imu, notes = sound(*read_imu(log, rig, rig.base, mapping), str(log))
     noted(notes)

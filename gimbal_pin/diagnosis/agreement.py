@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.given import outside
 from gimbal_pin.diagnosis.state import Problem, State, solved
@@ -19,7 +20,6 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
-from gimbal_pin.estimation.audit import Fault
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags
 from gimbal_pin.rig.rig import Rig

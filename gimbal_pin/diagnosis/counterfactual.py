@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from gimbal_pin.checks import Eccentricity
 from gimbal_pin.diagnosis.engine.alignment import retimed, shifts
 from gimbal_pin.diagnosis.engine.criterion import vuong
 from gimbal_pin.diagnosis.engine.selection import APART
@@ -22,7 +23,6 @@ from gimbal_pin.diagnosis.result import MEASURED, Finding
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.log.eccentricity import Eccentricity
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import LEANS, BaseMotion, Platform
 from gimbal_pin.regression import Filtering

@@ -8,6 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.checks import Audit, Fault, audit, rectified
+from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
+from gimbal_pin.checks.torque_time import misplaced, mistimed, told
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.band import alternate, usual
 from gimbal_pin.diagnosis.counterfactual import Encoders, off_centre, ridden
@@ -24,11 +27,7 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.audit import Audit, Fault, audit
-from gimbal_pin.estimation.channel_assignment import check_assignment_of_logs
 from gimbal_pin.estimation.identification import check_log, greatest_base_motion, split
-from gimbal_pin.estimation.torque_time import misplaced, mistimed, told
-from gimbal_pin.log.calibration import rectified
 from gimbal_pin.log.io.columns import MOVED, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, subsample_log

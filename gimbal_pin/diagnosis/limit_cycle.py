@@ -8,11 +8,11 @@ from math import isfinite
 import numpy as np
 from scipy import fft
 
+from gimbal_pin.checks import Fault, stuck_channel
 from gimbal_pin.diagnosis.engine import Explained
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit import Fault, stuck_channel
 from gimbal_pin.log.limited import MOSTLY, near_limit
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import Rig

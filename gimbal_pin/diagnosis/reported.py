@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gimbal_pin.checks import Audit
 from gimbal_pin.diagnosis.counterfactual import Ridden, joined
 from gimbal_pin.diagnosis.engine.criterion import criterion, fitted, matters, rows
 from gimbal_pin.diagnosis.engine.discrepancy import place
@@ -23,7 +24,6 @@ from gimbal_pin.diagnosis.shapes import same
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.audit import Audit
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from typing import Any
 
+from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
@@ -18,7 +19,6 @@ from gimbal_pin.dynamics.model import Doubt, Model
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit import Fault
 from gimbal_pin.log.log import Motion
 from gimbal_pin.rig.brief import brief
 

@@ -1,4 +1,4 @@
-"""From logs to a model with uncertainty: the audit of the data, rows, estimators, identification."""
+"""From logs to a model with uncertainty: rows, estimators, identification."""
 
 import lazy_loader
 

@@ -1,5 +1,3 @@
-from .audit import CHECKS as CHECKS
-from .audit import Fault as Fault
 from .balance import Balance as Balance
 from .estimators import ESTIMATORS as ESTIMATORS
 from .estimators import Bootstrap as Bootstrap

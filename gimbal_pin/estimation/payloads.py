@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.checks import check_assignment, check_time
 from gimbal_pin.dynamics.model import Estimated, Model, friction_effects, rotors
 from gimbal_pin.dynamics.reduction import Reduction, reduce, scan, stacked, units
 from gimbal_pin.dynamics.regressor import SCAN
@@ -16,7 +17,6 @@ from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation.balance import reported
-from gimbal_pin.estimation.channel_assignment import check_assignment
 from gimbal_pin.estimation.identification import (
     Identified,
     assembled,
@@ -29,7 +29,6 @@ from gimbal_pin.estimation.identification import (
 )
 from gimbal_pin.estimation.identification.checks import check_unit
 from gimbal_pin.estimation.known_gimbal import contradiction, limit, update
-from gimbal_pin.estimation.torque_time import check_time
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     TRUST,

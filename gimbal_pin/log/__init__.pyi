@@ -1,9 +1,5 @@
 from . import io as io
 from . import signals as signals
-from .calibration import Mounting as Mounting
-from .calibration import rectified as rectified
-from .eccentricity import Eccentricity as Eccentricity
-from .eccentricity import eccentricity as eccentricity
 from .io import log_in as log_in
 from .io import read_imu as read_imu
 from .io import read_log as read_log
@@ -39,14 +35,9 @@ from .mapping import Source as Source
 from .mapping import expression as expression
 from .mapping import parse_expression as parse_expression
 from .mapping import read_mapping as read_mapping
-from .missing_samples import Filled as Filled
-from .missing_samples import filled as filled
-from .missing_samples import holes as holes
-from .missing_samples import inside as inside
 from .platform import MOTIONS as MOTIONS
 from .platform import BaseMotion as BaseMotion
 from .platform import Platform as Platform
-from .platform_log import sound as sound
 from .profile import profile_s as profile_s
 from .signals import differentiate as differentiate
 from .signals import lowpass as lowpass

@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gimbal_pin.checks import check_assignment
 from gimbal_pin.dynamics.model import Model, friction_effects
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.estimation.channel_assignment import check_assignment
 from gimbal_pin.estimation.identification import (
     DROWNED,
     Accuracy,

@@ -36,6 +36,11 @@ from gimbal_pin.regression.instrumental import compute_moments as compute_moment
 from gimbal_pin.regression.instrumental import fit_instrumental as fit_instrumental
 from gimbal_pin.regression.instrumental import fit_repeated as fit_repeated
 from gimbal_pin.regression.instrumental import solve_moments as solve_moments
+from gimbal_pin.regression.missing_samples import Filled as Filled
+from gimbal_pin.regression.missing_samples import filled as filled
+from gimbal_pin.regression.missing_samples import holes as holes
+from gimbal_pin.regression.missing_samples import inside as inside
+from gimbal_pin.regression.missing_samples import resolution as resolution
 from gimbal_pin.regression.noise import Autoregression as Autoregression
 from gimbal_pin.regression.noise import compute_autocovariance as compute_autocovariance
 from gimbal_pin.regression.noise import count_independent_rows as count_independent_rows

@@ -16,8 +16,8 @@ from scipy.ndimage import gaussian_filter1d
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.log.missing_samples import filled, holes, inside
 from gimbal_pin.log.platform import BaseMotion, Platform
+from gimbal_pin.regression.missing_samples import filled, holes, inside
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 

@@ -14,6 +14,7 @@ from gimbal_pin.report.format import angle, controller_name, figures, joint_show
 from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
+    from gimbal_pin.checks import Mounting
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from gimbal_pin.estimation.payloads import Several
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.export import Exported
-    from gimbal_pin.log.calibration import Mounting
     from gimbal_pin.log.io.inspection import Inspected
     from gimbal_pin.online import Progress
     from gimbal_pin.pointing.result import Row

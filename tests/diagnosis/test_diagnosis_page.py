@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
+from gimbal_pin.checks import Fault
 from gimbal_pin.control import tune
 from gimbal_pin.diagnosis import Diagnosis, Residual, describe_motion, diagnose, heat, write_diagnosis
 from gimbal_pin.diagnosis import Rival as Told
@@ -19,7 +20,7 @@ from gimbal_pin.diagnosis.findings import nearest, together
 from gimbal_pin.diagnosis.likeness import cosine, span
 from gimbal_pin.effects import CAUSES, Backlash, Cogging, Delay, Parameter
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation import Fault, read_model
+from gimbal_pin.estimation import read_model
 from gimbal_pin.log import Log, write_log
 from gimbal_pin.report import joints_of, tables, text, verdict
 from gimbal_pin.report.sections import diagnosis as sections

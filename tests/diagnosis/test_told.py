@@ -11,11 +11,11 @@ from typing import cast
 import numpy as np
 import pytest
 
+from gimbal_pin.checks import CHECKS
 from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival
 from gimbal_pin.diagnosis.findings import rough
 from gimbal_pin.effects import CAUSES, Parameter, TorqueRipple
-from gimbal_pin.estimation import CHECKS
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
 from tests.diagnosis.test_forms import SEEN

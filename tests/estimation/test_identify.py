@@ -17,7 +17,7 @@ from gimbal_pin.regression import (
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
 from tests.bench_logs import closed_loop, fourier, oracle, prescribed
-from tests.corruption import CORRUPTIONS
+from tests.checks.corruption import CORRUPTIONS
 
 EXACT = Filtering(alignment=0.0)
 

@@ -11,14 +11,13 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
+from gimbal_pin.checks.stuck_channel import denied_torque
 from gimbal_pin.control import perturbed, tune
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import Model, Sensors, base, noisy, nominal, readings, reduce, simulate
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.estimation import given_beta, greatest_base_motion, identify
-from gimbal_pin.estimation.audit.base import taken
-from gimbal_pin.estimation.audit.stuck_channel import denied_torque
 from gimbal_pin.log import MOTIONS, Array, BaseMotion, Imu, Log, Platform, profile_s, read_log, write_motion
 from gimbal_pin.pointing import Asked
 from gimbal_pin.pointing.verify import modelled
@@ -271,7 +270,7 @@ def test_a_torque_that_sticks_while_the_base_moves_is_told_by_what_the_rest_of_t
     platform = replace(moving, f=np.where(still[:, None], [0.0, 0.0, GRAVITY], moving.f), w=moving.w * ~still[:, None])
     log = carried(nominal(rig), None, 12.0)
     log = replace(log, imus={rig.base: Imu(platform.w, platform.f)})
-    rest = taken(log, np.flatnonzero(still))
+    rest = log.part(np.flatnonzero(still))
     assert classify_base_motion(rig, rest) == "fixed" != classify_base_motion(rig, log)
     assert 0.0 <= denied_torque(rig, log, 0, ~still, EXACT) < np.inf
 

@@ -18,14 +18,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin.checks.channel_assignment import agreement, check_assignment, impossible, reordered, trials
+from gimbal_pin.checks.torque_time import misplaced
 from gimbal_pin.diagnosis import Explained, diagnose
 from gimbal_pin.diagnosis.limit_cycle import swing, swung
 from gimbal_pin.dynamics import friction_effects, nominal, reduce
 from gimbal_pin.effects import Cause, Cogging, Delay, Saturation
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.estimation import identify
-from gimbal_pin.estimation.channel_assignment import agreement, check_assignment, impossible, reordered, trials
-from gimbal_pin.estimation.torque_time import misplaced
 from gimbal_pin.log import REACH, Array, Imu, Log, log_columns, read_log, read_mapping, write_log
 from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.online import Online

@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from gimbal_pin.checks.torque_time import EARLIEST
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.score import Beside
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Signal
-from gimbal_pin.estimation.torque_time import EARLIEST
 from gimbal_pin.log.log import Array
 
 LATEST = 5e-3

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.checks import check_assignment, check_time, rectified
 from gimbal_pin.dynamics.model import Doubt, Estimated, Model, friction_effects, rotors
 from gimbal_pin.dynamics.reduction import Reduction, reduce
 from gimbal_pin.dynamics.regressor import columns
@@ -16,13 +17,10 @@ from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.estimation import payload_change
-from gimbal_pin.estimation.channel_assignment import check_assignment
 from gimbal_pin.estimation.estimators.hausman import WhenTested, check_bias
 from gimbal_pin.estimation.identification.checks import check_enough, check_log, check_seen, check_unit, unseen
 from gimbal_pin.estimation.identification.identified import Identified, faults
 from gimbal_pin.estimation.identification.validation import Validation, accuracy
-from gimbal_pin.estimation.torque_time import check_time
-from gimbal_pin.log.calibration import rectified
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import MOTIONS, BaseMotion
 from gimbal_pin.regression import (

@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.checks import Mounting, audit
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.effects import ALWAYS
 from gimbal_pin.errors import digits
 from gimbal_pin.estimation import payload_change
-from gimbal_pin.estimation.audit import audit
 from gimbal_pin.estimation.bodies import Body, bodies
 from gimbal_pin.estimation.estimators.hausman import BiasCheck
 from gimbal_pin.estimation.identification.validation import EXPLAINED, Accuracy
-from gimbal_pin.log.calibration import Mounting
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base, subsample_log
 from gimbal_pin.rig.brief import brief

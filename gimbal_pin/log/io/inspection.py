@@ -14,9 +14,8 @@ from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.log.io.readers import open_table
 from gimbal_pin.log.io.recognise import Channel, Recognised, assign_columns, recognise, required_columns
 from gimbal_pin.log.io.tables import JoinedTable, Table, find_time, quote_names, read_numeric_columns
-from gimbal_pin.log.log import NOTHING, Array
+from gimbal_pin.log.log import GAP, NOTHING, Array
 from gimbal_pin.log.mapping import ROW, expression
-from gimbal_pin.log.platform_log import HOLE
 from gimbal_pin.rig.rig import Rig
 
 _HUGE = 1e30
@@ -51,7 +50,7 @@ class InspectedStream:
             "samples": len(self.t),
             "seconds": float(np.ptp(self.t)) if len(self.t) else 0.0,
             "rate_hz": 1 / usual if usual else None,
-            "gaps": int(np.sum(steps > HOLE * usual)) if usual else 0,
+            "gaps": int(np.sum(steps > GAP * usual)) if usual else 0,
             "longest_interval_s": float(steps.max()) if len(steps) else None,
             "repeated_rows": int(same.sum()),
             "times_not_increasing": int(np.sum(steps <= 0)),

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.audit import (
+from gimbal_pin.checks import (
     acceleration_noise,
     clock,
     commanded_torque,
@@ -16,8 +15,9 @@ from gimbal_pin.estimation.audit import (
     outliers,
     stuck_channel,
 )
-from gimbal_pin.estimation.audit.base import Check
-from gimbal_pin.estimation.audit.base import Fault as Fault
+from gimbal_pin.checks.base import Check
+from gimbal_pin.checks.base import Fault as Fault
+from gimbal_pin.errors import DataError
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig

@@ -17,20 +17,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gimbal_pin.checks import CHECKS, Fault, audit
+from gimbal_pin.checks.base import bits, edges, left_out, quantum
+from gimbal_pin.checks.clock import ticks
+from gimbal_pin.checks.harm import build_design, spoils_torque
+from gimbal_pin.checks.outliers import garbage
 from gimbal_pin.control import bench_run, tune
 from gimbal_pin.diagnosis.agreement import NAME as LOGS_DISAGREE
 from gimbal_pin.dynamics import nominal, weight
-from gimbal_pin.estimation import CHECKS, Fault
-from gimbal_pin.estimation.audit import audit
-from gimbal_pin.estimation.audit.base import bits, edges, left_out, quantum, taken
-from gimbal_pin.estimation.audit.clock import ticks
-from gimbal_pin.estimation.audit.harm import build_design, spoils_torque
-from gimbal_pin.estimation.audit.outliers import garbage
 from gimbal_pin.log import Array, Log, read_log
 from gimbal_pin.regression import Filtering, fit_weighted
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
-from tests.corruption import CORRUPTIONS
+from tests.checks.corruption import CORRUPTIONS
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 CONTRACT = Path(__file__).parents[3] / "shared" / "CONTRACT.md"
@@ -132,7 +131,7 @@ def coloured(log: Log, size: float, corner: float, rng: np.random.Generator) -> 
 def few_lost(log: Log, rng: np.random.Generator) -> Log:
     """Two in a thousand samples lost, stamps off by ten microseconds."""
     kept = np.sort(rng.permutation(len(log))[: round(0.998 * len(log))])
-    return taken(log, kept, log.t[kept] + 1e-5 * rng.uniform(-1, 1, len(kept)))
+    return replace(log.part(kept), t=log.t[kept] + 1e-5 * rng.uniform(-1, 1, len(kept)))
 
 
 DIRTY: dict[str, Callable[[Log, np.random.Generator], Log]] = {

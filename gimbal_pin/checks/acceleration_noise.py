@@ -8,10 +8,10 @@ from functools import partial
 
 import numpy as np
 
+from gimbal_pin.checks.base import Examined, Fault, angle_noise, bits, local_noise, quantum
+from gimbal_pin.checks.harm import MATERIAL, build_design
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault, angle_noise, bits, local_noise, quantum
-from gimbal_pin.estimation.audit.harm import MATERIAL, build_design
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (

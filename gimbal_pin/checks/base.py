@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log import signals
-from gimbal_pin.log.log import Array, Imu, Log
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags
 from gimbal_pin.rig.rig import Rig
 
@@ -145,17 +145,6 @@ def edges(flags: Flags) -> list[tuple[int, int]]:
     """First and one past the last index of every run of true flags."""
     ends = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return list(zip(ends[::2].tolist(), ends[1::2].tolist()))
-
-
-def taken(log: Log, rows: Indices, t: Array | None = None) -> Log:
-    """Return the samples with these indices, in this order, with other times `t` or each with its own."""
-    names = (*CHANNELS, "q_ref", "temperature")
-    chosen: dict[str, Any] = {name: value[rows] for name in names if (value := getattr(log, name)) is not None}
-    imus = {}
-    for link, imu in log.imus.items():
-        sensed = {name: value[rows] for name in ("gyro", "accel", "quat") if (value := getattr(imu, name)) is not None}
-        imus[link] = Imu(**sensed)
-    return replace(log, **chosen, t=log.t[rows] if t is None else t, imus=imus)
 
 
 def noted(log: Log, event: str) -> Log:

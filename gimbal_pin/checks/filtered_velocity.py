@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.checks.base import Examined, Fault, noted
+from gimbal_pin.checks.harm import spoils_torque
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault, noted
-from gimbal_pin.estimation.audit.harm import spoils_torque
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, split_segments

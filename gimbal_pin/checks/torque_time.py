@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.checks.base import Fault
+from gimbal_pin.checks.clock import NAME
+from gimbal_pin.checks.harm import build_design
 from gimbal_pin.effects.delay import SLOWEST
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError, digits
-from gimbal_pin.estimation.audit.base import Fault
-from gimbal_pin.estimation.audit.clock import NAME
-from gimbal_pin.estimation.audit.harm import build_design
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     Block,

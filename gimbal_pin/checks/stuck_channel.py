@@ -8,9 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import (
+from gimbal_pin.checks.base import (
     CHANNELS,
     WORDS,
     Examined,
@@ -20,9 +18,10 @@ from gimbal_pin.estimation.audit.base import (
     level,
     noted,
     quantum,
-    taken,
 )
-from gimbal_pin.estimation.audit.harm import build_design
+from gimbal_pin.checks.harm import build_design
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags, classify_base_motion, compute_residuals, dilate_flags, fit_weighted
 from gimbal_pin.rig.rig import Rig
@@ -72,7 +71,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     fault = fault_of(rig, log, worst, len(found))
     if bad.mean() > 0.5:
         return Examined(fault, log)
-    return Examined(fault, noted(taken(log, np.flatnonzero(~bad)), "rows of a stuck channel were cut out"))
+    return Examined(fault, noted(log.part(np.flatnonzero(~bad)), "rows of a stuck channel were cut out"))
 
 
 def candidates(rig: Rig, log: Log, filtering: Filtering) -> Iterator[Held]:
@@ -167,7 +166,7 @@ def denied_torque(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering)
     """
     if rows.all():
         return float("inf") if np.ptp(log.q[:, j]) > 0 else 0.0
-    logs, base = (log, taken(log, np.flatnonzero(~rows))), classify_base_motion(rig, log)
+    logs, base = (log, log.part(np.flatnonzero(~rows))), classify_base_motion(rig, log)
     every, fitted = (list(build_design(rig, one, filtering, base)) for one in logs)
     if not fitted or sum(block.b.size for block in fitted) < 3 * fitted[0].A.shape[2]:
         return 0.0

@@ -15,13 +15,21 @@ from gimbal_pin.diagnosis.evidence import judged
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import DataError
 from gimbal_pin.estimation import identify
-from gimbal_pin.estimation.audit.base import taken
-from gimbal_pin.log import Filled, Log, filled, holes, inside
-from gimbal_pin.log.missing_samples import resolution
-from gimbal_pin.regression import Filtering, find_standstill, smooth_samples, split_segments
+from gimbal_pin.log import Log
+from gimbal_pin.regression import (
+    Filled,
+    Filtering,
+    filled,
+    find_standstill,
+    holes,
+    inside,
+    resolution,
+    smooth_samples,
+    split_segments,
+)
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
-from tests.corruption import CORRUPTIONS
+from tests.checks.corruption import CORRUPTIONS
 
 CUTOFF, DT = 4.0, 2e-3
 STEP = 2 * np.pi / 2**12
@@ -47,7 +55,7 @@ def holed(log: Log, pattern: tuple[int, int, float]) -> Log:
     for start in rng.integers(10, len(log) - 10, count):
         kept[start : start + int(rng.uniform(0.006, longest) / DT)] = False
     kept[[0, -1]] = True
-    return taken(log, np.flatnonzero(kept))
+    return log.part(np.flatnonzero(kept))
 
 
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-5, 1e-2), jitter=st.floats(0.0, 0.3))
@@ -111,7 +119,7 @@ def test_closed_holes_move_no_estimate_by_more_than_its_deviation(seed: int) -> 
     log = recorded(1)
     lossy = holed(log, (seed, 10, 0.045))
     closed = filled(lossy, CUTOFF).closed
-    kept = taken(log, np.flatnonzero(np.isin(log.t, lossy.t) | inside(closed, log.t)))
+    kept = log.part(np.flatnonzero(np.isin(log.t, lossy.t) | inside(closed, log.t)))
     second = identify(RIG, [lossy], holdout="none").estimate
     with patch("gimbal_pin.regression.samples.filled", lambda *_: Filled(kept, closed)):
         first = identify(RIG, [kept], holdout="none").estimate
@@ -130,7 +138,7 @@ def test_a_log_without_noise_and_one_without_holes_are_left_alone() -> None:
 def test_a_log_in_shreds_is_judged_by_its_samples() -> None:
     """Bursts of samples with holes that no motion closes: no stretch to fit, and yet true samples."""
     log, band = recorded(), Filtering(cutoff=12.0, smoothing=2.5, alignment=0.0)
-    shreds = taken(log, np.flatnonzero(np.arange(len(log)) % 60 < 35))
+    shreds = log.part(np.flatnonzero(np.arange(len(log)) % 60 < 35))
     origins = {log.name: 0.0}
     with pytest.raises(DataError):
         gather(RIG, [shreds], band, origins)

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gimbal_pin.checks import sound
 from gimbal_pin.errors import LogError
-from gimbal_pin.log import Array, Imu, profile_s, sound
+from gimbal_pin.log import Array, Imu, profile_s
 
 DT, N = 0.008, 1500
 

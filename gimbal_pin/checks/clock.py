@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from gimbal_pin.checks.base import Examined, Fault, channels, left_out, noted
+from gimbal_pin.checks.harm import spoils_torque
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import Examined, Fault, channels, left_out, noted, taken
-from gimbal_pin.estimation.audit.harm import spoils_torque
 from gimbal_pin.log.log import PAUSE, Array, Log
 from gimbal_pin.regression import Filtering, Flags, split_segments
 from gimbal_pin.rig.rig import Rig
@@ -74,7 +74,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if beyond[0] > 1.0 and false_stamps(log, seen.steady):
         mended = noted(replace(log, t=seen.steady), "time stamps were evened")
     if beyond[3] > 1.0:
-        mended = noted(taken(mended, np.flatnonzero(~old)), "repeated rows were left out")
+        mended = noted(mended.part(np.flatnonzero(~old)), "repeated rows were left out")
     harmful = mended is not log and spoils_torque(rig, log, mended, filtering)
     sparse = not harmful and scattered(log, filtering)
     return Examined(fault_of(figures, beyond, harmful, sparse), mended)

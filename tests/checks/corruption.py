@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfilt
 
-from gimbal_pin.estimation.audit.base import taken
 from gimbal_pin.log import Log, signals
 
 
@@ -28,7 +27,8 @@ def plant_clock(
     lost = np.zeros(n, bool)
     for start in rng.integers(1, n, holes):
         lost[start : start + round(0.1 / log.dt)] = True
-    return taken(taken(log, rows, log.t + late), np.flatnonzero(~lost))
+    channels: dict[str, Any] = {name: x[rows] for name, x in log.channels.items()}
+    return replace(log, t=log.t + late, **channels).part(np.flatnonzero(~lost))
 
 
 def plant_stuck_channel(

@@ -8,9 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.errors import digits
-from gimbal_pin.estimation.audit.base import (
+from gimbal_pin.checks.base import (
     WORDS,
     Examined,
     Fault,
@@ -20,9 +18,10 @@ from gimbal_pin.estimation.audit.base import (
     level,
     medians,
     noted,
-    taken,
 )
-from gimbal_pin.estimation.audit.harm import spoils_torque
+from gimbal_pin.checks.harm import spoils_torque
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags, dilate_flags
 from gimbal_pin.rig.rig import Rig
@@ -73,7 +72,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if not found and not bad:
         return None
     rows = np.any([wild.rows for wild in bad], axis=0) if bad else np.zeros(len(log), bool)
-    mended = noted(taken(smooth, np.flatnonzero(~rows)), "outliers were interpolated or cut out")
+    mended = noted(smooth.part(np.flatnonzero(~rows)), "outliers were interpolated or cut out")
     harmful = spoils_torque(rig, log, mended, filtering)
     if not bad and not harmful and max(wild.size for wild in found) < GROSS:
         return None

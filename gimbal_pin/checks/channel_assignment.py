@@ -9,13 +9,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gimbal_pin.checks.base import Fault
 from gimbal_pin.dynamics.configurations import spread
 from gimbal_pin.dynamics.model import friction_effects
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.regressor import inertia
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError
-from gimbal_pin.estimation.audit.base import Fault
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.mapping import remapped
 from gimbal_pin.log.platform import BaseMotion

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.log.log import Array, Imu, Log
+from gimbal_pin.log.log import GAP, Array, Imu, Log
 
 Indices = NDArray[np.integer[Any]]
 
-SAMPLES, PERIODS = 4.5, 0.1
-"""A longer interval than so many samples and so many periods of the cutoff is a gap."""
+PERIODS = 0.1
+"""A longer interval than `GAP` samples and so many periods of the cutoff is a gap."""
 LONGEST = 0.25
 """Longest gap that is closed, in periods of the cutoff: nothing below it can turn unseen in less."""
 SIDE, LEAST = 2.0, 6
@@ -43,7 +43,7 @@ Side = tuple[Array, Array, Array]
 
 def holes(log: Log, cutoff: float) -> Indices:
     """Return the last sample before every gap."""
-    return np.flatnonzero(np.diff(log.t) > max(SAMPLES * log.dt, PERIODS / cutoff))
+    return np.flatnonzero(np.diff(log.t) > max(GAP * log.dt, PERIODS / cutoff))
 
 
 def filled(log: Log, cutoff: float) -> Filled:

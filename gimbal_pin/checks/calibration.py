@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.checks.eccentricity import Eccentricity, centred, eccentricities
 from gimbal_pin.log import signals
-from gimbal_pin.log.eccentricity import Eccentricity, centred, eccentricities
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.rig.rig import Rig
 

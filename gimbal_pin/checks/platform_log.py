@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import LogError, digits
-from gimbal_pin.log.log import Array, Imu
+from gimbal_pin.log.log import GAP, Array, Imu
 from gimbal_pin.log.platform import CUTOFF, TURNS
 
 Flags = NDArray[np.bool_]
@@ -19,8 +19,6 @@ _STUCK, _LONG = 25, 0.25
 """The same of one axis, which may rest by itself for a while."""
 _USUAL = 0.5
 """An axis that repeats itself at more than this share of its samples is coarse or still, not stuck."""
-HOLE = 4.5
-"""A longer interval than so many samples is a gap."""
 _BRIDGED = 0.25
 """A longer gap is not bridged: a quarter of a second hides whole swings."""
 _SHORTEST = 2.0
@@ -131,7 +129,7 @@ def _find_longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[
         LogError: It is too short.
     """
     steps = np.diff(t[rows])
-    gaps = np.flatnonzero(steps > HOLE * np.median(np.diff(t)))
+    gaps = np.flatnonzero(steps > GAP * np.median(np.diff(t)))
     edges = [0, *(gaps[steps[gaps] > _BRIDGED] + 1).tolist(), len(rows)]
     first, end = max(itertools.pairwise(edges), key=lambda pair: t[rows[pair[1] - 1]] - t[rows[pair[0]]])
     begins, ends = float(t[rows[first]]), float(t[rows[end - 1]])

@@ -1,0 +1,14 @@
+from .base import Fault as Fault
+from .calibration import Mounting as Mounting
+from .calibration import estimate_joint_rates as estimate_joint_rates
+from .calibration import estimate_mountings as estimate_mountings
+from .calibration import rectified as rectified
+from .channel_assignment import check_assignment as check_assignment
+from .checked import CHECKS as CHECKS
+from .checked import Audit as Audit
+from .checked import audit as audit
+from .eccentricity import Eccentricity as Eccentricity
+from .eccentricity import eccentricity as eccentricity
+from .platform_log import sound as sound
+from .torque_time import check_time as check_time
+from .torque_time import misplaced as misplaced
