@@ -22,7 +22,7 @@ from gimbal_pin.estimation.bodies import figures
 from gimbal_pin.estimation.identification import identify
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST
-from gimbal_pin.rig.consistency import spread
+from gimbal_pin.regression.consistency import compute_deformation_root
 from gimbal_pin.rig.inertia import physical
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, prescribed
@@ -46,7 +46,7 @@ def missed(kind: str, q: Array, v: Array, phase: float) -> Array:
 
 def inside(rig: Rig, kind: str, rng: np.random.Generator) -> Iterator[bool]:
     """Yield for every figure of the bodies whether its interval holds the truth, on one log."""
-    root = TRUST * spread(rig.phi)
+    root = TRUST * compute_deformation_root(rig.phi)
     while not all(map(physical, (phi := rig.phi + root @ rng.standard_normal(len(root))).reshape(-1, 10))):
         pass
     seed, joint = int(rng.integers(2**31)), int(rng.integers(rig.n))

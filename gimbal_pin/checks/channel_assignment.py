@@ -32,7 +32,7 @@ from gimbal_pin.regression import (
     fit_weighted,
     solve_factors,
 )
-from gimbal_pin.rig.consistency import LEANT
+from gimbal_pin.regression.consistency import LEANT_WEIGHTS
 from gimbal_pin.rig.rig import Rig
 
 POOR = 0.25
@@ -252,7 +252,7 @@ def unexplained(blocks: DesignBlocks) -> float:
     """
     factors = in_shares(blocks) / ROUGH
     try:
-        phi, friction = fit_bounded_bodies(blocks.design, factors.reshape(-1, factors.shape[2]), LEANT)
+        phi, friction = fit_bounded_bodies(blocks.design, factors.reshape(-1, factors.shape[2]), LEANT_WEIGHTS)
     except np.linalg.LinAlgError:  # so far from all bodies that numbers end: they explain nothing
         return 1.0
     theta = np.concatenate([blocks.design.mixing @ phi, friction, [-1.0]])

@@ -15,9 +15,9 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.excitation import excite
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.inertia import pseudo_inertia
 from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.types import Rng, seeded
 
 
 def repeated(motion: Motion, seconds: float, dt: float) -> Motion:

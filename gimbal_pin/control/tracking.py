@@ -17,8 +17,8 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.limited import at_limit
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.types import Rng, seeded
 
 PEAK_RATE = 15 / 8
 """Largest rate of a minimum-jerk move, in distance per duration."""

@@ -31,8 +31,8 @@ from gimbal_pin.estimation.identification import check_log, greatest_base_motion
 from gimbal_pin.log.io.columns import MOVED, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, subsample_log
-from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.types import Rng, seeded
 
 LIVELY = 1e-3
 """Least share of a joint's samples that must be away from standstill."""

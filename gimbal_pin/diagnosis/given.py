@@ -25,8 +25,8 @@ from gimbal_pin.regression import (
     map_phi_to_base,
     propagate_misfit,
 )
+from gimbal_pin.regression.consistency import compute_deformation_root
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.consistency import spread
 from gimbal_pin.rig.rig import Rig
 
 RANK = 1e-6
@@ -423,8 +423,8 @@ def others(found: Difference, body: int) -> tuple[Difference, Array]:
     """Return the difference, deviations holding what other bodies than one may differ by, and what is open beside it.
 
     Open are all inertias, as no URDF holds the motors' rotors; where that leaves nothing to judge by, the body's own.
-    Masses and first moments are the URDF's, stretched by τ (`consistency.spread`), with τ so that what the body does
-    not explain is as large as its degrees of freedom (Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 1982).
+    Masses and first moments are the URDF's, stretched by τ (`compute_deformation_root`), with τ so that what the body
+    does not explain is as large as its degrees of freedom (Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 1982).
     """
     mine = np.arange(10 * body, 10 * body + 10)
     own = found.responses[:, mine]
@@ -432,7 +432,7 @@ def others(found: Difference, body: int) -> tuple[Difference, Array]:
     open_ = found.responses[:, [10 * k + place for k in order for place in INERTIA]]
     if not found.left(np.hstack([own, open_]))[1]:
         open_ = own[:, INERTIA]
-    apart = found.responses @ np.delete(spread(found.rig.phi), mine, axis=1)
+    apart = found.responses @ np.delete(compute_deformation_root(found.rig.phi), mine, axis=1)
 
     def allowed(share: float) -> Difference:
         return found.widened(share * apart)

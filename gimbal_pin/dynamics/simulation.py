@@ -19,7 +19,7 @@ from gimbal_pin.errors import UsageError, visible
 from gimbal_pin.log.limited import THROUGH, at_limit, limited, past_stops
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.rig.draws import Rng, seeded
+from gimbal_pin.rig.types import Rng, seeded
 
 
 class Reference(NamedTuple):

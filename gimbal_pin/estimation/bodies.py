@@ -2,8 +2,8 @@
 
 Joint torques show combinations of these alone. What they show, the log says; the rest is the URDF's, with the
 deviation that the trust in it leaves: every body may be the URDF's, stretched and sheared at random by that much
-(`consistency.spread`). The bodies are the most likely ones (`consistency.likeliest`), their covariance is that of β
-and G together, ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``.
+(`compute_deformation_root`). The bodies are the most likely ones (`find_likeliest_bodies`), their covariance is that
+of β and G together, ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST
-from gimbal_pin.rig.consistency import spread
+from gimbal_pin.regression.consistency import compute_deformation_root
 from gimbal_pin.rig.inertia import physical
 
 SHOWN = 0.5
@@ -95,7 +95,7 @@ def bodies(
         covariance: Their covariance, (b, b).
         trust: Relative standard deviation of the URDF's masses; lengths to half of that.
     """
-    before = trust * spread(given)
+    before = trust * compute_deformation_root(given)
     middle, after = believed(given, mixing, beta, covariance, trust)
     draws = after @ np.random.default_rng(0).standard_normal((len(phi), DRAWS))
     found = []
@@ -116,7 +116,7 @@ def believed(given: Array, mixing: Array, beta: Array, covariance: Array, trust:
     G = B Bᵀ is the trust's, so that is ``B (1 + BᵀKᵀP⁻¹KB)⁻¹ Bᵀ``: orthogonal factors, as variances span ten orders of
     magnitude. Arguments as for `bodies`.
     """
-    root, size = trust * spread(given), np.sqrt(np.diag(covariance))
+    root, size = trust * compute_deformation_root(given), np.sqrt(np.diag(covariance))
     lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
     shown, apart = (np.linalg.solve(lower, (x.T / size).T) for x in (mixing @ root, beta - mixing @ given))
     Q, R = np.linalg.qr(np.vstack([shown, np.eye(len(given))]))

@@ -43,8 +43,8 @@ from gimbal_pin.regression import (
     fit_weighted,
     map_phi_to_base,
 )
+from gimbal_pin.regression.consistency import find_likeliest_bodies
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.consistency import likeliest
 from gimbal_pin.rig.rig import PHI, Rig
 
 BARE = "none"
@@ -217,7 +217,7 @@ def hedged(
     if reference == BARE or not mounted.covariance.any():
         return mounted, ()
     width = len(mixing)
-    phi = likeliest(given, mixing, known[0][:width], known[1][:width, :width], TRUST)
+    phi = find_likeliest_bodies(given, mixing, known[0][:width], known[1][:width, :width], TRUST)
     apart = own.shown((phi - given)[10 * own.body : 10 * own.body + 10])
     size = mounted.std
     correlation = mounted.covariance / np.outer(size, size)

@@ -21,8 +21,8 @@ from gimbal_pin.excitation.limits import QUANTITIES, Envelope, check_stated_limi
 from gimbal_pin.excitation.problem import ExcitationProblem
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.types import Rng, seeded
 
 CLEARANCE = 0.005
 """Distance that parts keep which can hit each other, m."""

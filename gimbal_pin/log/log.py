@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.mapping import Source, remapped
-from gimbal_pin.rig.arrays import Array
 from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.types import Array
 
 if TYPE_CHECKING:
     from gimbal_pin.rig.rig import Rig

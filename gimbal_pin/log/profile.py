@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.rig.draws import Rng, seeded
+from gimbal_pin.rig.types import Rng, seeded
 
 
 @dataclass(frozen=True)

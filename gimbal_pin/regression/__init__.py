@@ -3,6 +3,14 @@
 log → uniform grid → smoothed q, v, a, tau → decimated → columns → low-pass → one row every half period of the cutoff
 """
 
+from gimbal_pin.regression.consistency import BARRIER_WEIGHTS as BARRIER_WEIGHTS
+from gimbal_pin.regression.consistency import LEANT_WEIGHTS as LEANT_WEIGHTS
+from gimbal_pin.regression.consistency import PSEUDO_INERTIA_BASIS as PSEUDO_INERTIA_BASIS
+from gimbal_pin.regression.consistency import Consistent as Consistent
+from gimbal_pin.regression.consistency import compute_deformation_root as compute_deformation_root
+from gimbal_pin.regression.consistency import find_likeliest_bodies as find_likeliest_bodies
+from gimbal_pin.regression.consistency import find_nearest_bodies as find_nearest_bodies
+from gimbal_pin.regression.consistency import fit_bodies as fit_bodies
 from gimbal_pin.regression.covariance import bound_deviations as bound_deviations
 from gimbal_pin.regression.covariance import compute_coloured_covariance as compute_coloured_covariance
 from gimbal_pin.regression.covariance import compute_score_covariance as compute_score_covariance

@@ -10,6 +10,7 @@ from gimbal_pin.dynamics.configurations import spread
 from gimbal_pin.dynamics.regressor import regressor
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression.consistency import BARRIER_WEIGHTS, compute_deformation_root, fit_bodies
 from gimbal_pin.regression.design import Block, Design, find_base_columns, get_design
 from gimbal_pin.regression.solve import (
     RANK,
@@ -23,7 +24,6 @@ from gimbal_pin.regression.solve import (
     triangularise,
     weigh_joints,
 )
-from gimbal_pin.rig import consistency
 
 PASSES = 3
 """Solutions in turn, each weighted by the residuals of the one before."""
@@ -39,7 +39,7 @@ def fit_physical(blocks: Sequence[Block]) -> Estimate:
     """``argmin Σ_j (‖b_j - A_j (K φ; f)‖² + w ‖Y_j (K φ - β)‖²) / σ_j²`` over bodies φ that can exist, f in its bounds.
 
     The data themselves are fitted, through their triangular factor, and not an estimate moved afterwards: the global
-    minimum (Sousa and Cortesão 2014; Wensing, Kim and Slotine 2018), by `consistency.fitted`. CVXPY with Clarabel has
+    minimum (Sousa and Cortesão 2014; Wensing, Kim and Slotine 2018), by `fit_bodies`. CVXPY with Clarabel has
     the same minimum but takes 1.3 s to import. Of what the data do not show, the bodies stay as near the URDF as they
     can. The covariance is that without the constraint, which can only take some of it away.
 
@@ -87,9 +87,11 @@ def build_urdf_prior(design: Design, trust: float) -> Array:
     """Rows ``[P₀^-½ 0 P₀^-½ beta_0]``, (b, k + 1): beta_0 the URDF's base parameters, ``P₀ = K (trust² G) Kᵀ``.
 
     P₀ is their covariance if every body is the URDF's, stretched and sheared at random by `trust`: G as
-    `consistency.spread` says.
+    `compute_deformation_root` says.
     """
-    left, values, _ = np.linalg.svd(design.mixing @ consistency.spread(design.rig.phi) * trust, full_matrices=False)
+    left, values, _ = np.linalg.svd(
+        design.mixing @ compute_deformation_root(design.rig.phi) * trust, full_matrices=False
+    )
     whiten = left.T / np.maximum(values, 1e-9 * values[0])[:, None]
     out = np.zeros((len(whiten), len(design.names) + 1))
     out[:, : whiten.shape[1]] = whiten
@@ -147,12 +149,10 @@ def anchor(data: Array, wide: Array) -> Array:
     return np.column_stack([rows, rows @ (back @ (left[:, seen].T @ R[:-1, -1]))])
 
 
-def fit_bounded_bodies(
-    rows: Design, stacked: Array, weights: Sequence[float] = consistency.WEIGHTS
-) -> tuple[Array, Array]:
+def fit_bounded_bodies(rows: Design, stacked: Array, weights: Sequence[float] = BARRIER_WEIGHTS) -> tuple[Array, Array]:
     """Return the bodies and the other coefficients: those that want to leave their bounds stay on them.
 
-    Friction drives nothing: its coefficients are not negative. `weights` are what `consistency.fitted` takes.
+    Friction drives nothing: its coefficients are not negative. `weights` are what `fit_bodies` takes.
     """
     limits = [c for effect in rows.effects for c in effect.coefficients]
     lower, upper = (np.array([getattr(c, name) for c in limits]) for name in ("lower", "upper"))
@@ -166,7 +166,11 @@ def fit_bounded_bodies(
 
 
 def _fit_bodies(
-    start: Array, mixing: Array, stacked: Array, fixed_values: Array, weights: Sequence[float] = consistency.WEIGHTS
+    start: Array,
+    mixing: Array,
+    stacked: Array,
+    fixed_values: Array,
+    weights: Sequence[float] = BARRIER_WEIGHTS,
 ) -> tuple[Array, Array]:
     """Return the bodies, (10 n,), and the other coefficients, that fit best ``[U z]``, (any, k + 1).
 
@@ -180,7 +184,7 @@ def _fit_bodies(
     free = int(np.sum(~fixed))
     R = triangularise(rows[:, [*(width + np.flatnonzero(~fixed)), *range(width), total]])
     end = free + width
-    phi = consistency.fitted(start, R[free:end, free:end] @ mixing, R[free:end, end], weights).phi
+    phi = fit_bodies(start, R[free:end, free:end] @ mixing, R[free:end, end], weights).phi
     left = R[:free, end] - R[:free, free:end] @ (mixing @ phi)
     others = fixed_values.copy()
     others[~fixed] = np.linalg.lstsq(R[:free, :free], left, rcond=None)[0]

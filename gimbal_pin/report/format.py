@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from gimbal_pin.rig.sliding import to_sliding
+from gimbal_pin.rig.rig import to_sliding
 
 if TYPE_CHECKING:
     from gimbal_pin.rig.rig import Rig

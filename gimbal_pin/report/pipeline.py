@@ -35,8 +35,8 @@ from gimbal_pin.regression import Estimator, Filtering, fit_weighted
 from gimbal_pin.report import pages, view
 from gimbal_pin.report.summary import Summary, summary
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.draws import Rng, seeded
 from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.types import Rng, seeded
 
 MODEL_BASED, PID = "computed-torque", "pid"
 COGGING, TEETH = 0.01, 12

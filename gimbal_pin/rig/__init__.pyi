@@ -3,13 +3,6 @@ from .config import Limits as Limits
 from .config import Motor as Motor
 from .config import Noise as Noise
 from .config import load_config as load_config
-from .consistency import Consistent as Consistent
-from .consistency import fitted as fitted
-from .consistency import likeliest as likeliest
-from .consistency import nearest as nearest
-from .consistency import spread as spread
-from .draws import Rng as Rng
-from .draws import seeded as seeded
 from .files import bundled as bundled
 from .files import bundled_payloads as bundled_payloads
 from .files import bundled_rigs as bundled_rigs
@@ -17,6 +10,8 @@ from .files import find as find
 from .files import find_target as find_target
 from .files import payload_path as payload_path
 from .formats import as_urdf as as_urdf
+from .inertia import describe_broken_rule as describe_broken_rule
+from .inertia import find_nearest_inertia as find_nearest_inertia
 from .inertia import physical as physical
 from .inertia import pseudo_inertia as pseudo_inertia
 from .inertia import to_urdf as to_urdf
@@ -31,5 +26,7 @@ from .rig import PHI as PHI
 from .rig import Rig as Rig
 from .rig import build as build
 from .rig import to_pinocchio as to_pinocchio
-from .sliding import to_sliding as to_sliding
+from .rig import to_sliding as to_sliding
+from .types import Rng as Rng
+from .types import seeded as seeded
 from .urdf import with_friction as with_friction

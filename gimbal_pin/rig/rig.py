@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,23 +14,21 @@ import pinocchio as pin
 from lxml import etree
 
 from gimbal_pin.errors import RigError
-from gimbal_pin.rig import mending, urdf
-from gimbal_pin.rig.arrays import Array
+from gimbal_pin.rig import urdf
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.config import Config, Limits, Motor, overlaid
 from gimbal_pin.rig.files import YAML, find, payload_path
-from gimbal_pin.rig.files import bundled as bundled
-from gimbal_pin.rig.files import bundled_payloads as bundled_payloads
-from gimbal_pin.rig.files import bundled_rigs as bundled_rigs
 from gimbal_pin.rig.formats import as_urdf
+from gimbal_pin.rig.inertia import join_names, mend_inertias, remove_unfelt_inertials
 from gimbal_pin.rig.reading import decimal
 from gimbal_pin.rig.records import LARGEST
-from gimbal_pin.rig.sliding import to_sliding
+from gimbal_pin.rig.types import Array
 from gimbal_pin.rig.urdf_checks import MOVABLE
 
 GRAVITY = 9.81
 """Acceleration of gravity, m/s², down the world's z."""
-
+SLIDING_UNITS = {r"\(N m\)": "N", r"N m\b": "N", r"kg m(\^2|²)": "kg", r"\brad\b": "m", r"per turn\b": "per 2π m"}
+"""What stands in units of joints that turn → what stands there of joints that slide."""
 
 PHI = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """A body's ten inertial parameters in Pinocchio's order: mass, first moments, inertia about the joint's origin."""
@@ -102,14 +101,14 @@ class Rig:
             if joint not in by_name:
                 raise RigError(f"{path}: fixed", f"there is no joint '{joint}'", "name a joint of the file")
             fix(by_name[joint], at)
-        notes = notes + mending.cleared(element, str(path))
+        notes = notes + remove_unfelt_inertials(element, str(path))
         name = str(payload) if payload is not None else config.payload
         payload_link = None
         if name is not None:
             other = payload_path(name)
             text, more, _ = as_urdf(other, {})
             part = urdf.tree(text, str(other))
-            notes += more + mending.cleared(part, str(other), carried=True)
+            notes += more + remove_unfelt_inertials(part, str(other), carried=True)
             payload_link = urdf.root_link(part, str(other))
             urdf.mount(element, part, config.mount or "camera_mount", str(path))
         mounted = Path(name).stem if name else None
@@ -118,7 +117,7 @@ class Rig:
         mimics = [
             f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in element.xpath("joint[mimic]")
         ]
-        mimicking = [f"a joint that mimics another is held where the other's zero has it: {mending.listed(mimics)}"]
+        mimicking = [f"a joint that mimics another is held where the other's zero has it: {join_names(mimics)}"]
         return replace(built, notes=(*notes, *built.notes, *mimicking * bool(mimics)))
 
     def __str__(self) -> str:
@@ -202,7 +201,7 @@ def build(
     """Build the rig from its merged URDF; `RigError` where URDF and YAML (`stated`) contradict each other."""
     urdf.check_joints(urdf.tree(text, str(path)), str(path))
     model = to_pinocchio(text, str(path))
-    sound, notes = mending.mended(text) if mend else mending.felt(text, model, str(path))
+    sound, notes = mend_inertias(text, model, str(path), mend)
     element = urdf.parse(sound, str(path))
     joints, links = tuple(model.names[1:]), urdf.names(element, "link")
     for key in (*config.motors, *config.limits):
@@ -339,6 +338,13 @@ def joint_limits(joint: etree._Element, override: Mapping[str, float], place: st
         what = f"has lower limit {limits.lower:g} above upper {limits.upper:g}"
         raise RigError(f"{place}: limits.{joint.get('name')}", what, "swap them")
     return limits
+
+
+def to_sliding(text: str) -> str:
+    """Return units of a joint that turns as those of one that slides: ``N m s/rad`` as ``N s/m``."""
+    for turning, sliding in SLIDING_UNITS.items():
+        text = re.sub(turning, sliding, text)
+    return text
 
 
 def floating(model: pin.Model) -> pin.Model:

@@ -178,7 +178,7 @@ def weightless(inertial: etree._Element) -> bool:
 
 
 def check_inertial(link: etree._Element, place: str) -> None:
-    """Raise `RigError` unless a mass and an inertia are stated, of sizes that can be (see `broken_rule`, too)."""
+    """Raise `RigError` unless a mass and an inertia are stated, of sizes that can be (`describe_broken_rule`, too)."""
     inertial = link.find("inertial")
     if inertial is None:
         return
@@ -205,19 +205,3 @@ def stated_inertia(inertia: etree._Element) -> np.ndarray:
     for name, row, column in ENTRIES:
         out[row, column] = out[column, row] = float(inertia.get(name))
     return out
-
-
-def broken_rule(link: etree._Element) -> str | None:
-    """Return which rule a link's inertia breaks, see `rule`; None if it breaks none or is not stated."""
-    inertia = link.find("inertial/inertia")
-    return None if inertia is None else rule(stated_inertia(inertia))
-
-
-def rule(inertia: np.ndarray) -> str | None:
-    """Return which rule an inertia about the centre of mass breaks: it is positive definite, and I₁ + I₂ ≥ I₃."""
-    small, middle, large = np.linalg.eigvalsh(inertia)
-    if not small > 0:
-        return f"has an inertia that is not positive definite (principal {small:.3g} kg m²)"
-    if small + middle < large * (1 - 1e-9):
-        return f"breaks the triangle inequality: principal inertias {small:.4g} + {middle:.4g} < {large:.4g} kg m²"
-    return None

@@ -12,6 +12,10 @@ from gimbal_pin.errors import DataError
 from gimbal_pin.estimation import identify
 from gimbal_pin.log import Array, Log
 from gimbal_pin.regression import (
+    BARRIER_WEIGHTS,
+    LEANT_WEIGHTS,
+    PSEUDO_INERTIA_BASIS,
+    Consistent,
     DesignBlocks,
     anchor,
     build_program,
@@ -20,13 +24,14 @@ from gimbal_pin.regression import (
     count_effective_rows,
     factor_rows,
     factor_wide_states,
+    find_nearest_bodies,
+    fit_bodies,
     fit_physical,
     fit_weighted,
     map_phi_to_base,
     weigh_joints,
 )
-from gimbal_pin.rig import Consistent, Rig, fitted, nearest, physical, pseudo_inertia
-from gimbal_pin.rig.consistency import BASIS, LEANT, WEIGHTS
+from gimbal_pin.rig import Rig, physical, pseudo_inertia
 from tests.bench_logs import EXACT, prescribed, rows_of, true_theta
 from tests.rigs import taken_by_all
 
@@ -40,7 +45,7 @@ def oracle(mixing: Array, rows: Array, target: Array) -> float:
     cp = pytest.importorskip("cvxpy", reason="cvxpy is the oracle: pip install 'gimbal-pin[test]'")
     phi, free = cp.Variable(mixing.shape[1]), cp.Variable(rows.shape[1] - len(mixing) + 1)
     parts = cp.reshape(phi, (10, mixing.shape[1] // 10), order="F")
-    exist = [sum(parts[k, i] * BASIS[k] for k in range(10)) >> 0 for i in range(mixing.shape[1] // 10)]
+    exist = [sum(parts[k, i] * PSEUDO_INERTIA_BASIS[k] for k in range(10)) >> 0 for i in range(mixing.shape[1] // 10)]
     theta = cp.hstack([mixing @ phi, free[:-1]])
     problem = cp.Problem(cp.Minimize(cp.norm(rows @ theta - target)), [*exist, free >= 0])
     return float(problem.solve(solver=cp.CLARABEL))
@@ -58,7 +63,7 @@ def far_off(rig: Rig, seed: int) -> tuple[Array, Array]:
 def test_the_nearest_bodies_are_those_of_a_semidefinite_program(name: str, seed: int) -> None:
     rig = Rig.load(name, "cinema")
     beta, std = far_off(rig, seed)
-    found = nearest(rig.phi, mixing_of(rig), beta, np.diag(std**2))
+    found = find_nearest_bodies(rig.phi, mixing_of(rig), beta, np.diag(std**2))
     best = oracle(mixing_of(rig), np.diag(1 / std), beta / std)
     assert physical(found.phi)
     assert found.distance == pytest.approx(best, rel=1e-4, abs=1e-4)
@@ -72,14 +77,14 @@ def test_the_unit_of_length_does_not_matter(seed: int, unit: float) -> None:
     beta, std = far_off(rig, seed)
     rows, target = mixing_of(rig) / std[:, None], beta / std
     change = np.tile([1.0, *[unit] * 3, *[unit**2] * 6], rig.n)
-    one, other = fitted(rig.phi, rows, target), fitted(change * rig.phi, rows / change, target)
+    one, other = fit_bodies(rig.phi, rows, target), fit_bodies(change * rig.phi, rows / change, target)
     assert other.distance == pytest.approx(one.distance, rel=1e-4, abs=1e-5)
     assert np.allclose(other.phi / change, one.phi, rtol=2e-2, atol=1e-4 * np.abs(one.phi).max())
 
 
 def test_where_nothing_is_shown_the_bodies_stay_as_they_are() -> None:
     rig = Rig.load("thesis")
-    found: Consistent = fitted(rig.phi, np.zeros((1, 10 * rig.n)), np.zeros(1))
+    found: Consistent = fit_bodies(rig.phi, np.zeros((1, 10 * rig.n)), np.zeros(1))
     assert np.allclose(found.phi, rig.phi, rtol=1e-4, atol=1e-6) and found.distance == 0.0
 
 
@@ -109,7 +114,7 @@ def test_the_data_are_fitted_and_not_an_estimate_moved() -> None:
     assert found.phi is not None and physical(found.phi)
     assert cost(found.theta) == pytest.approx(oracle(mixing, stack[:, :-1], stack[:, -1]), rel=1e-5)
     width = len(mixing)
-    moved = nearest(rig.phi, mixing, free.theta[:width], free.covariance[:width, :width])
+    moved = find_nearest_bodies(rig.phi, mixing, free.theta[:width], free.covariance[:width, :width])
     assert moved.distance > 0.1, "the log is not loud enough to be a test"
     braking = np.maximum(free.theta[width:], 0.0)
     assert cost(found.theta) <= cost(np.concatenate([mixing @ moved.phi, braking])) * (1 + 1e-9)
@@ -163,7 +168,10 @@ def test_bodies_that_are_hardly_told_apart_stay_near_the_urdf(seed: int) -> None
     mixing, rng = mixing_of(rig), np.random.default_rng(seed)
     std = 1e-2 * np.abs(mixing) @ np.abs(rig.phi) + 1e-5
     off = std * rng.standard_normal(len(std))
-    exact, leant = (nearest(rig.phi, mixing, mixing @ rig.phi + off, np.diag(std**2), one) for one in (WEIGHTS, LEANT))
+    exact, leant = (
+        find_nearest_bodies(rig.phi, mixing, mixing @ rig.phi + off, np.diag(std**2), one)
+        for one in (BARRIER_WEIGHTS, LEANT_WEIGHTS)
+    )
     assert leant.distance < exact.distance + 1.0
     assert np.all(np.abs(np.log(leant.phi[::10] / rig.phi[::10])) < np.log(2.0))
 
@@ -173,6 +181,6 @@ def test_what_is_beyond_all_bodies_is_an_error_that_names_the_units(beta: float,
     """An estimate that is no number any more, as of a log in other units, ends in one line and not in a traceback."""
     phi = Rig.load("turret").phi
     one = np.eye(len(phi))
-    assert nearest(phi, one, phi, one).distance < 1e-3
+    assert find_nearest_bodies(phi, one, phi, one).distance < 1e-3
     with np.errstate(all="ignore"), pytest.raises(DataError, match="that can exist; look at the units of t, q and tau"):
-        nearest(phi, one, np.full(len(phi), beta), variance * one)
+        find_nearest_bodies(phi, one, np.full(len(phi), beta), variance * one)

@@ -16,9 +16,9 @@ from gimbal_pin.effects import Cogging, parse_effect
 from gimbal_pin.errors import LogError
 from gimbal_pin.estimation import given_beta, identify, read_model, write_extended, write_model
 from gimbal_pin.log import Array, Log, write_log
-from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, fit_misfit, fit_weighted
+from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, find_likeliest_bodies, fit_misfit, fit_weighted
 from gimbal_pin.report import text
-from gimbal_pin.rig import Rig, likeliest
+from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, fourier, prescribed, rows_of
 from tests.command_line import Run, result
 
@@ -42,8 +42,8 @@ def test_what_no_log_determines_stays_near_the_urdf(turret: Rig) -> None:
     """A value as vague as can be leaves the URDF's bodies as they are; a sharp one moves them all the way."""
     rig, mixing = turret, rows_of(turret, prescribed(nominal(turret), 1, 4.0, dt=4e-3)).mixing
     beta = mixing @ rig.phi
-    vague = likeliest(rig.phi, mixing, 1.5 * beta, np.diag((100 * beta + 1.0) ** 2), 0.3)
-    sharp = likeliest(rig.phi, mixing, 1.2 * beta, np.diag((1e-4 * np.abs(beta) + 1e-9) ** 2), 0.3)
+    vague = find_likeliest_bodies(rig.phi, mixing, 1.5 * beta, np.diag((100 * beta + 1.0) ** 2), 0.3)
+    sharp = find_likeliest_bodies(rig.phi, mixing, 1.2 * beta, np.diag((1e-4 * np.abs(beta) + 1e-9) ** 2), 0.3)
     assert np.allclose(vague, rig.phi, rtol=0.01, atol=1e-4)
     assert np.allclose(mixing @ sharp, 1.2 * beta, rtol=2e-3, atol=1e-6)
 

@@ -21,12 +21,14 @@ from gimbal_pin.regression import (
     Block,
     Estimate,
     compute_blocks,
+    compute_deformation_root,
+    find_likeliest_bodies,
     fit_ordinary,
     fit_physical,
     fit_weighted,
     map_phi_to_base,
 )
-from gimbal_pin.rig import Rig, bundled_rigs, likeliest, pseudo_inertia, spread
+from gimbal_pin.rig import Rig, bundled_rigs, pseudo_inertia
 from tests.bench_logs import EXACT, prescribed, rows_of
 
 
@@ -111,7 +113,7 @@ def test_bodies_deviate_as_the_log_and_the_urdf_together_say(name: str, trust: f
     mixing = map_phi_to_base(rig, reduce(rig))
     rng = np.random.default_rng(0)
     root = rng.standard_normal((len(mixing), len(mixing))) * 10.0 ** rng.uniform(-6, -2, len(mixing))[:, None]
-    P, prior = root @ root.T, trust * mixing @ spread(rig.phi)
+    P, prior = root @ root.T, trust * mixing @ compute_deformation_root(rig.phi)
     through = mixing @ believed(rig.phi, mixing, mixing @ rig.phi, P, trust)[1]
     size = np.sqrt(np.diag(P))
     expected = P - P @ np.linalg.solve(P + prior @ prior.T, P)
@@ -121,14 +123,14 @@ def test_bodies_deviate_as_the_log_and_the_urdf_together_say(name: str, trust: f
 def test_intervals_of_bodies_hold_the_truth() -> None:
     """Bodies drawn as far from the URDF's as the trust says, base parameters with noise: 95 % are inside."""
     rig, trust, rng = Rig.load("turret", "cinema"), 0.1, np.random.default_rng(3)
-    mixing, root, hits = map_phi_to_base(rig, reduce(rig)), trust * spread(rig.phi), []
+    mixing, root, hits = map_phi_to_base(rig, reduce(rig)), trust * compute_deformation_root(rig.phi), []
     std = 1e-3 * np.abs(mixing @ rig.phi) + 1e-5
     for _ in range(25):
         true = rig.phi + root @ rng.standard_normal(root.shape[1])
         if min(np.linalg.eigvalsh(pseudo_inertia(body))[0] for body in true.reshape(-1, 10)) <= 0:
             continue
         beta = mixing @ true + std * rng.standard_normal(len(std))
-        phi = likeliest(rig.phi, mixing, beta, np.diag(std**2), trust)
+        phi = find_likeliest_bodies(rig.phi, mixing, beta, np.diag(std**2), trust)
         said = bodies(rig.links, rig.phi, phi, mixing, beta, np.diag(std**2), trust)
         for body, own in zip(said, true.reshape(-1, 10)):
             every = (body.mass, *body.com, *body.inertia)

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from gimbal_pin.control import perturbed
 from gimbal_pin.dynamics import reduce
 from gimbal_pin.errors import ModelError
-from gimbal_pin.regression import map_phi_to_base
-from gimbal_pin.rig import Rig, bundled_rigs, nearest, physical, to_pinocchio, to_urdf, urdf
-from gimbal_pin.rig.inertia import strictly
+from gimbal_pin.regression import find_nearest_bodies, map_phi_to_base
+from gimbal_pin.rig import Rig, bundled_rigs, physical, to_pinocchio, to_urdf, urdf
+from gimbal_pin.rig.inertia import thicken_flat_body
 from tests.rigs import COMBINATIONS, taken_by_all
 
 
@@ -38,10 +38,10 @@ def test_physical_is_what_the_triangle_inequality_says(seed: int) -> None:
 
 def test_a_flat_plate_is_thickened_and_nonsense_refused() -> None:
     plate = np.array(pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.0])).toDynamicParameters())
-    assert not physical(plate) and physical(strictly(plate))
-    assert np.abs(strictly(plate) - plate).max() < 1e-5
+    assert not physical(plate) and physical(thicken_flat_body(plate))
+    assert np.abs(thicken_flat_body(plate) - plate).max() < 1e-5
     with pytest.raises(ModelError):
-        strictly(-body(0))
+        thicken_flat_body(-body(0))
 
 
 @pytest.mark.parametrize("name", bundled_rigs())
@@ -50,7 +50,7 @@ def test_what_is_physical_stays(name: str) -> None:
     rig, mixing = Rig.load(name), map_phi_to_base(Rig.load(name), reduce(Rig.load(name)))
     other = perturbed(rig, 0.1, np.random.default_rng(1)).rig.phi
     beta = mixing @ other
-    found = nearest(rig.phi, mixing, beta, np.diag((1e-3 * np.abs(beta) + 1e-6) ** 2))
+    found = find_nearest_bodies(rig.phi, mixing, beta, np.diag((1e-3 * np.abs(beta) + 1e-6) ** 2))
     assert physical(found.phi) and found.distance < 1e-3
 
 

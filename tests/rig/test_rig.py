@@ -17,10 +17,17 @@ from lxml import etree
 
 from gimbal_pin.dynamics import rnea
 from gimbal_pin.errors import RigError
-from gimbal_pin.rig import Limits, Motor, Rig, bundled_payloads, bundled_rigs, urdf
+from gimbal_pin.rig import (
+    Limits,
+    Motor,
+    Rig,
+    bundled_payloads,
+    bundled_rigs,
+    describe_broken_rule,
+    find_nearest_inertia,
+    urdf,
+)
 from gimbal_pin.rig import bundled as data_folder
-from gimbal_pin.rig.mending import nearest_inertia
-from gimbal_pin.rig.urdf_checks import rule
 from tests.command_line import Run
 from tests.rigs import COMBINATIONS, bundled
 
@@ -505,10 +512,12 @@ def test_the_nearest_inertia_is_some_bodys_and_none_is_nearer(entries: list[floa
     inertia = np.zeros((3, 3))
     inertia[np.tril_indices(3)] = entries
     inertia = inertia + np.tril(inertia, -1).T
-    found, moments = nearest_inertia(1.0, inertia), lambda x: np.trace(x) / 2 * np.eye(3) - x
+    found, moments = find_nearest_inertia(1.0, inertia), lambda x: np.trace(x) / 2 * np.eye(3) - x
     small, middle, large = np.linalg.eigvalsh(found)
     assert small > 0 and small + middle > large
-    if rule(inertia) is None and np.linalg.eigvalsh(moments(inertia))[0] > 1e-5 * np.trace(moments(inertia)):
+    if describe_broken_rule(inertia) is None and np.linalg.eigvalsh(moments(inertia))[0] > 1e-5 * np.trace(
+        moments(inertia)
+    ):
         np.testing.assert_allclose(found, inertia, atol=1e-12)
     rng = np.random.default_rng(0)
     for _ in range(20):

@@ -35,7 +35,7 @@ from gimbal_pin.regression import (
     smooth_samples,
     split_segments,
 )
-from gimbal_pin.rig.consistency import nearest
+from gimbal_pin.regression.consistency import find_nearest_bodies
 
 LOOP = 3.0
 """Bandwidth of the loop that holds the model to the log, Hz; its damping is one."""
@@ -87,7 +87,7 @@ class Run(NamedTuple):
 def _find_nearest_model(rows: Design, theta: Array, covariance: Array) -> Model:
     """Return the model that can exist nearest to parameters: its plant can be simulated, whatever these are."""
     width = len(rows.reduction.independent)
-    phi = nearest(rows.rig.phi, rows.mixing, theta[:width], covariance[:width, :width]).phi
+    phi = find_nearest_bodies(rows.rig.phi, rows.mixing, theta[:width], covariance[:width, :width]).phi
     terms = []
     for term in rows.to_terms(theta):
         limits = zip(term.values, term.effect.coefficients)

@@ -37,7 +37,7 @@ from gimbal_pin.regression import (
     compute_blocks,
     fit_weighted,
 )
-from gimbal_pin.rig.consistency import Consistent, likeliest, nearest
+from gimbal_pin.regression.consistency import Consistent, find_likeliest_bodies, find_nearest_bodies
 from gimbal_pin.rig.rig import Rig
 
 SHAKEN = 12.0
@@ -116,7 +116,7 @@ def assembled(
 def to_model(rows: Design, estimate: Estimate) -> Model:
     """Return the model with these parameters: RNEA and regressor then predict the same torque.
 
-    Bodies that were fitted are taken as they are, else `Design.to_bodies`; `consistency.nearest` has physical ones.
+    Bodies that were fitted are taken as they are, else `Design.to_bodies`; `find_nearest_bodies` has physical ones.
     """
     rig, width = rows.rig, len(rows.reduction.independent)
     phi = rows.to_bodies(estimate.theta[:width]) if estimate.phi is None else estimate.phi
@@ -130,8 +130,8 @@ def nearest_physical(rows: Design, estimate: Estimate, trust: float) -> tuple[Co
     if estimate.phi is not None:
         return Consistent(estimate.phi, 0.0), np.zeros(width)
     estimated = rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width]
-    phi = likeliest(*estimated, trust)
-    return Consistent(phi, nearest(*estimated).distance), rows.mixing @ phi - estimate.theta[:width]
+    phi = find_likeliest_bodies(*estimated, trust)
+    return Consistent(phi, find_nearest_bodies(*estimated).distance), rows.mixing @ phi - estimate.theta[:width]
 
 
 def given_beta(rig: Rig, reduction: Reduction) -> Array:

@@ -20,8 +20,8 @@ from gimbal_pin.estimation.estimators.hausman import BiasCheck
 from gimbal_pin.estimation.identification.validation import EXPLAINED, Accuracy
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base, subsample_log
+from gimbal_pin.regression.consistency import Consistent
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.consistency import Consistent
 from gimbal_pin.rig.inertia import to_urdf
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.urdf import with_friction

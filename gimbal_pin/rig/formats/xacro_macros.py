@@ -30,7 +30,7 @@ def is_xacro(root: etree._Element, path: Path) -> bool:
     return spaced or path.suffix == ".xacro"
 
 
-def convert(root: etree._Element, path: Path, arguments: Mapping[str, str]) -> tuple[str, list[str], list[str]]:
+def convert(path: Path, arguments: Mapping[str, str]) -> tuple[str, list[str], list[str]]:
     """Return the URDF that the macros expand to, with those arguments, no notes, and the files that were read."""
     if find_spec("xacro") is None:
         mend = "install it (pip install 'gimbal_pin[xacro]'), or expand the file to a URDF"

@@ -1,11 +1,15 @@
-"""Random numbers from a generator that is given, or from a fresh one whose seed is known afterwards."""
+"""Types that every room uses: arrays of numbers, and generators of random ones."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from gimbal_pin.errors import UsageError
 
+Array = NDArray[np.floating[Any]]
 Rng = np.random.Generator | int | None
 """A generator; or the seed of one, such as a result holds; None: any."""
 
