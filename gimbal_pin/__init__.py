@@ -15,11 +15,11 @@ if typing.TYPE_CHECKING:
     from gimbal_pin.dynamics.model import nominal as nominal
     from gimbal_pin.dynamics.simulation import simulate as simulate
     from gimbal_pin.errors import GimbalPinError as GimbalPinError
-    from gimbal_pin.estimation.identification import identify as identify
     from gimbal_pin.excitation import excite as excite
     from gimbal_pin.export.sources import export_controller as export_controller
     from gimbal_pin.fleet.fleet import compare_fleet as compare_fleet
     from gimbal_pin.fleet.montecarlo import monte_carlo as monte_carlo
+    from gimbal_pin.identification import identify as identify
     from gimbal_pin.log.io import read_log as read_log
     from gimbal_pin.log.io import write_log as write_log
     from gimbal_pin.log.log import Log as Log
@@ -46,7 +46,7 @@ HOMES = {
     "diagnose": "diagnosis",
     "excite": "excitation",
     "export_controller": "export.sources",
-    "identify": "estimation.identification",
+    "identify": "identification",
     "monte_carlo": "fleet.montecarlo",
     "nominal": "dynamics.model",
     "profile_s": "log.profile",

@@ -17,7 +17,7 @@ import numpy as np
 import tyro
 from tqdm import tqdm
 
-from gimbal_pin.estimation.identification import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import closed_loop, oracle, true_theta

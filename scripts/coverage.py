@@ -18,8 +18,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.estimation.bodies import figures
-from gimbal_pin.estimation.identification import identify
+from gimbal_pin.identification import identify
+from gimbal_pin.identification.bodies import figures
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST
 from gimbal_pin.regression.consistency import compute_deformation_root

@@ -9,8 +9,8 @@ import numpy as np
 
 from gimbal_pin.control import repeated, tune
 from gimbal_pin.dynamics import Model, Plant, Sensors, State, friction_effects, nominal, reduce, simulate
-from gimbal_pin.estimation import Identified, given_beta, identify
 from gimbal_pin.excitation import excite
+from gimbal_pin.identification import Identified, given_beta, identify
 from gimbal_pin.log import Array, BaseMotion, Log, Motion
 from gimbal_pin.regression import Design, Filtering, Samples, Segment
 from gimbal_pin.rig import Rig

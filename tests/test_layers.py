@@ -16,7 +16,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-BELOW = "errors rig log effects dynamics regression checks estimation excitation control diagnosis"
+BELOW = "errors rig log effects dynamics regression checks identification excitation control diagnosis"
 ORDER = f"{BELOW} online pointing export report fleet cli".split()
 """Rooms of the package, each of which imports only what stands before it."""
 
@@ -33,8 +33,6 @@ SHARED = {
         "seen",
         "loose",
     },
-    # The test of least squares takes its instruments from the estimator that simulates.
-    "estimation/estimators": {"closed_loop"},
 }
 """Files in a folder of plug-ins that the others there may import."""
 READERS = {"__init__", "parse", "plain", "resistance"}
@@ -44,7 +42,7 @@ KEPT = {"fleet/engine"}
 """Whatever a unit of work raises is its result."""
 HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "meshcat", "pandas"}
 HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial"}
-NAMELESS = ("estimation/identification", "dynamics/apply", "dynamics/drive", "dynamics/simulation", "diagnosis")
+NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simulation", "diagnosis")
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {

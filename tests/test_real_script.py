@@ -17,7 +17,7 @@ from real_data.samples import errors
 
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.estimation import write_extended
+from gimbal_pin.identification import write_extended
 from gimbal_pin.log import Log, files_of, read_log, read_mapping, write_log
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed

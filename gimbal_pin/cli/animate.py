@@ -130,6 +130,6 @@ def animate(
 def warmth(name: Path, rig: Rig, log: Log) -> Array:
     """Return what the model of a YAML leaves of a log's torques, as `view.animate` colours it."""
     from gimbal_pin.diagnosis.gain import heat
-    from gimbal_pin.estimation.model_file import read_model
+    from gimbal_pin.identification.model_file import read_model
 
     return heat(read_model(name, rig), log)

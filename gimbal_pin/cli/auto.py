@@ -48,7 +48,7 @@ def auto(
     asked_for = run_of("auto", locals())
     import numpy as np
 
-    from gimbal_pin.estimation.estimators import ESTIMATORS
+    from gimbal_pin.identification import ESTIMATORS
     from gimbal_pin.report.pipeline import auto as run
 
     loaded, read = load_logs(rig, payload, logs, map)

@@ -11,7 +11,7 @@ from gimbal_pin.cli.inputs import load_logs, load_rig, mounted
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.estimation.payloads import Several
+    from gimbal_pin.identification.payloads import Several
     from gimbal_pin.regression import Estimator, Filtering
 
 
@@ -52,9 +52,9 @@ def cameras(
     The causes of an `extended` model stand in the equations.
     With `refit` from all data, once the held-out error is known.
     """
-    from gimbal_pin.estimation.identification import refittable_effects
-    from gimbal_pin.estimation.model_file import read_known, read_model
-    from gimbal_pin.estimation.payloads import identify_new, identify_several
+    from gimbal_pin.identification import refittable_effects
+    from gimbal_pin.identification.model_file import read_known, read_model
+    from gimbal_pin.identification.payloads import identify_new, identify_several
 
     def judged(run: Callable[..., Several]) -> Several:
         if not refit:

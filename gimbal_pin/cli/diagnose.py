@@ -61,7 +61,7 @@ def diagnose(
     from gimbal_pin.diagnosis import BAND, planned, usual
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.diagnosis.file import write_diagnosis
-    from gimbal_pin.estimation.identification import identify, refittable_effects
+    from gimbal_pin.identification import identify, refittable_effects
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.report import pages
 

@@ -18,7 +18,7 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.report import text
 
 if TYPE_CHECKING:
-    from gimbal_pin.estimation.identification import Identified
+    from gimbal_pin.identification import Identified
     from gimbal_pin.log.log import Log
     from gimbal_pin.online import Online
     from gimbal_pin.regression import Filtering
@@ -62,7 +62,7 @@ class Following:
         self, rig: str, payload: str | None, logs: Sequence[str], known: str | None, filters: Filtering
     ) -> Online:
         """Return the estimator of the one log; it knows a gimbal already where a model's YAML is given."""
-        from gimbal_pin.estimation.model_file import read_model
+        from gimbal_pin.identification.model_file import read_model
         from gimbal_pin.online import Online
 
         if len(logs) != 1:

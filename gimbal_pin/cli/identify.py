@@ -37,8 +37,7 @@ from gimbal_pin.report import text
 
 if TYPE_CHECKING:
     from gimbal_pin.effects import Effect
-    from gimbal_pin.estimation.estimators.hausman import WhenTested
-    from gimbal_pin.estimation.identification import Identified
+    from gimbal_pin.identification import Identified, WhenTested
     from gimbal_pin.log.log import Log
     from gimbal_pin.regression import Estimator
     from gimbal_pin.rig.rig import Rig
@@ -96,8 +95,8 @@ def identify(
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
     from gimbal_pin.diagnosis.given import compared, reported
-    from gimbal_pin.estimation.identification import refittable_effects
-    from gimbal_pin.estimation.model_file import read_model
+    from gimbal_pin.identification import refittable_effects
+    from gimbal_pin.identification.model_file import read_model
     from gimbal_pin.regression import TRUST, Filtering
 
     trusted, filters = TRUST if trust is None else trust, filtering(cutoff, alignment)
@@ -138,8 +137,8 @@ def identified(
     rig: Rig, logs: Sequence[Log], fit: Fit, bias: bool, refit: bool, trust: float, causes: tuple[Effect, ...] = ()
 ) -> Identified:
     """Identify a rig from logs of one payload; with `refit` from all data, once the held-out error is known."""
-    from gimbal_pin.estimation.identification import identify as run
-    from gimbal_pin.estimation.identification import refitted
+    from gimbal_pin.identification import identify as run
+    from gimbal_pin.identification import refitted
 
     examined: WhenTested = "always" if bias else "noisy"
     found = run(rig, logs, causes, **vars(fit), examined=examined, trust=trust)
@@ -153,7 +152,7 @@ def write(
     found: Identified, output: Path | None, urdf: Path | None, each: Mapping[str, Identified] | None = None
 ) -> None:
     """Write the model, of every payload where there are several, and the URDF, each if it is asked for."""
-    from gimbal_pin.estimation.model_file import write_model
+    from gimbal_pin.identification.model_file import write_model
     from gimbal_pin.log.io.files import atomic_write
 
     if output is not None:
@@ -164,7 +163,7 @@ def write(
 
 def estimator_of(name: EstimatorName, trust: float, bootstrap: int, seed: int) -> Estimator:
     """Return the estimator of a name, its deviations by repetition if so many are asked for."""
-    from gimbal_pin.estimation.estimators import ESTIMATORS, Bootstrap
+    from gimbal_pin.identification import ESTIMATORS, Bootstrap
     from gimbal_pin.regression import check_trust, fit_ridge
 
     check_trust(trust)

@@ -149,7 +149,7 @@ def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None
 def plant_of(name: Path | None, rig: Rig) -> Model:
     """Return the model of a YAML, or the rig as its URDF states it."""
     from gimbal_pin.dynamics.model import nominal
-    from gimbal_pin.estimation.model_file import read_model
+    from gimbal_pin.identification.model_file import read_model
 
     return nominal(rig) if name is None else read_model(name, rig)
 

@@ -50,8 +50,8 @@ def model_of(
     rig: str, payload: str | None, source: Sequence[str], mapping: Sequence[str], cutoff: float | None
 ) -> Model:
     """Read a model's YAML, or identify one from logs."""
-    from gimbal_pin.estimation.identification import identify as run
-    from gimbal_pin.estimation.model_file import is_model, read_model
+    from gimbal_pin.identification import identify as run
+    from gimbal_pin.identification.model_file import is_model, read_model
 
     if len(source) == 1 and is_model(source[0]):
         return read_model(source[0], load_rig(rig, payload or mounted(source[0])))

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from gimbal_pin.diagnosis import Diagnosis
-from gimbal_pin.estimation.model_file import write_extended
+from gimbal_pin.identification.model_file import write_extended
 from gimbal_pin.log.io import write_motion
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run
 

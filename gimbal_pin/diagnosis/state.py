@@ -18,7 +18,7 @@ from gimbal_pin.dynamics.regressor import across, inertia_columns, regressor
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.estimation.identification import given_beta
+from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Flags, find_base_columns
 from gimbal_pin.rig.brief import brief

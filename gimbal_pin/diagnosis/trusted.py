@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis.given import IMPOSSIBLE, SURE, TOLD, Difference, given
 from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, overall
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
-from gimbal_pin.estimation.identification import given_beta
+from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
 
 TRUSTED = "trusted"

@@ -10,9 +10,9 @@ import numpy as np
 
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.errors import DataError, GimbalPinError
-from gimbal_pin.estimation.identification import identify
 from gimbal_pin.fleet.engine import Value
 from gimbal_pin.fleet.manifest import FleetLog, local_copy
+from gimbal_pin.identification import identify
 from gimbal_pin.log.io import read_log
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering

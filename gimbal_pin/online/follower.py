@@ -14,8 +14,8 @@ from gimbal_pin.dynamics.model import Model, friction_effects
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.estimation.identification import (
-    DROWNED,
+from gimbal_pin.identification import (
+    LEAST_MOVING,
     Accuracy,
     Identified,
     accuracy,
@@ -24,8 +24,8 @@ from gimbal_pin.estimation.identification import (
     check_sampling,
     to_model,
 )
-from gimbal_pin.estimation.payload_change import payload_directions
-from gimbal_pin.estimation.payloads import estimated
+from gimbal_pin.identification.payload_change import payload_directions
+from gimbal_pin.identification.payloads import estimated
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.online.causal import (
     FIRST,
@@ -254,7 +254,7 @@ class Online:
         if too_few(task, moments, prior):
             what = f"has given {moments.rows} rows so far; they cannot show any of"
             raise DataError(memory.name, what, "go on moving every joint", task.names)
-        torque, moving = np.linalg.norm(moments.factors[:, :, -2], axis=1), moments.count > DROWNED * moments.rows
+        torque, moving = np.linalg.norm(moments.factors[:, :, -2], axis=1), moments.count > LEAST_MOVING * moments.rows
         check_driven(memory.name, self.rows.rig.joints, torque, moving)
         known = solve_recursive(moments, prior)
         if names := hidden_parameters(task, moments, known.estimate, prior):

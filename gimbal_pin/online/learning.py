@@ -7,7 +7,7 @@ from math import inf
 
 import numpy as np
 
-from gimbal_pin.estimation.identification import unseen
+from gimbal_pin.identification import unseen
 from gimbal_pin.log.log import Array
 from gimbal_pin.online.causal import Row
 from gimbal_pin.online.change import ALIKE, LONGER, LOOK, WINDOWS, Score, Watch, onset, scores, scores_without_transient

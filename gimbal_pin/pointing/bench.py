@@ -15,7 +15,7 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.rig_effect import facing, payload, turning_axis
-from gimbal_pin.estimation.identification import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import profile_s

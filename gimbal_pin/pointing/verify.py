@@ -23,7 +23,7 @@ from gimbal_pin.effects import Term
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation.identification import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Log
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.bench import LEARNED, WANTED, Recorded, Shaken, entered, learned, shaken_log, unbalanced

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.estimation.identification import Identified, split
+from gimbal_pin.identification import Identified, split
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, Design, compute_blocks
 from gimbal_pin.report.format import SURE, figures, joints_of

@@ -13,7 +13,7 @@ from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.diagnosis.given import compared
-from gimbal_pin.estimation.identification import Identified
+from gimbal_pin.identification import Identified
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.outlook import outlook, shown

@@ -23,8 +23,8 @@ from gimbal_pin.dynamics.simulation import plant_with, simulate
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation.identification import Identified, identify, refittable_effects
-from gimbal_pin.estimation.model_file import write_extended, write_model
+from gimbal_pin.identification import Identified, identify, refittable_effects
+from gimbal_pin.identification.model_file import write_extended, write_model
 from gimbal_pin.log.io import write_log, write_motion
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
 from gimbal_pin.log.log import Log

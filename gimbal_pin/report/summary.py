@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding
-    from gimbal_pin.estimation.identification import Identified
+    from gimbal_pin.identification import Identified
     from gimbal_pin.log.log import Log
     from gimbal_pin.rig.rig import Rig
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Experiment, StepMetrics, Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding
-    from gimbal_pin.estimation.identification import Identified
+    from gimbal_pin.identification import Identified
     from gimbal_pin.log.io.inspection import Channel
     from gimbal_pin.pointing.result import Contest
     from gimbal_pin.pointing.verify import Verified

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
     from gimbal_pin.effects.parameter import Parameter
-    from gimbal_pin.estimation.bodies import Figure
-    from gimbal_pin.estimation.identification import Identified
-    from gimbal_pin.estimation.payloads import Several
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.export import Exported
+    from gimbal_pin.identification import Identified
+    from gimbal_pin.identification.bodies import Figure
+    from gimbal_pin.identification.payloads import Several
     from gimbal_pin.log.io.inspection import Inspected
     from gimbal_pin.online import Progress
     from gimbal_pin.pointing.result import Row
@@ -146,7 +146,7 @@ def inspected(found: Inspected) -> str:
 
 def identified(found: Identified, apart: Given | None = None) -> str:
     """Parameters with uncertainty, accuracy, the payload's place and mass, and how to balance it."""
-    from gimbal_pin.estimation.balance import balance
+    from gimbal_pin.identification.balance import balance
 
     aims = found.model.rig.aims
     # Advice from the parameters of neither rig would lead astray.
@@ -224,7 +224,7 @@ def within(figure: Figure, factor: float = 1.0) -> str:
 
 def several(found: Several) -> str:
     """What is wrong; every camera's own parameters, the accuracy with it and its balance; then the gimbal's."""
-    from gimbal_pin.estimation.balance import balance
+    from gimbal_pin.identification.balance import balance
 
     parts = [f"warning: {said}" for said in found.warnings]
     for name, one in found.identified.items():

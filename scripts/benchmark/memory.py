@@ -17,7 +17,7 @@ from tqdm import tqdm
 from benchmark.data import noisy_log
 from benchmark.figure import Figure
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.estimation.identification import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.rig import Rig
 

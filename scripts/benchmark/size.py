@@ -21,7 +21,7 @@ from gimbal_pin.cli import main
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects.parse import parse_effect
-from gimbal_pin.estimation.identification import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log.io import write_log
 from gimbal_pin.rig.rig import Rig
 from tests.rigs import chain

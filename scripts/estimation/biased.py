@@ -17,9 +17,8 @@ from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.estimation.estimators import compare_with_instruments, fit_idim, fit_output_error
-from gimbal_pin.estimation.estimators.closed_loop import build_instruments
-from gimbal_pin.estimation.identification import given_beta
+from gimbal_pin.identification import compare_with_instruments, fit_idim, fit_output_error, given_beta
+from gimbal_pin.identification.output_error import build_instruments
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, DesignBlocks, Filtering, compute_blocks, fit_physical, fit_weighted
 from gimbal_pin.rig.rig import Rig

@@ -14,8 +14,8 @@ from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects import PayloadShift
-from gimbal_pin.estimation.identification import identify
-from gimbal_pin.estimation.payloads import Carried, identify_new, stated
+from gimbal_pin.identification import identify
+from gimbal_pin.identification.payloads import Carried, identify_new, stated
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
 from gimbal_pin.rig.rig import Rig

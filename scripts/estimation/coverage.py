@@ -11,8 +11,7 @@ import numpy as np
 
 from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
-from gimbal_pin.estimation.estimators import ESTIMATORS, Bootstrap
-from gimbal_pin.estimation.identification import identify
+from gimbal_pin.identification import ESTIMATORS, Bootstrap, identify
 from gimbal_pin.regression import Filtering
 from tests.bench_logs import true_theta
 

@@ -10,9 +10,7 @@ from tyro.conf import Positional
 
 from gimbal_pin import read_log
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.estimation.estimators import ESTIMATORS
-from gimbal_pin.estimation.estimators.hausman import WhenTested
-from gimbal_pin.estimation.identification import Accuracy, Identified, accuracy, identify
+from gimbal_pin.identification import ESTIMATORS, Accuracy, Identified, WhenTested, accuracy, identify
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Design, Filtering, compute_blocks
 from gimbal_pin.rig.rig import Rig

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.estimation.identification import accuracy, identify
+from gimbal_pin.identification import accuracy, identify
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     Block,

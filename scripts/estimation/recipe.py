@@ -14,8 +14,8 @@ from estimation.jobs import CORES, results
 from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.estimation.identification import identify
 from gimbal_pin.excitation import excite
+from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import true_theta

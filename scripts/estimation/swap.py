@@ -13,7 +13,7 @@ from estimation.jobs import CORES, results
 from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.estimation.identification import given_beta
+from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Log
 from gimbal_pin.online import Online
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs

@@ -186,7 +186,7 @@ def extended(source: str, target: str) -> None:
 
     from gimbal_pin.dynamics.simulation import plant_with
     from gimbal_pin.effects.parse import parse_effect
-    from gimbal_pin.estimation.model_file import read_model, write_extended
+    from gimbal_pin.identification.model_file import read_model, write_extended
     from gimbal_pin.rig.rig import Rig
 
     rig = Rig.load("pan.yaml")

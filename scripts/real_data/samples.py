@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from gimbal_pin.dynamics.regressor import regressor
-from gimbal_pin.estimation.model_file import read_model
+from gimbal_pin.identification.model_file import read_model
 from gimbal_pin.log.io import read_log
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from gimbal_pin.checks import estimate_joint_rates, estimate_mountings, rectified
 from gimbal_pin.dynamics import noisy, nominal, readings
-from gimbal_pin.estimation import given_beta, identify
+from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.log import Array, Imu, Log, Platform, profile_s
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig, bundled_rigs

@@ -11,7 +11,7 @@ from gimbal_pin.checks import Eccentricity, eccentricity
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.estimation import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed

@@ -23,7 +23,7 @@ from gimbal_pin.control.laws.design import KINDS
 from gimbal_pin.dynamics import Estimated, Model, Reference, nominal, reduce, rnea
 from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
 from gimbal_pin.errors import GimbalPinError, ModelError, RigError, UsageError
-from gimbal_pin.estimation import read_model, write_extended
+from gimbal_pin.identification import read_model, write_extended
 from gimbal_pin.log.io.files import plain, read_run
 from gimbal_pin.pointing import Controller
 from gimbal_pin.rig import Rig, read_bytes, read_yaml

@@ -17,7 +17,7 @@ import gimbal_pin
 from gimbal_pin import GimbalPinError, Log, Rig
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.dynamics import check
-from gimbal_pin.estimation import identify_several
+from gimbal_pin.identification import identify_several
 from gimbal_pin.log import Imu, write_yaml
 from gimbal_pin.report import Auto, summary
 from tests.bench_logs import prescribed

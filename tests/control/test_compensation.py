@@ -23,7 +23,7 @@ from gimbal_pin.effects import (
     parse_effect,
 )
 from gimbal_pin.errors import ModelError
-from gimbal_pin.estimation import read_model, write_extended
+from gimbal_pin.identification import read_model, write_extended
 from gimbal_pin.log import write_yaml
 from gimbal_pin.rig import Rig
 

@@ -20,7 +20,7 @@ from gimbal_pin.diagnosis.findings import nearest, together
 from gimbal_pin.diagnosis.likeness import cosine, span
 from gimbal_pin.effects import CAUSES, Backlash, Cogging, Delay, Parameter
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation import read_model
+from gimbal_pin.identification import read_model
 from gimbal_pin.log import Log, write_log
 from gimbal_pin.report import joints_of, tables, text, verdict
 from gimbal_pin.report.sections import diagnosis as sections

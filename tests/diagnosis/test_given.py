@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.given import given
 from gimbal_pin.dynamics import Model, nominal, plant_with, reduce, rnea
 from gimbal_pin.effects import CAUSES, OffDiagonalInertia, RigEffect, parse_effect, payload
 from gimbal_pin.effects.rig_effect import carried
-from gimbal_pin.estimation import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig, build, to_urdf
 from tests.bench_logs import prescribed

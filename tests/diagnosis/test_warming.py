@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.library import library
 from gimbal_pin.dynamics import Model, Plant, nominal, reduce
 from gimbal_pin.dynamics import State as At
 from gimbal_pin.effects import FrictionDrift, Losses, Sample, Term
-from gimbal_pin.estimation import split
+from gimbal_pin.identification import split
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier

@@ -15,7 +15,7 @@ from gimbal_pin.dynamics import Drive, Model, Plant, Sensors, State, nominal, pl
 from gimbal_pin.dynamics.drive import borne
 from gimbal_pin.effects import CAUSES, BaseTilt, Borne, Delay, Effect, Resistance, Signal, Term, parse_effect
 from gimbal_pin.errors import RigError, UsageError
-from gimbal_pin.estimation import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log, Motion, past_stops
 from gimbal_pin.rig import Rig
 from tests.command_line import Run

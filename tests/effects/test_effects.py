@@ -55,7 +55,7 @@ from gimbal_pin.effects import (
     term_from,
 )
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
-from gimbal_pin.estimation import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.rig import PHI, Rig, build
 

@@ -15,9 +15,9 @@ import pytest
 from gimbal_pin import Rig, identify, monte_carlo, nominal, track, tune
 from gimbal_pin.dynamics import reduce
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation import given_beta
 from gimbal_pin.fleet import MonteCarlo, RigDesign, Variation, Vary, process_pool, rank_influences
 from gimbal_pin.fleet.variation import NOTHING, factor_covariance
+from gimbal_pin.identification import given_beta
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result
 from tests.fleet.stub import LastFirst

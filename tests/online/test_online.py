@@ -23,7 +23,7 @@ from gimbal_pin.control import bench_run, tune
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Coulomb, Presliding
 from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.estimation import given_beta, identify, read_model
+from gimbal_pin.identification import given_beta, identify, read_model
 from gimbal_pin.log import Array, Log, Motion, follow, lowpass, write_log
 from gimbal_pin.log.io.follow import whole_lines
 from gimbal_pin.online import Memory, Online, progress, steps

@@ -10,7 +10,7 @@ import pytest
 
 from gimbal_pin.control import ComputedTorque, Experiment, JointPid, StepMetrics, Tracking, bench_run, estimate
 from gimbal_pin.dynamics import Model, columns, nominal, reduce
-from gimbal_pin.estimation import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Log, Platform, profile_s
 from gimbal_pin.pointing import (
     NAMES,

@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis import gather
 from gimbal_pin.diagnosis.evidence import judged
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
 from gimbal_pin.regression import (
     Filled,

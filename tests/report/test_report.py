@@ -20,7 +20,7 @@ from gimbal_pin.control import Tracking, Tuning, track, tune
 from gimbal_pin.diagnosis import compared, diagnose
 from gimbal_pin.dynamics import Model, Sensors, check, nominal
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.estimation import Identified, identify
+from gimbal_pin.identification import Identified, identify
 from gimbal_pin.log import Log, to_json
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import (

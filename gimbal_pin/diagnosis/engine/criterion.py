@@ -25,7 +25,7 @@ from gimbal_pin.diagnosis.state import Problem, State, acted, consistent, solved
 from gimbal_pin.diagnosis.uncertainty import tangent
 from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.effects.signal import Borne
-from gimbal_pin.estimation.identification import given_beta
+from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
 
 INSIDE, WIDTH = 0.75, 8

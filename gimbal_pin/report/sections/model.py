@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.effects import Sample, Term
-from gimbal_pin.estimation.balance import balance
-from gimbal_pin.estimation.identification import Identified
+from gimbal_pin.identification import Identified
+from gimbal_pin.identification.balance import balance
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables

@@ -20,7 +20,7 @@ WRONG_UNIT = 20.0
 torque in thousandths of its unit is a thousand times too large."""
 FAINT = 1e-12
 """A torque of less, N m, is none: a millionth of a gram weighs as much a tenth of a millimetre beside its axis."""
-DROWNED = 0.1
+LEAST_MOVING = 0.1
 """Share of a joint's samples under which the error says that the others were masked out."""
 
 
@@ -100,7 +100,7 @@ def check_enough(rows: Design, blocks: Sequence[Block]) -> None:
         need = want / rows.rig.n / (2 * rows.filtering.cutoff) + 2 * compute_settling_time(rows.filtering)
         raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
     torque = np.max([np.abs(block.b).max(axis=0, initial=0.0) for block in blocks], axis=0)
-    check_driven(rows.logs[0].name, rows.rig.joints, torque, used_shares(blocks) > DROWNED)
+    check_driven(rows.logs[0].name, rows.rig.joints, torque, used_shares(blocks) > LEAST_MOVING)
 
 
 def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
@@ -112,7 +112,7 @@ def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estima
 def why_hidden(blocks: Sequence[Block]) -> tuple[str, str]:
     """Say why parameters leave no trace, and what to do: too little motion, or more noise than motion."""
     kept = used_shares(blocks).min()
-    if kept >= DROWNED:
+    if kept >= LEAST_MOVING:
         return "its motion leaves no trace of", "move every joint, several at a time: see 'gimbal-pin excite'"
     what = f"no faster than their rate's noise, or still, are all but {100 * kept:.2g} % of a joint's samples"
     mend = "move every joint, all the time: see 'gimbal-pin excite'; or record finer angles, or rates (dq_)"

@@ -12,7 +12,7 @@ from gimbal_pin.dynamics.checking import poses
 from gimbal_pin.dynamics.regressor import regressor
 from gimbal_pin.effects.rig_effect import describe_way, facing, payload
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.estimation.identification import Identified
+from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.rig import PHI

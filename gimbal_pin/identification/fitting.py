@@ -16,11 +16,11 @@ from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.estimation import payload_change
-from gimbal_pin.estimation.estimators.hausman import WhenTested, check_bias
-from gimbal_pin.estimation.identification.checks import check_enough, check_log, check_seen, check_unit, unseen
-from gimbal_pin.estimation.identification.identified import Identified, faults
-from gimbal_pin.estimation.identification.validation import Validation, accuracy
+from gimbal_pin.identification import payload_change
+from gimbal_pin.identification.bias_test import WhenTested, check_bias
+from gimbal_pin.identification.identified import Identified, faults
+from gimbal_pin.identification.requirements import check_enough, check_log, check_seen, check_unit, unseen
+from gimbal_pin.identification.validation import Validation, accuracy
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import MOTIONS, BaseMotion
 from gimbal_pin.regression import (

@@ -13,8 +13,8 @@ from gimbal_pin.diagnosis import compared
 from gimbal_pin.dynamics import Model, nominal, rnea
 from gimbal_pin.dynamics.checking import gravity_load, poses
 from gimbal_pin.effects import PayloadShift
-from gimbal_pin.estimation import Balance, Identified, identify
-from gimbal_pin.estimation.balance import balance, reported
+from gimbal_pin.identification import Balance, Identified, identify
+from gimbal_pin.identification.balance import balance, reported
 from gimbal_pin.log import Array
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text

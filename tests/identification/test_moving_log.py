@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import Model, Sensors, base, noisy, nominal, readings, reduce, simulate
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.estimation import given_beta, greatest_base_motion, identify
+from gimbal_pin.identification import given_beta, greatest_base_motion, identify
 from gimbal_pin.log import MOTIONS, Array, BaseMotion, Imu, Log, Platform, profile_s, read_log, write_motion
 from gimbal_pin.pointing import Asked
 from gimbal_pin.pointing.verify import modelled

@@ -14,10 +14,10 @@ from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.effects import ALWAYS
 from gimbal_pin.errors import digits
-from gimbal_pin.estimation import payload_change
-from gimbal_pin.estimation.bodies import Body, bodies
-from gimbal_pin.estimation.estimators.hausman import BiasCheck
-from gimbal_pin.estimation.identification.validation import EXPLAINED, Accuracy
+from gimbal_pin.identification import payload_change
+from gimbal_pin.identification.bias_test import BiasCheck
+from gimbal_pin.identification.bodies import Body, bodies
+from gimbal_pin.identification.validation import EXPLAINED, Accuracy
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base, subsample_log
 from gimbal_pin.regression.consistency import Consistent

@@ -3,11 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from gimbal_pin.estimation.estimators.bootstrap import Bootstrap as Bootstrap
-from gimbal_pin.estimation.estimators.closed_loop import fit_idim as fit_idim
-from gimbal_pin.estimation.estimators.closed_loop import fit_output_error as fit_output_error
-from gimbal_pin.estimation.estimators.hausman import Hausman as Hausman
-from gimbal_pin.estimation.estimators.hausman import compare_with_instruments as compare_with_instruments
+from gimbal_pin.identification.output_error import fit_idim, fit_output_error
 from gimbal_pin.regression import Estimator, fit_ordinary, fit_physical, fit_ridge, fit_robust, fit_weighted
 
 ESTIMATORS: Mapping[str, Estimator] = MappingProxyType(

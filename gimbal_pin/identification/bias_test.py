@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation.estimators.closed_loop import build_instruments
+from gimbal_pin.identification.output_error import build_instruments
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (

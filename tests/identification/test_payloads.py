@@ -14,8 +14,8 @@ from gimbal_pin.control import bench_run, tune
 from gimbal_pin.dynamics import nominal, plant_with, reduce
 from gimbal_pin.effects import Cogging, PayloadShift, parse_effect
 from gimbal_pin.errors import ModelError, UsageError
-from gimbal_pin.estimation import Identified, Several, given_beta, identify, identify_new, identify_several
-from gimbal_pin.estimation.payloads import Carried, stated
+from gimbal_pin.identification import Identified, Several, given_beta, identify, identify_new, identify_several
+from gimbal_pin.identification.payloads import Carried, stated
 from gimbal_pin.log import Array, Log, read_log, write_log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
@@ -184,7 +184,7 @@ def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_pat
 
 
 def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path) -> None:
-    from gimbal_pin.estimation import read_model, write_model
+    from gimbal_pin.identification import read_model, write_model
 
     found = several("turret", ("mirrorless", "cinema"))
     write_model(found.first, tmp_path / "model.yaml", found.identified)
@@ -270,7 +270,7 @@ def test_a_camera_is_no_surer_than_the_one_that_it_is_measured_against(whole: bo
 
 def test_a_swap_keeps_the_causes_that_were_found_with_the_first_camera(run: Run, tmp_path: Path) -> None:
     """By --known of the extended model, and by --extended with both cameras; the teeth are then in the new model."""
-    from gimbal_pin.estimation import write_extended
+    from gimbal_pin.identification import write_extended
 
     teeth = "cogging:tilt:amplitude=0.1,harmonic=7"
     for k, (payload, seconds) in enumerate({"mirrorless": 12.0, "cinema": 10.0}.items()):
@@ -295,7 +295,7 @@ def test_a_swap_keeps_the_causes_that_were_found_with_the_first_camera(run: Run,
 
 def test_an_inertia_under_zero_is_known_all_the_same(tmp_path: Path) -> None:
     """The log's noise may leave a sum of inertias under zero: no plant, but known to its deviation."""
-    from gimbal_pin.estimation import read_known, read_model, write_model
+    from gimbal_pin.identification import read_known, read_model, write_model
 
     found, rig = several("turret", ("mirrorless", "cinema")).first, Rig.load("turret", "mirrorless")
     phi = found.model.rig.phi.copy()

@@ -14,8 +14,8 @@ from scipy.signal import lfilter
 from gimbal_pin.control import bounds
 from gimbal_pin.dynamics import nominal, reduce
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation import Bootstrap, Identified, identify
-from gimbal_pin.estimation.bodies import believed, bodies, figures, slopes
+from gimbal_pin.identification import Bootstrap, Identified, identify
+from gimbal_pin.identification.bodies import believed, bodies, figures, slopes
 from gimbal_pin.log import Array
 from gimbal_pin.regression import (
     Block,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gimbal_pin.dynamics import nominal, reduce
 from gimbal_pin.errors import DataError
-from gimbal_pin.estimation import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log
 from gimbal_pin.regression import (
     BARRIER_WEIGHTS,

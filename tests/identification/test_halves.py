@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.dynamics import nominal
-from gimbal_pin.estimation import Identified, identify, refitted
-from gimbal_pin.estimation.payload_change import halves, score
+from gimbal_pin.identification import Identified, identify, refitted
+from gimbal_pin.identification.payload_change import halves, score
 from gimbal_pin.log import Array
 from gimbal_pin.regression import Block, Filtering
 from gimbal_pin.report import text

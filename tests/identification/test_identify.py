@@ -9,7 +9,7 @@ import pytest
 
 from gimbal_pin.dynamics import nominal, reduce
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.estimation import ESTIMATORS, given_beta, identify, split
+from gimbal_pin.identification import ESTIMATORS, given_beta, identify, split
 from gimbal_pin.log import Log
 from gimbal_pin.regression import (
     Filtering,

@@ -14,7 +14,7 @@ from gimbal_pin.control import tune
 from gimbal_pin.dynamics import nominal, plant_with, reduce
 from gimbal_pin.effects import Cogging, parse_effect
 from gimbal_pin.errors import LogError
-from gimbal_pin.estimation import given_beta, identify, read_model, write_extended, write_model
+from gimbal_pin.identification import given_beta, identify, read_model, write_extended, write_model
 from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, find_likeliest_bodies, fit_misfit, fit_weighted
 from gimbal_pin.report import text

@@ -11,7 +11,7 @@ import numpy as np
 
 from gimbal_pin.dynamics.model import Doubt, Estimated, Model, model_from, plain_model
 from gimbal_pin.errors import ModelError
-from gimbal_pin.estimation.identification import Identified
+from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import record, value

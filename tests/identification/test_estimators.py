@@ -9,10 +9,17 @@ import pytest
 
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.estimation import ESTIMATORS, given_beta, greatest_base_motion
-from gimbal_pin.estimation.estimators import Hausman, compare_with_instruments, fit_idim, fit_output_error
-from gimbal_pin.estimation.estimators.closed_loop import run_log
-from gimbal_pin.estimation.estimators.hausman import BiasCheck, check_bias, compute_noise_share
+from gimbal_pin.identification import (
+    ESTIMATORS,
+    Hausman,
+    compare_with_instruments,
+    fit_idim,
+    fit_output_error,
+    given_beta,
+    greatest_base_motion,
+)
+from gimbal_pin.identification.bias_test import BiasCheck, check_bias, compute_noise_share
+from gimbal_pin.identification.output_error import run_log
 from gimbal_pin.log import Array, Log
 from gimbal_pin.regression import (
     DesignBlocks,
@@ -23,7 +30,7 @@ from gimbal_pin.regression import (
 )
 from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, prescribed, rows_of
-from tests.estimation.test_moving_log import carried, swaying
+from tests.identification.test_moving_log import carried, swaying
 
 NOISY = 0.03
 

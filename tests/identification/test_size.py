@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.dynamics import nominal, reduce
-from gimbal_pin.estimation import given_beta, identify
+from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.log import PAUSE, Log
 from gimbal_pin.regression import Filtering, subsample_log
 from tests.bench_logs import prescribed

@@ -25,7 +25,7 @@ from gimbal_pin.diagnosis.limit_cycle import swing, swung
 from gimbal_pin.dynamics import friction_effects, nominal, reduce
 from gimbal_pin.effects import Cause, Cogging, Delay, Saturation
 from gimbal_pin.errors import DataError, LogError
-from gimbal_pin.estimation import identify
+from gimbal_pin.identification import identify
 from gimbal_pin.log import REACH, Array, Imu, Log, log_columns, read_log, read_mapping, write_log
 from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.online import Online

@@ -16,19 +16,11 @@ from gimbal_pin.dynamics.regressor import SCAN
 from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.estimation.balance import reported
-from gimbal_pin.estimation.identification import (
-    Identified,
-    assembled,
-    check_enough,
-    check_log,
-    check_seen,
-    faults,
-    refitted,
-    split,
-)
-from gimbal_pin.estimation.identification.checks import check_unit
-from gimbal_pin.estimation.known_gimbal import contradiction, limit, update
+from gimbal_pin.identification.balance import reported
+from gimbal_pin.identification.fitting import assembled, refitted, split
+from gimbal_pin.identification.identified import Identified, faults
+from gimbal_pin.identification.known_gimbal import contradiction, limit, update
+from gimbal_pin.identification.requirements import check_enough, check_log, check_seen, check_unit
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     TRUST,

@@ -15,7 +15,7 @@ from scipy.special import fdtri
 
 from gimbal_pin.dynamics.model import Estimated
 from gimbal_pin.errors import DataError, digits
-from gimbal_pin.estimation.payload_change import CHANCE, SQUARES
+from gimbal_pin.identification.payload_change import CHANCE, SQUARES
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Estimate
 

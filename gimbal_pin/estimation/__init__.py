@@ -1,5 +1,0 @@
-"""From logs to a model with uncertainty: rows, estimators, identification."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
