@@ -83,6 +83,11 @@ from gimbal_pin.regression.samples import resample_torque as resample_torque
 from gimbal_pin.regression.samples import smooth_samples as smooth_samples
 from gimbal_pin.regression.samples import split_segments as split_segments
 from gimbal_pin.regression.samples import subsample_log as subsample_log
+from gimbal_pin.regression.selection import ChosenSet as ChosenSet
+from gimbal_pin.regression.selection import Group as Group
+from gimbal_pin.regression.selection import Selection as Selection
+from gimbal_pin.regression.selection import project_rows as project_rows
+from gimbal_pin.regression.selection import select_groups as select_groups
 from gimbal_pin.regression.solve import RANK as RANK
 from gimbal_pin.regression.solve import Estimate as Estimate
 from gimbal_pin.regression.solve import Estimator as Estimator

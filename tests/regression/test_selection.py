@@ -1,0 +1,155 @@
+"""Laws of the selection of groups by their marginal likelihood."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from gimbal_pin.regression import Group, project_rows, select_groups
+
+ROWS = 60
+WIDTHS = (1, 2, 3, 2)
+"""Columns of the four groups of most laws."""
+
+
+def draw(seed: int) -> tuple[np.ndarray, tuple[Group, ...], np.random.Generator]:
+    """Return columns and groups of several widths, means and variances."""
+    rng = np.random.default_rng(seed)
+    ends = np.cumsum((0, *WIDTHS))
+    spans = [slice(int(a), int(b)) for a, b in pairwise(ends)]
+    variances = ((0.5,), (0.2, 2.0), (1.0, 0.1), (0.3, 3.0, 30.0))
+    groups = tuple(Group(f"g{i}", span, -2.0, v) for i, (span, v) in enumerate(zip(spans, variances)))
+    groups = (replace(groups[0], mean=1.0), *groups[1:])
+    return rng.normal(size=(ROWS, ends[-1])), groups, rng
+
+
+def evidence_of(X: np.ndarray, y: np.ndarray, chosen: list[tuple[Group, float]]) -> float:
+    """``log N(y; X m, I + Σ v X_g X_gᵀ)``."""
+    mean, covariance = np.zeros(len(y)), np.eye(len(y))
+    for group, v in chosen:
+        own = X[:, group.columns]
+        mean, covariance = mean + own.sum(axis=1) * group.mean, covariance + v * own @ own.T
+    return float(multivariate_normal(mean, covariance).logpdf(y))
+
+
+def test_the_evidence_of_every_set_is_that_of_the_normal_distribution() -> None:
+    X, groups, rng = draw(1)
+    groups = tuple(replace(group, variances=group.variances[:1]) for group in groups)
+    y = rng.normal(size=ROWS)
+    found = {one.groups: one.log_posterior for one in select_groups(X, y, groups, beam=99, negligible=np.inf).sets}
+    empty = evidence_of(X, y, [])
+    for size in range(len(groups) + 1):
+        for members in combinations(range(len(groups)), size):
+            expected = evidence_of(X, y, [(groups[g], groups[g].variances[0]) for g in members]) - empty
+            assert found[members] == pytest.approx(expected + sum(groups[g].log_odds for g in members), abs=1e-8)
+
+
+def test_the_evidence_of_a_group_is_averaged_over_its_variances() -> None:
+    X, groups, rng = draw(8)
+    y = X @ rng.normal(size=X.shape[1]) + rng.normal(size=ROWS)
+    found = {one.groups: one for one in select_groups(X, y, groups, beam=99, negligible=np.inf).sets}
+    empty = evidence_of(X, y, [])
+    for g, group in enumerate(groups):
+        each = [evidence_of(X, y, [(group, v)]) - empty + group.log_odds for v in group.variances]
+        one = found[(g,)]
+        assert one.log_posterior == pytest.approx(np.logaddexp.reduce(each) - np.log(len(each)), abs=1e-8)
+        assert one.variances == (group.variances[int(np.argmax(each))],)
+
+
+def test_projected_rows_have_the_inner_products_of_the_whole_model() -> None:
+    rng = np.random.default_rng(2)
+    free, background, rows = (rng.normal(size=(ROWS, k)) for k in (3, 20, 4))
+    size = 0.3
+    weight = np.linalg.inv(np.eye(ROWS) + size**2 * background @ background.T)
+    off = weight - weight @ free @ np.linalg.solve(free.T @ weight @ free, free.T @ weight)
+    projected = project_rows(rows, free, background, size)
+    np.testing.assert_allclose(projected.T @ projected, rows.T @ off @ rows, rtol=1e-9, atol=1e-9)
+
+
+def test_what_free_columns_explain_changes_nothing() -> None:
+    X, groups, rng = draw(3)
+    free, y = rng.normal(size=(ROWS, 3)), rng.normal(size=ROWS)
+    none = np.zeros((ROWS, 0))
+    answers = []
+    for moved in (0.0, 100.0):
+        rows = np.column_stack([X + moved * free[:, :1], y + moved * free[:, 1]])
+        rows = project_rows(rows, free, none, 0.0)
+        answers.append(select_groups(rows[:, :-1], rows[:, -1], groups).compute_inclusion())
+    assert answers[0] == pytest.approx(answers[1], abs=1e-9)
+
+
+def test_units_and_order_of_the_groups_change_nothing() -> None:
+    X, groups, rng = draw(4)
+    y = X[:, 1:3] @ [1.0, -0.5] + rng.normal(size=ROWS)
+    plain = select_groups(X, y, groups).compute_inclusion()
+    scales = np.array([2.0, 1e3, 1e-3, 5.0])
+    scaled = X / np.repeat(scales, WIDTHS)
+    other = tuple(
+        replace(g, variances=tuple(v * s**2 for v in g.variances), mean=g.mean * s) for g, s in zip(groups, scales)
+    )
+    assert select_groups(scaled, y, other).compute_inclusion() == pytest.approx(plain, abs=1e-9)
+    assert select_groups(X, y, groups[::-1]).compute_inclusion() == pytest.approx(plain, abs=1e-9)
+
+
+def plant(seed: int, planted: tuple[int, ...], size: float = 1.0) -> dict[object, float]:
+    """Return the inclusion of thirty groups of two columns, some of which act with coefficients of a size."""
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(300, 60))
+    y = rng.normal(size=300)
+    for g in planted:
+        y += size * X[:, 2 * g : 2 * g + 2] @ np.sign(rng.normal(size=2))
+    groups = [Group(g, slice(2 * g, 2 * g + 2), float(np.log(0.02)), (0.01, 0.1, 1.0)) for g in range(30)]
+    return dict(select_groups(X, y, groups).compute_inclusion())
+
+
+@pytest.mark.parametrize("planted", [(), (7,), (3, 21), (2, 11, 29)])
+def test_what_was_planted_is_found_and_nothing_else(planted: tuple[int, ...]) -> None:
+    for seed in range(5):
+        inclusion = plant(seed, planted)
+        assert {g for g, p in inclusion.items() if p > 0.5} == set(planted)
+        assert all(inclusion[g] > 0.99 for g in planted)
+
+
+def test_probabilities_are_calibrated() -> None:
+    """Of groups that act with probability .2 and a drawn size, those given p are in for a share of p."""
+    rng, said, true = np.random.default_rng(5), [], []
+    for _ in range(60):
+        X = rng.normal(size=(40, 6))
+        acts = rng.random(6) < 0.2
+        y = X @ np.where(acts, rng.normal(0.0, 0.4, 6), 0.0) + rng.normal(size=40)
+        groups = [Group(g, slice(g, g + 1), float(np.log(0.25)), (0.16,)) for g in range(6)]
+        inclusion = select_groups(X, y, groups, beam=20).compute_inclusion()
+        said += [inclusion.get(g, 0.0) for g in range(6)]
+        true += acts.tolist()
+    said, true = np.array(said), np.array(true, float)
+    spread = np.sqrt(np.sum(said * (1 - said)))
+    for low, high in ((0.0, 0.1), (0.1, 0.5), (0.5, 0.9), (0.9, 1.01)):
+        inside = (said >= low) & (said < high)
+        deviation = np.sqrt(np.sum(said[inside] * (1 - said[inside])))
+        assert abs(np.sum(said[inside]) - np.sum(true[inside])) < 3.3 * max(deviation, 1.0)
+    assert abs(said.sum() - true.sum()) < 3.3 * spread
+
+
+def test_what_no_rows_can_part_shares_its_probability() -> None:
+    rng = np.random.default_rng(6)
+    x = rng.normal(size=(100, 1))
+    y = x[:, 0] + rng.normal(size=100)
+    groups = [Group(name, slice(i, i + 1), -3.0, (1.0,)) for i, name in enumerate("ab")]
+    found = select_groups(np.hstack([x, x]), y, groups)
+    inclusion = found.compute_inclusion()
+    assert inclusion["a"] == pytest.approx(inclusion["b"])
+    assert found.probabilities[0] + found.probabilities[1] > 0.9
+
+
+def test_a_set_holds_one_group_of_a_key() -> None:
+    rng = np.random.default_rng(7)
+    X = rng.normal(size=(80, 4))
+    y = X @ [3.0, 3.0, 3.0, 0.0] + rng.normal(size=80)
+    groups = [Group(k, slice(i, i + 1), -3.0, (1.0, 9.0)) for i, k in enumerate(("a", "a", "b", "c"))]
+    found = select_groups(X, y, groups)
+    assert all(len(found.keys(one)) == len(one.groups) for one in found.sets)
+    assert found.compute_inclusion()["a"] > 0.99
