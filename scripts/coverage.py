@@ -23,7 +23,7 @@ from gimbal_pin.identification.bodies import figures
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST
 from gimbal_pin.regression.consistency import compute_deformation_root
-from gimbal_pin.rig.inertia import physical
+from gimbal_pin.rig.inertia import is_physical
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, prescribed
 
@@ -47,7 +47,7 @@ def missed(kind: str, q: Array, v: Array, phase: float) -> Array:
 def inside(rig: Rig, kind: str, rng: np.random.Generator) -> Iterator[bool]:
     """Yield for every figure of the bodies whether its interval holds the truth, on one log."""
     root = TRUST * compute_deformation_root(rig.phi)
-    while not all(map(physical, (phi := rig.phi + root @ rng.standard_normal(len(root))).reshape(-1, 10))):
+    while not all(map(is_physical, (phi := rig.phi + root @ rng.standard_normal(len(root))).reshape(-1, 10))):
         pass
     seed, joint = int(rng.integers(2**31)), int(rng.integers(rig.n))
     log = prescribed(nominal(rig.with_phi(phi)), seed, 20.0, torque_noise=0.01, dt=4e-3)

@@ -46,9 +46,9 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 390,
-    "percent of functions that are one word": 62,
-    "upper-case constants": 1058,
+    "names at the top of more than one module": 352,
+    "percent of functions that are one word": 57,
+    "upper-case constants": 1038,
     "distinct deep names imported by the tests": 260,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""

@@ -123,7 +123,7 @@ def with_limits(rig: Rig, texts: Sequence[str]) -> Rig:
         UsageError: A text names no joint or limit of the rig, or no number that such a limit may have.
     """
     from gimbal_pin.rig.config import Limits
-    from gimbal_pin.rig.records import stated
+    from gimbal_pin.rig.records import read_fields
 
     limits = dict(zip(rig.joints, rig.limits))
     for given in texts:
@@ -136,7 +136,7 @@ def with_limits(rig: Rig, texts: Sequence[str]) -> Rig:
             value = float(number)
         except ValueError:
             raise UsageError(place, f"'{number}' is no number", mend) from None
-        limits[joint] = replace(limits[joint], **stated(Limits, {quantity: value}, place, UsageError))
+        limits[joint] = replace(limits[joint], **read_fields(Limits, {quantity: value}, place, UsageError))
     return replace(rig, limits=tuple(limits.values()))
 
 

@@ -83,19 +83,19 @@ def maps(value: tuple[str, ...], given: Mapping[str, Any]) -> list[str]:
 
 def payloads(value: str, given: Mapping[str, Any]) -> list[Path]:
     """URDF of a payload, and the meshes that it names."""
-    from gimbal_pin.rig.files import payload_path
+    from gimbal_pin.rig.files import find_payload
 
-    return with_meshes(payload_path(value), {})
+    return with_meshes(find_payload(value), {})
 
 
 def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
     """YAML files that a rig's name leads through, its URDF, the YAML beside that, its payload and their meshes."""
     from gimbal_pin.rig.config import load_config
-    from gimbal_pin.rig.files import YAML, bundled, bundled_rigs, find, find_target
+    from gimbal_pin.rig.files import YAML_SUFFIXES, bundled, bundled_rigs, find_rig, find_target
 
-    urdf, config = find(value)
+    urdf, config = find_rig(value)
     path = bundled() / f"{value}.urdf" if value in bundled_rigs() else Path(value)
-    while path.suffix in YAML:
+    while path.suffix in YAML_SUFFIXES:
         yield path
         path = find_target(path, load_config(path))
     yield from (urdf.with_suffix(".yaml"), *with_meshes(urdf, config.xacro))
@@ -105,13 +105,14 @@ def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
 
 def with_meshes(rig: Path, arguments: Mapping[str, str]) -> list[Path]:
     """Return the file of a rig or payload, what it includes, and the meshes that it names; `arguments`: xacro's."""
-    from gimbal_pin.rig.formats import as_urdf
-    from gimbal_pin.rig.meshes import mesh_file
+    from gimbal_pin.rig.formats import convert_to_urdf
+    from gimbal_pin.rig.meshes import find_mesh_file
     from gimbal_pin.rig.urdf import parse
 
-    text, _, included = as_urdf(rig, arguments)
+    text, _, included = convert_to_urdf(rig, arguments)
     named = [mesh.get("filename", "") for mesh in parse(text, str(rig)).iter("mesh")]
-    return [rig, *map(Path, included), *(file for name in named if (file := mesh_file(name, rig.parent)) is not None)]
+    meshes = (find_mesh_file(name, rig.parent) for name in named)
+    return [rig, *map(Path, included), *(file for file in meshes if file is not None)]
 
 
 def diagnosed(value: Path, given: Mapping[str, Any]) -> list[Path]:
@@ -124,9 +125,9 @@ def diagnosed(value: Path, given: Mapping[str, Any]) -> list[Path]:
 def walked(value: Path, given: Mapping[str, Any]) -> list[Path]:
     """Files that `auto` may put into a folder."""
     from gimbal_pin.report.pipeline import FILES
-    from gimbal_pin.rig.files import find
+    from gimbal_pin.rig.files import find_rig
 
-    return in_folder(value, (*FILES.values(), f"{find(given['rig'])[0].stem}.urdf"))
+    return in_folder(value, (*FILES.values(), f"{find_rig(given['rig'])[0].stem}.urdf"))
 
 
 def in_folder(folder: Path, names: Iterable[str]) -> list[Path]:

@@ -71,9 +71,9 @@ def base(
 def new_rig(urdf: RigFile, *, output: MaybeYaml = None) -> None:
     """Write a commented YAML for a rig: what a URDF cannot say of motors, camera and IMUs, guessed where it can be."""
     from gimbal_pin.log.io.files import atomic_write
-    from gimbal_pin.rig.new_rig import proposed
+    from gimbal_pin.rig.new_rig import propose_config
 
-    written = proposed(load_rig(urdf, None), Path.cwd() if output is None else output.parent)
+    written = propose_config(load_rig(urdf, None), Path.cwd() if output is None else output.parent)
     if output is None:
         say(written[:-1])
         return

@@ -17,7 +17,7 @@ from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.inertia import pseudo_inertia
 from gimbal_pin.rig.rig import Rig
-from gimbal_pin.rig.types import Rng, seeded
+from gimbal_pin.rig.types import Rng, make_generator
 
 
 def repeated(motion: Motion, seconds: float, dt: float) -> Motion:
@@ -66,7 +66,7 @@ def bench_run(
     """
     mover = tune(plant, bandwidth_hz=4.0).controller if controller is None else controller
     dt, rig = mover.dt, plant.rig
-    generator, seed = seeded(rng)
+    generator, seed = make_generator(rng)
     if reference is None:
         design = excite(rig, seconds=period, starts=starts, rng=generator, torque_model=plant, dt=dt)
         reference = repeated(design.motion, seconds, dt)

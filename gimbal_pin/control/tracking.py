@@ -18,7 +18,7 @@ from gimbal_pin.log.limited import at_limit
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
-from gimbal_pin.rig.types import Rng, seeded
+from gimbal_pin.rig.types import Rng, make_generator
 
 PEAK_RATE = 15 / 8
 """Largest rate of a minimum-jerk move, in distance per duration."""
@@ -256,7 +256,7 @@ def track(
     steps = within(plant, [float(np.deg2rad(angles_deg[j % len(angles_deg)])) for j in range(rig.n)], move)
     single = [(joint, steps * (np.arange(rig.n) == j)) for j, joint in enumerate(rig.joints)]
     plan = [("all-axes", steps), *(single if one_by_one and rig.n > 1 else [])]
-    generator, seed = seeded(rng)
+    generator, seed = make_generator(rng)
     seeds = generator.integers(2**63, size=len(plan))
 
     def run(name: str, goal: Array, start_of_noise: int, label: str, controller: Controller) -> Experiment:

@@ -27,7 +27,7 @@ from gimbal_pin.dynamics.model import Model, model_from, plain_model
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.records import LARGEST, bounded, placed, record
+from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
 
 if TYPE_CHECKING:
@@ -228,12 +228,12 @@ def law_of(
 class Row:
     """What `Tuning.to_dict` writes of a joint, as far as its law needs it; see there."""
 
-    kp: float = bounded(MISSING, 1e-6, 1e10)  # from a millihertz to 16 kHz
-    ki: float = bounded(MISSING, 0.0, 1e16)
-    kd: float = bounded(MISSING, 1e-6, 1e6)
-    inertia: float = bounded(MISSING, 1e-12, LARGEST)
-    braking: float | None = bounded(MISSING, 1e-9, LARGEST)
-    bandwidth_hz: float | None = bounded(None, 1e-9, LARGEST)
+    kp: float = bounded_field(MISSING, 1e-6, 1e10)  # from a millihertz to 16 kHz
+    ki: float = bounded_field(MISSING, 0.0, 1e16)
+    kd: float = bounded_field(MISSING, 1e-6, 1e6)
+    inertia: float = bounded_field(MISSING, 1e-12, LARGEST_NUMBER)
+    braking: float | None = bounded_field(MISSING, 1e-9, LARGEST_NUMBER)
+    bandwidth_hz: float | None = bounded_field(None, 1e-9, LARGEST_NUMBER)
 
 
 @dataclass(frozen=True)
@@ -242,10 +242,10 @@ class Layer:
 
     gain: float
     alpha: float
-    phi: float = bounded(MISSING, 0.0, LARGEST)
-    inverse: float = bounded(MISSING, 0.0, LARGEST)
-    cross_model: float = bounded(MISSING, 0.0, LARGEST)
-    cross_pid: float = bounded(MISSING, 0.0, LARGEST)
+    phi: float = bounded_field(MISSING, 0.0, LARGEST_NUMBER)
+    inverse: float = bounded_field(MISSING, 0.0, LARGEST_NUMBER)
+    cross_model: float = bounded_field(MISSING, 0.0, LARGEST_NUMBER)
+    cross_pid: float = bounded_field(MISSING, 0.0, LARGEST_NUMBER)
     source: str = ""
 
 
@@ -288,8 +288,8 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> Stored:
     """
     if not isinstance(data, dict) or data.get("wish") is None:
         raise ModelError(place, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
-    with placed(place, ModelError):
-        filed = record(Filed, data, place, ModelError, others=True)
+    with prefix_place(place, ModelError):
+        filed = read_record(Filed, data, place, ModelError, others=True)
         if set(filed.joints) != set(rig.joints):
             what = f"is for the joints {', '.join(filed.joints)}"
             raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: tune for it")
@@ -298,7 +298,7 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> Stored:
             what = f"is '{filed.controller}', and the wish is for {wish.kind}"
             raise ModelError(f"{place}: controller", what, "write it with 'gimbal-pin tune'")
         wish.per_joint(rig)
-        rows = [record(Row, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True) for j in rig.joints]
+        rows = [read_record(Row, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True) for j in rig.joints]
         gains = tuple(Pid(row.kp, row.ki, row.kd) for row in rows)
         for joint, pid in zip(rig.joints, gains):
             # Routh's bound of s³ + kd s² + kp s + ki, and a damping ratio, each with a margin that Lyapunov's needs.

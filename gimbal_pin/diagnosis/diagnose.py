@@ -32,7 +32,7 @@ from gimbal_pin.log.io.columns import MOVED, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, subsample_log
 from gimbal_pin.rig.rig import Rig
-from gimbal_pin.rig.types import Rng, seeded
+from gimbal_pin.rig.types import Rng, make_generator
 
 LIVELY = 1e-3
 """Least share of a joint's samples that must be away from standstill."""
@@ -60,7 +60,7 @@ def diagnose(
     logs = [log.ordered(rig) for log in logs]
     shown = [subsample_log(log) for log in logs]
     band = usual(rig, logs) if filtering is None else filtering
-    generator, seed = seeded(rng)
+    generator, seed = make_generator(rng)
     found = examined(rig, [one.log for one in shown], causes, generator, holdout, band)
     return replace(found, seed=seed, notes=(*(one.note for one in shown if one.note), *found.notes))
 

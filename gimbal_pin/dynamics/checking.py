@@ -14,7 +14,7 @@ from gimbal_pin.dynamics.regressor import rnea
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.config import load_config
-from gimbal_pin.rig.files import bundled_payloads, bundled_rigs, find, payload_path
+from gimbal_pin.rig.files import bundled_payloads, bundled_rigs, find_payload, find_rig
 from gimbal_pin.rig.rig import Rig
 
 POSES = 2000
@@ -122,8 +122,8 @@ def check(rig: Rig) -> Checked:
 
 def listing() -> dict[str, Any]:
     """Return the bundled rigs and payloads with their descriptions, as JSON holds them."""
-    bodies = {name: find(name)[1] for name in bundled_rigs()}
-    loads = {name: load_config(payload_path(name).with_suffix(".yaml")) for name in bundled_payloads()}
+    bodies = {name: find_rig(name)[1] for name in bundled_rigs()}
+    loads = {name: load_config(find_payload(name).with_suffix(".yaml")) for name in bundled_payloads()}
     return {
         "schema": 1,
         "rigs": {name: {"payload": rig.payload, "description": rig.description} for name, rig in bodies.items()},

@@ -20,7 +20,7 @@ from gimbal_pin.errors import ModelError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.records import placed, record
+from gimbal_pin.rig.records import prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
 
 ITERATIONS = 50
@@ -268,8 +268,8 @@ def model_from(data: Any, rig: Rig, place: str = "model") -> Model:
     Raises:
         ModelError: Something is missing, is of the wrong kind, or no rig can have it.
     """
-    filed = record(Filed, data, place, ModelError, others=True)
-    with placed(place, ModelError):
+    filed = read_record(Filed, data, place, ModelError, others=True)
+    with prefix_place(place, ModelError):
         causes = [cause_from(entry) for entry in (*filed.drive, *filed.changes)]
         terms = tuple(map(term_from, filed.terms))
         drive = tuple(cause for cause in causes if isinstance(cause, Signal))

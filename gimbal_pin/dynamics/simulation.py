@@ -19,7 +19,7 @@ from gimbal_pin.errors import UsageError, visible
 from gimbal_pin.log.limited import THROUGH, at_limit, limited, past_stops
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.rig.types import Rng, seeded
+from gimbal_pin.rig.types import Rng, make_generator
 
 
 class Reference(NamedTuple):
@@ -89,7 +89,7 @@ def simulate(
     if len(t) < 2 or not np.allclose(np.diff(t), dt, rtol=1e-6):
         raise UsageError("reference", f"is not sampled every {dt:g} s", "resample it to the controller's interval")
     rig, sense = plant.rig, Sensors.of(plant.rig, dt) if sensors is None else sensors
-    generator, seed = seeded(rng)
+    generator, seed = make_generator(rng)
     rate_noise = sense.rate_std * generator.standard_normal(reference.q.shape)
     torque_noise = sense.torque_std * generator.standard_normal(reference.q.shape)
     carried = None if platform is None else halved(platform, t)

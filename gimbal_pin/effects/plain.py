@@ -7,7 +7,7 @@ from typing import Any
 
 from gimbal_pin.effects import ALWAYS, CAUSES, Cause, Effect, Term
 from gimbal_pin.errors import ModelError
-from gimbal_pin.rig.records import placed, record, value
+from gimbal_pin.rig.records import convert_value, prefix_place, read_record
 
 
 def cause_from(data: Any) -> Cause:
@@ -22,9 +22,9 @@ def cause_from(data: Any) -> Cause:
     name = data.get("effect")
     if not isinstance(name, str) or name not in every:
         raise ModelError("effect", f"{name!r} is unknown", f"the known ones are {', '.join(sorted(every))}")
-    with placed(f"effect {name}", ModelError):
+    with prefix_place(f"effect {name}", ModelError):
         held = {key: x for key, x in data.items() if key not in ("effect", "values")}
-        return record(every[name], held, f"effect {name}", ModelError)
+        return read_record(every[name], held, f"effect {name}", ModelError)
 
 
 def term_from(data: Any) -> Term:
@@ -36,7 +36,7 @@ def term_from(data: Any) -> Term:
     effect, place = cause_from(data), f"effect {data['effect']}"
     if not isinstance(effect, Effect):
         raise ModelError(place, "is no term: it acts on no torque", "write it with to_dict")
-    values = value(tuple[float, ...], data.get("values"), f"{place}: values", ModelError)
+    values = convert_value(tuple[float, ...], data.get("values"), f"{place}: values", ModelError)
     if len(values) != len(effect.coefficients):
         raise ModelError(place, "is no term with one value per coefficient", "write it with to_dict")
     return Term(effect, values)

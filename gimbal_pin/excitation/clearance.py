@@ -16,7 +16,7 @@ from gimbal_pin.errors import RigError
 from gimbal_pin.excitation.limits import Envelope
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig import urdf
-from gimbal_pin.rig.meshes import find_meshes, stl
+from gimbal_pin.rig.meshes import encode_stl, find_meshes
 from gimbal_pin.rig.rig import Rig
 
 
@@ -173,7 +173,7 @@ def build_collision_geometry(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ..
         unchecked = _resolve_meshes(robot, rig, Path(folder))
         try:
             geometry = pin.buildGeomFromUrdfString(
-                rig.model, urdf.skeleton(robot, "collision"), pin.GeometryType.COLLISION
+                rig.model, urdf.strip_to_skeleton(robot, "collision"), pin.GeometryType.COLLISION
             )
         except ValueError as error:
             raise RigError(str(rig.path), "has a collision shape that cannot be built", "mend the shape") from error
@@ -212,6 +212,6 @@ def _resolve_meshes(robot: etree._Element, rig: Rig, folder: Path) -> tuple[str,
             raise RigError(str(rig.path), f"link {link.get('name')} has a collision mesh that {read}", "mend the mesh")
         else:
             file = folder / f"{k}.stl"
-            file.write_bytes(stl(read))
+            file.write_bytes(encode_stl(read))
             mesh.set("filename", str(file))
     return tuple(dict.fromkeys(missing))

@@ -22,7 +22,7 @@ from gimbal_pin.excitation.problem import ExcitationProblem
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
-from gimbal_pin.rig.types import Rng, seeded
+from gimbal_pin.rig.types import Rng, make_generator
 
 CLEARANCE = 0.005
 """Distance that parts keep which can hit each other, m."""
@@ -190,7 +190,7 @@ def excite(
         Clearance.of(rig, clearance, envelope),
         speed,
     )
-    generator, seed = seeded(rng)
+    generator, seed = make_generator(rng)
     x, finished = optimise(problem, starts, generator)
     x, gap = enforce_clearance(problem, x)
     motion = problem.series.motion(problem.coefficients(x), np.linspace(0.0, seconds, samples + 1))

@@ -16,7 +16,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import gyros_between, unable
 from gimbal_pin.rig.inertia import to_urdf
 from gimbal_pin.rig.rig import Rig
-from gimbal_pin.rig.urdf import with_friction
+from gimbal_pin.rig.urdf import replace_friction
 
 TEMPLATES = (
     "gimbal_ros2_controller.hpp",
@@ -67,7 +67,7 @@ def urdf(stored: Stored) -> str:
     rig = stored.model.rig
     friction = Resistance(stored.model.by_joint)
     rows = {joint: (friction.per_slide[j], friction.per_rate[j]) for j, joint in enumerate(rig.joints)}
-    robot = etree.fromstring(with_friction(to_urdf(rig, rig.phi), rows).encode())
+    robot = etree.fromstring(replace_friction(to_urdf(rig, rig.phi), rows).encode())
     for old in robot.findall("ros2_control"):
         robot.remove(old)
     robot.append(tags(rig))

@@ -55,7 +55,7 @@ class Joint:
 
 
 def joints_of(model: pin.Model) -> list[Joint]:
-    """Return the joints of a floating model (see `floating.floating`), the free-flyer left out."""
+    """Return the joints of a floating model (see `build_floating_model`), the free-flyer left out."""
     out, q = [], pin.neutral(model)
     for j in range(2, model.njoints):
         data = model.joints[j].createData()

@@ -19,8 +19,8 @@ from gimbal_pin.fleet.engine import file_system
 from gimbal_pin.log.io.readers import FORMATS, files_of
 from gimbal_pin.log.mapping import read_mapping
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
-from gimbal_pin.rig.reading import TEXT, check_size, decimal, read_bytes, read_yaml
-from gimbal_pin.rig.records import bounded, record
+from gimbal_pin.rig.reading import LARGEST_TEXT, check_size, parse_decimal, read_bytes, read_yaml
+from gimbal_pin.rig.records import bounded_field, read_record
 
 MANIFESTS = ("manifest.yaml", "manifest.yml", "manifest.parquet", "manifest.csv")
 WHOLE = ("rig", "payload", "cutoff")
@@ -85,7 +85,7 @@ class _Statement:
     rig: str | None = None
     payload: str | None = None
     map: Any = None
-    cutoff: float | None = bounded(None, 0.1, 1000)
+    cutoff: float | None = bounded_field(None, 0.1, 1000)
 
 
 def read_manifest(folder: str | Path) -> Manifest:
@@ -114,7 +114,7 @@ def read_manifest(folder: str | Path) -> Manifest:
     if found:
         place = f"{base}/{found[0]}"
         with local_copy(place) as copy:
-            stated = record(_Statement, _read_statement(copy, place), place, UsageError)
+            stated = read_record(_Statement, _read_statement(copy, place), place, UsageError)
     else:
         place = base
         stated = _Statement(tuple(_Entry(name) for name in names if PurePosixPath(name).suffix.lower() in FORMATS))
@@ -184,7 +184,8 @@ def _read_statement(path: Path, place: str) -> Any:
 def _read_csv(path: Path, place: str) -> list[dict[str, Any]]:
     """Rows of a CSV, all texts: a serial number keeps its zeros."""
     try:
-        return list(csv.DictReader(io.StringIO(read_bytes(path, UsageError, TEXT).decode("utf-8-sig")), restkey="?"))
+        text = read_bytes(path, UsageError, LARGEST_TEXT).decode("utf-8-sig")
+        return list(csv.DictReader(io.StringIO(text), restkey="?"))
     except (UnicodeDecodeError, csv.Error) as error:
         raise UsageError(place, f"is not CSV in UTF-8 ({error})", "write it again") from error
 
@@ -248,7 +249,7 @@ def _read_time(stated: Any, place: str) -> tuple[float, bool] | None:
     """A time and whether it is a date, then in s since 1970, UTC unless it says otherwise."""
     if stated is None:
         return None
-    number = decimal(stated) if isinstance(stated, str) else stated
+    number = parse_decimal(stated) if isinstance(stated, str) else stated
     if isinstance(number, (int, float)) and not isinstance(number, bool) and abs(number) < float("inf"):
         return float(number), False
     try:

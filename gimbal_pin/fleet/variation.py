@@ -25,7 +25,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.sweep import changed
 from gimbal_pin.rig.reading import read_yaml
-from gimbal_pin.rig.records import record
+from gimbal_pin.rig.records import read_record
 from gimbal_pin.rig.rig import Rig
 
 Values = Mapping[str, float]
@@ -112,7 +112,7 @@ def choose_default_vary(model: Model) -> Vary:
 
 def read_vary(path: str | Path) -> Vary:
     """Read a file of variations."""
-    return record(Vary, read_yaml(path), str(path), UsageError)
+    return read_record(Vary, read_yaml(path), str(path), UsageError)
 
 
 @dataclass(frozen=True, eq=False)

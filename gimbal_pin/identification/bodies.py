@@ -17,7 +17,7 @@ import numpy as np
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST
 from gimbal_pin.regression.consistency import compute_deformation_root
-from gimbal_pin.rig.inertia import physical
+from gimbal_pin.rig.inertia import is_physical
 
 SHOWN = 0.5
 """A figure is shown by the log if that leaves less than this share of the deviation that the trust gives it."""
@@ -137,7 +137,7 @@ def bent(phi: Array, apart: Array, slope: Array, draws: Array) -> Array:
         draws: Changes of the parameters as likely as their covariance says, (10, N).
     """
     each = [phi + apart + draw for draw in draws.T]
-    curved = np.array([figures(one) - figures(phi) for one in each if physical(one)])
+    curved = np.array([figures(one) - figures(phi) for one in each if is_physical(one)])
     if not len(curved):
         return np.ones(10)
     wide, narrow = (np.quantile(np.abs(x), INTERVAL, axis=0) for x in (curved, (slope @ draws).T))

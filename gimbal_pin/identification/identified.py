@@ -24,7 +24,7 @@ from gimbal_pin.regression.consistency import Consistent
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.inertia import to_urdf
 from gimbal_pin.rig.rig import Rig
-from gimbal_pin.rig.urdf import with_friction
+from gimbal_pin.rig.urdf import replace_friction
 
 NEGATIVE_FROM = 3.0
 """Deviations under zero from which a parameter that cannot be negative is said to be: one in 700 is by chance."""
@@ -220,7 +220,7 @@ class Identified:
         values = {(term.effect.joint, term.effect.name): term.values[0] for term in model.terms}
         names = [kind.name for kind in ALWAYS]
         friction = {joint: (values[joint, names[0]], values[joint, names[1]]) for joint in model.rig.joints}
-        return with_friction(to_urdf(model.rig, self.consistent.phi), friction)
+        return replace_friction(to_urdf(model.rig, self.consistent.phi), friction)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds (CONTRACT, `identify`)."""

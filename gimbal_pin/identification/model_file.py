@@ -14,7 +14,7 @@ from gimbal_pin.errors import ModelError
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.rig.reading import read_yaml
-from gimbal_pin.rig.records import record, value
+from gimbal_pin.rig.records import convert_value, read_record
 from gimbal_pin.rig.rig import Rig
 
 KIND = "gimbal_pin model"
@@ -83,8 +83,8 @@ def read_model(path: str | Path, rig: Rig) -> Model:
 
 def doubts(data: Mapping[str, Any], path: str) -> tuple[Doubt, ...]:
     """Return what a file says that does not hold; nothing where it is older than that."""
-    rows = value(tuple[Any, ...], data.get("doubts", []), f"{path}: doubts", ModelError)
-    return tuple(record(Doubt, row, f"{path}: doubts[{k}]", ModelError) for k, row in enumerate(rows))
+    rows = convert_value(tuple[Any, ...], data.get("doubts", []), f"{path}: doubts", ModelError)
+    return tuple(read_record(Doubt, row, f"{path}: doubts[{k}]", ModelError) for k, row in enumerate(rows))
 
 
 def read_known(path: str | Path, rig: Rig) -> Model:
@@ -107,7 +107,8 @@ def filed(path: str | Path, rig: Rig) -> Mapping[str, Any]:
     if data.get("joints") != list(rig.joints):
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
-    return value(Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError).get(rig.payload, data)
+    payloads = convert_value(Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError)
+    return payloads.get(rig.payload, data)
 
 
 @dataclass(frozen=True)
@@ -132,9 +133,9 @@ def known(data: Any, place: str) -> Estimated:
 
     The correlations' matrix has no negative eigenvalue but for rounding: a millionth, as whoever writes digits may.
     """
-    filed = record(Known, data, place, ModelError, others=True)
+    filed = read_record(Known, data, place, ModelError, others=True)
     places = [f"{place}: base_parameters[{k}]" for k in range(len(filed.base_parameters))]
-    rows = [record(Row, row, where, ModelError, others=True) for row, where in zip(filed.base_parameters, places)]
+    rows = [read_record(Row, row, where, ModelError, others=True) for row, where in zip(filed.base_parameters, places)]
     count = len(rows)
     if len(filed.covariance) != count or any(len(row) != count for row in filed.covariance):
         mend = f"give {count} by {count} numbers, one row for each of base_parameters"

@@ -25,8 +25,8 @@ from gimbal_pin.pointing.pointer import Held
 from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.rig.config import Noise
-from gimbal_pin.rig.reading import TEXT, read_bytes
-from gimbal_pin.rig.records import bounded, placed, record
+from gimbal_pin.rig.reading import LARGEST_TEXT, read_bytes
+from gimbal_pin.rig.records import bounded_field, prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
 
 DT = 0.001
@@ -146,11 +146,11 @@ class Controller:
         """
         place = str(path)
         try:
-            data = json.loads(read_bytes(path, ModelError, TEXT))
+            data = json.loads(read_bytes(path, ModelError, LARGEST_TEXT))
         except (ValueError, RecursionError):
             raise ModelError(place, "is no controller's file", "write one with Controller.save") from None
-        with placed(place, ModelError):
-            stored = record(Stored, data, place, ModelError, others=True)
+        with prefix_place(place, ModelError):
+            stored = read_record(Stored, data, place, ModelError, others=True)
             if stored.joints != rig.joints:
                 what = f"is for the joints {', '.join(stored.joints)}"
                 raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: learn one for it")
@@ -174,11 +174,11 @@ class Controller:
 class StoredSpectrum:
     """A `Spectrum` in a file, its frequencies by their spacing, Hz."""
 
-    f: float = bounded(0.5, 1e-3, 1e3)
-    rate: tuple[float, ...] = bounded((), 0.0, 1e12)
-    force: tuple[float, ...] = bounded((), 0.0, 1e12)
-    rate_noise: float = bounded(0.0, 1e-30, 1e12)
-    force_noise: float = bounded(0.0, 1e-30, 1e12)
+    f: float = bounded_field(0.5, 1e-3, 1e3)
+    rate: tuple[float, ...] = bounded_field((), 0.0, 1e12)
+    force: tuple[float, ...] = bounded_field((), 0.0, 1e12)
+    rate_noise: float = bounded_field(0.0, 1e-30, 1e12)
+    force_noise: float = bounded_field(0.0, 1e-30, 1e12)
 
     def spectrum(self, place: str) -> Spectrum:
         """Return it; `ModelError` if its two densities are of different lengths or too short."""
@@ -198,9 +198,9 @@ class Stored:
     spectrum: StoredSpectrum
     noise: Noise
     trusted: tuple[bool, ...] = ()
-    dt: float = bounded(0.001, 1e-5, 0.1)
-    delay: int = bounded(1, 0, 50)
-    encoder_step: float = bounded(0.0, 0.0, 1.0)
+    dt: float = bounded_field(0.001, 1e-5, 0.1)
+    delay: int = bounded_field(1, 0, 50)
+    encoder_step: float = bounded_field(0.0, 0.0, 1.0)
 
 
 def rotation(entries: Sequence[float], place: str) -> Array:

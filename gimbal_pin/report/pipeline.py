@@ -36,7 +36,7 @@ from gimbal_pin.report import pages, view
 from gimbal_pin.report.summary import Summary, summary
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
-from gimbal_pin.rig.types import Rng, seeded
+from gimbal_pin.rig.types import Rng, make_generator
 
 MODEL_BASED, PID = "computed-torque", "pid"
 COGGING, TEETH = 0.01, 12
@@ -165,7 +165,7 @@ def auto(
     """
     logs = [log.ordered(rig) for log in logs]
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
-    generator, seed = seeded(rng)
+    generator, seed = make_generator(rng)
     wrong, undiagnosed = examined(rig, logs, generator, holdout)
     extended = wrong is not None and bool(wrong.lacking)
     model = wrong.model if wrong is not None and extended else identified.model

@@ -11,11 +11,11 @@ from typing import Any
 from gimbal_pin.errors import RigError
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.reading import read_yaml
-from gimbal_pin.rig.records import LARGEST, bounded, record, stated
+from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, read_fields, read_record
 
 SMALLEST = 1e-9
 """Least torque, N m and N m/A, and rate, rad/s: the smallest motors give 1e-6 N m, and nothing is divided by zero."""
-AXES = tuple(f"{sign}{axis}" for axis in "xyz" for sign in ("", "-"))
+_OPTICAL_AXES = tuple(f"{sign}{axis}" for axis in "xyz" for sign in ("", "-"))
 
 
 @dataclass(frozen=True)
@@ -32,13 +32,13 @@ class Motor:
         rotor_inertia: The rotor's inertia about its own axis, kg m².
     """
 
-    tau_max: float = bounded(inf, SMALLEST, inf)
-    torque_constant: float = bounded(1.0, SMALLEST, LARGEST)
-    slots: int | None = bounded(None, 1, 1000)
-    poles: int | None = bounded(None, 2, 1000)
-    encoder_bits: float | None = bounded(None, 1, 52)
-    gear_ratio: float = bounded(1.0, -1e5, 1e5)
-    rotor_inertia: float = bounded(0.0, 0.0, LARGEST)
+    tau_max: float = bounded_field(inf, SMALLEST, inf)
+    torque_constant: float = bounded_field(1.0, SMALLEST, LARGEST_NUMBER)
+    slots: int | None = bounded_field(None, 1, 1000)
+    poles: int | None = bounded_field(None, 2, 1000)
+    encoder_bits: float | None = bounded_field(None, 1, 52)
+    gear_ratio: float = bounded_field(1.0, -1e5, 1e5)
+    rotor_inertia: float = bounded_field(0.0, 0.0, LARGEST_NUMBER)
 
     @property
     def armature(self) -> float:
@@ -55,19 +55,19 @@ class Motor:
 class Limits:
     """Limits of one joint: angle rad, velocity rad/s, acceleration rad/s², effort N m."""
 
-    lower: float = bounded(-inf, -inf, LARGEST)
-    upper: float = bounded(inf, -LARGEST, inf)
-    velocity: float = bounded(inf, SMALLEST, inf)
-    acceleration: float = bounded(inf, SMALLEST, inf)
-    effort: float = bounded(inf, SMALLEST, inf)
+    lower: float = bounded_field(-inf, -inf, LARGEST_NUMBER)
+    upper: float = bounded_field(inf, -LARGEST_NUMBER, inf)
+    velocity: float = bounded_field(inf, SMALLEST, inf)
+    acceleration: float = bounded_field(inf, SMALLEST, inf)
+    effort: float = bounded_field(inf, SMALLEST, inf)
 
 
 @dataclass(frozen=True)
 class Noise:
     """Noise densities of the rig's IMUs: gyro rad/s/√Hz, accelerometer m/s²/√Hz."""
 
-    gyro: float = bounded(0.0, 0.0, 1e3)
-    accelerometer: float = bounded(0.0, 0.0, 1e3)
+    gyro: float = bounded_field(0.0, 0.0, 1e3)
+    accelerometer: float = bounded_field(0.0, 0.0, 1e3)
 
 
 @dataclass(frozen=True)
@@ -115,26 +115,28 @@ def load_config(path: Path) -> Config:
         raise RigError(place, "is a model or a controller that gimbal_pin wrote, not a rig's YAML", mend)
     if isinstance(data, dict):
         data = {key: entry for key, entry in data.items() if entry is not None}
-    config = record(Config, {} if data is None else data, place, RigError)
+    config = read_record(Config, {} if data is None else data, place, RigError)
     if config.inertia not in ("nominal", "trusted"):
         raise RigError(f"{place}: inertia", f"is '{config.inertia}'", "write trusted or nominal")
-    if config.optical_axis not in AXES:
-        raise RigError(f"{place}: optical_axis", f"is '{config.optical_axis}'", f"write one of {', '.join(AXES)}")
+    if config.optical_axis not in _OPTICAL_AXES:
+        mend = f"write one of {', '.join(_OPTICAL_AXES)}"
+        raise RigError(f"{place}: optical_axis", f"is '{config.optical_axis}'", mend)
     rows = config.limits.items()
-    limits = {joint: stated(Limits, entry, f"{place}: limits.{joint}", RigError) for joint, entry in rows}
+    limits = {joint: read_fields(Limits, entry, f"{place}: limits.{joint}", RigError) for joint, entry in rows}
     return replace(config, limits=limits)
 
 
-def overlaid(base: Config, top: Config) -> Config:
+def overlay_config(base: Config, top: Config) -> Config:
     """Return `base` with what `top` states on top of it; a joint keeps what `top` does not state about it."""
-    merged = changed(top, Config())
+    merged = _list_changes(top, Config())
     merged["limits"] = {**base.limits, **{j: {**base.limits.get(j, {}), **entry} for j, entry in top.limits.items()}}
     merged["fixed"] = {**base.fixed, **top.fixed}
     merged["xacro"] = {**base.xacro, **top.xacro}
-    motors = {j: replace(base.motors.get(j, Motor()), **changed(motor, Motor())) for j, motor in top.motors.items()}
+    usual = Motor()
+    motors = {j: replace(base.motors.get(j, usual), **_list_changes(own, usual)) for j, own in top.motors.items()}
     return replace(base, **{**merged, "motors": {**base.motors, **motors}})
 
 
-def changed(value: Any, default: Any) -> dict[str, Any]:
+def _list_changes(value: Any, default: Any) -> dict[str, Any]:
     """Return the fields in which a dataclass differs from its default."""
     return {f.name: getattr(value, f.name) for f in fields(value) if getattr(value, f.name) != getattr(default, f.name)}

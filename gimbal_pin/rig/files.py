@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from gimbal_pin.errors import RigError
-from gimbal_pin.rig.config import Config, load_config, overlaid
+from gimbal_pin.rig.config import Config, load_config, overlay_config
 
-YAML = (".yaml", ".yml")
-SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml")
+YAML_SUFFIXES = (".yaml", ".yml")
+_RIG_SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml")
 """Suffixes of the rig's file that is sought beside a YAML without `urdf:`."""
 
 
@@ -30,7 +30,7 @@ def bundled_payloads() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in (bundled() / "payloads").glob("*.urdf")))
 
 
-def find(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Config]:
+def find_rig(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Config]:
     """Return the path of the rig's file and the configuration of a bundled name, rig's file or YAML.
 
     `above`: the YAML files that led here, resolved: none may name itself, directly or in a circle.
@@ -39,20 +39,20 @@ def find(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Config]:
     if not path.is_file():
         names = ", ".join(bundled_rigs())
         raise RigError(str(rig), "is neither a file nor a bundled rig", f"give a path, or one of {names}")
-    if path.suffix not in YAML:
+    if path.suffix not in YAML_SUFFIXES:
         beside = path.with_suffix(".yaml")
-        return path, located(load_config(beside), beside) if beside.is_file() else Config()
+        return path, _resolve_payload(load_config(beside), beside) if beside.is_file() else Config()
     if path.resolve() in above:
         raise RigError(str(path), "names itself as its rig", "name a URDF with 'urdf:'")
-    config = located(load_config(path), path)
+    config = _resolve_payload(load_config(path), path)
     target = find_target(path, config)
-    if target.suffix not in YAML:
+    if target.suffix not in YAML_SUFFIXES:
         return target, config
-    base_path, base = find(target, (*above, path.resolve()))
-    return base_path, overlaid(base, config)
+    base_path, base = find_rig(target, (*above, path.resolve()))
+    return base_path, overlay_config(base, config)
 
 
-def located(config: Config, path: Path) -> Config:
+def _resolve_payload(config: Config, path: Path) -> Config:
     """Return the configuration with its payload's path made relative to the YAML that names it."""
     if config.payload is None or config.payload in bundled_payloads():
         return config
@@ -62,14 +62,14 @@ def located(config: Config, path: Path) -> Config:
 def find_target(path: Path, config: Config) -> Path:
     """Return what a YAML's `urdf:` names: a bundled rig, or a file relative to the YAML."""
     if config.urdf is None:
-        beside = [path.with_suffix(suffix) for suffix in SUFFIXES]
+        beside = [path.with_suffix(suffix) for suffix in _RIG_SUFFIXES]
         return next((file for file in beside if file.is_file()), beside[0])
     if config.urdf in bundled_rigs():
         return bundled() / f"{config.urdf}.yaml"
     return path.parent / config.urdf
 
 
-def payload_path(payload: str) -> Path:
+def find_payload(payload: str) -> Path:
     """Return the URDF of a bundled payload or of a path."""
     path = bundled() / "payloads" / f"{payload}.urdf" if payload in bundled_payloads() else Path(payload)
     if not path.is_file():

@@ -21,7 +21,7 @@ from lxml import etree
 from gimbal_pin.errors import FEW, ModelError, RigError
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.types import Array
-from gimbal_pin.rig.urdf_checks import MOVABLE, check_inertial, stated_inertia, weightless
+from gimbal_pin.rig.urdf_checks import MOVABLE, check_inertial, is_weightless, read_inertia
 
 if TYPE_CHECKING:
     from gimbal_pin.rig.rig import Rig
@@ -35,19 +35,19 @@ def pseudo_inertia(phi: Array) -> Array:
     return np.array(pin.PseudoInertia.FromDynamicParameters(np.asarray(phi)).toMatrix())
 
 
-def physical(phi: Array) -> bool:
+def is_physical(phi: Array) -> bool:
     """Whether every body of (10 n,) parameters is one that can exist."""
     return all(np.linalg.eigvalsh(pseudo_inertia(body))[0] > 0 for body in np.reshape(phi, (-1, 10)))
 
 
 def thicken_flat_body(phi: Array) -> Array:
     """Return a body's parameters, thickened by a millionth if it is flat: log-Cholesky parameters reach no plate."""
-    if physical(phi):
+    if is_physical(phi):
         return phi
     P = pseudo_inertia(phi)
     thick = P + 1e-6 * max(float(np.trace(P[:3, :3])), 1e-9) * np.diag([1.0, 1.0, 1.0, 0.0])
     out = np.array(pin.PseudoInertia.FromMatrix(thick).toDynamicParameters())
-    if not physical(out):
+    if not is_physical(out):
         raise ModelError("inertial parameters", "of the URDF are not physical", "mend them: see 'gimbal-pin check'")
     return out
 
@@ -87,11 +87,11 @@ def remove_unfelt_inertials(robot: etree._Element, place: str, carried: bool = F
         RigError: The inertial of a link that moves cannot be replaced.
     """
     starts = [j.find("child").get("link") for j in robot.findall("joint") if j.get("type") in MOVABLE]
-    moving = {link for start in starts for link in urdf.reached(robot, start)}
+    moving = {link for start in starts for link in urdf.find_reached_links(robot, start)}
     empty, idle = list[str](), list[str]()
     for link in robot.xpath("link[inertial]"):
         name, inertial = link.get("name"), link.find("inertial")
-        if weightless(inertial):
+        if is_weightless(inertial):
             empty.append(name)
         elif carried or name in moving:
             check_inertial(link, place)
@@ -99,7 +99,7 @@ def remove_unfelt_inertials(robot: etree._Element, place: str, carried: bool = F
         else:
             with suppress(RigError):
                 check_inertial(link, place)
-                if describe_broken_rule(stated_inertia(inertial.find("inertia"))) is None:
+                if describe_broken_rule(read_inertia(inertial.find("inertia"))) is None:
                     continue
             idle.append(name)
         link.remove(inertial)
@@ -125,8 +125,8 @@ def mend_inertias(text: str, model: pin.Model, place: str, every: bool) -> tuple
         RigError: A link has an inertia that breaks a rule, and a joint feels it.
     """
     stated = urdf.parse(text, place).xpath("link/inertial/inertia")
-    rules = {one.getparent().getparent().get("name"): describe_broken_rule(stated_inertia(one)) for one in stated}
-    bodies, mended, said = urdf.inertials(text), dict[str, urdf.Body](), list[str]()
+    rules = {one.getparent().getparent().get("name"): describe_broken_rule(read_inertia(one)) for one in stated}
+    bodies, mended, said = urdf.read_inertials(text), dict[str, urdf.LinkInertia](), list[str]()
     for link, rule in rules.items():
         frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
         joint, share, mend = int(frame.parentJoint), 1.0, ": now the nearest one"
@@ -146,7 +146,7 @@ def mend_inertias(text: str, model: pin.Model, place: str, every: bool) -> tuple
             mend = "; what its joint feels of it is kept, the rest is the nearest"
         mended[link] = (mass, center, share * nearest)
         said.append(f"{link} {rule}{mend}")
-    return (urdf.with_inertials(text, mended) if mended else text), said
+    return (urdf.replace_inertials(text, mended) if mended else text), said
 
 
 def _find_turning_directions(model: pin.Model, joint: int) -> list[Array]:
@@ -171,23 +171,23 @@ def to_urdf(rig: Rig, phi: Array) -> str:
 
     `phi`: physical, (10 n,).
     """
-    inertials: dict[str, urdf.Body] = {}
+    inertials: dict[str, urdf.LinkInertia] = {}
     for body, parameters in enumerate(np.reshape(phi, (-1, 10)), start=1):
         for link, part in _split_over_links(rig, body, pin.Inertia.FromDynamicParameters(parameters)).items():
             inertials[link] = (part.mass, np.array(part.lever), np.array(part.inertia))
-    return urdf.with_inertials(rig.urdf, inertials)
+    return urdf.replace_inertials(rig.urdf, inertials)
 
 
 def _split_over_links(rig: Rig, body: int, total: pin.Inertia) -> Mapping[str, pin.Inertia]:
     """Split a body's inertia over its links, each in its own link's frame."""
     frames = {f.name: f for f in rig.model.frames if f.parentJoint == body and f.type == pin.FrameType.BODY}
-    given = {link: pin.Inertia(*own) for link, own in urdf.inertials(rig.urdf).items() if link in frames}
+    given = {link: pin.Inertia(*own) for link, own in urdf.read_inertials(rig.urdf).items() if link in frames}
     massive = {link: frames[link].placement.act(own).toDynamicParameters() for link, own in given.items()}
     phi = total.toDynamicParameters()
     parts = {link: own[0] / sum(each[0] for each in massive.values()) * phi for link, own in massive.items()}
     for link in (rig.links[body - 1], rig.payload_link):
         rest = phi - sum((own for name, own in massive.items() if name != link), np.zeros(10))
-        if link in massive and physical(rest):
+        if link in massive and is_physical(rest):
             parts = {link: rest}
     if not massive:
         return {rig.links[body - 1]: total}

@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gimbal_pin.rig.bounded import Stopped, run
+from gimbal_pin.rig.bounded import ProcessStopped, run_bounded
 
-FORMATS = (".stl", ".obj", ".ply", ".off", ".dae", ".glb")
+_MESH_FORMATS = (".stl", ".obj", ".ply", ".off", ".dae", ".glb")
 """Formats that trimesh reads whole from one stream: no archive, no need of files beside it."""
 
-LARGEST = 32 * 2**20
+_LARGEST_FILE = 32 * 2**20
 """Largest file, bytes: 670 000 triangles in a binary STL, more than a browser turns smoothly."""
 
 MEMORY, SECONDS = 2 * 2**30, 5
-"""Address space, bytes, and processor time, s, of the reading of one file. One of `LARGEST` bytes takes 1.1 GiB and 5 s
-in the slowest format, OFF; 1 GiB and 1.5 to 2 s as STL, OBJ or COLLADA."""
+"""Address space, bytes, and processor time, s, of the reading of one file. One of `_LARGEST_FILE` bytes takes 1.1 GiB
+and 5 s in the slowest format, OFF; 1 GiB and 1.5 to 2 s as STL, OBJ or COLLADA."""
 
 PATIENCE = 60.0
 """Longest wait for all the meshes of a rig, s: thirty such files."""
@@ -40,7 +40,7 @@ class Mesh(NamedTuple):
     faces: np.ndarray[Any, Any]
 
 
-def mesh_file(name: str, folder: Path) -> Path | None:
+def find_mesh_file(name: str, folder: Path) -> Path | None:
     """Return the regular file that a URDF's mesh name means, seen from the URDF's folder; None if there is none.
 
     ``package://pkg/rest`` is sought as ``pkg/rest`` and ``rest`` in the folder and in those above it.
@@ -55,28 +55,28 @@ def mesh_file(name: str, folder: Path) -> Path | None:
 
 def find_meshes(names: Iterable[str], folder: Path) -> Mapping[str, Mesh | str]:
     """Return the mesh that each name means, seen from the URDF's folder, or why there is none."""
-    files = {name: mesh_file(name, folder) for name in names}
-    read = read_meshes(file for file in files.values() if file is not None)
+    files = {name: find_mesh_file(name, folder) for name in names}
+    read = _read_meshes(file for file in files.values() if file is not None)
     return {name: "is not there" if file is None else read.get(file, "cannot be read") for name, file in files.items()}
 
 
-def read_meshes(files: Iterable[Path]) -> Mapping[Path, Mesh]:
+def _read_meshes(files: Iterable[Path]) -> Mapping[Path, Mesh]:
     """Return the meshes of those files that can be read; nothing in the others is shown, nor files beside them opened.
 
     trimesh is not made for untrusted files, so each is read in a process of its own with bounds (`bounded`).
     """
-    wanted = [file for file in dict.fromkeys(files) if file.suffix.lower() in FORMATS]
+    wanted = [file for file in dict.fromkeys(files) if file.suffix.lower() in _MESH_FORMATS]
     if not wanted:
         return {}
     with TemporaryDirectory() as folder:
         Path(folder, "names").write_bytes(b"\0".join(map(os.fsencode, wanted)))
-        with suppress(Stopped):
-            run(__name__, folder, memory=MEMORY, seconds=SECONDS, patience=PATIENCE)
+        with suppress(ProcessStopped):
+            run_bounded(__name__, folder, memory=MEMORY, seconds=SECONDS, patience=PATIENCE)
         made = {file: Path(folder, f"{k}.npz") for k, file in enumerate(wanted)}
-        return {file: loaded(out) for file, out in made.items() if out.exists()}
+        return {file: _load_mesh(out) for file, out in made.items() if out.exists()}
 
 
-def loaded(file: Path) -> Mesh:
+def _load_mesh(file: Path) -> Mesh:
     """Return a mesh that `main` wrote."""
     with np.load(file, allow_pickle=False) as data:
         return Mesh(data["vertices"], data["faces"])
@@ -96,15 +96,15 @@ def main(folder: str) -> None:
         try:
             file = Path(os.fsdecode(name))
             with file.open("rb") as stream:
-                content = stream.read(LARGEST + 1)
-            if len(content) <= LARGEST:
+                content = stream.read(_LARGEST_FILE + 1)
+            if len(content) <= _LARGEST_FILE:
                 mesh = trimesh.load_mesh(io.BytesIO(content), file_type=file.suffix[1:])
-                write(Mesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces)), Path(folder, f"{k}.npz"))
+                _write_mesh(Mesh(np.asarray(mesh.vertices, float), np.asarray(mesh.faces)), Path(folder, f"{k}.npz"))
         finally:
             os._exit(0)  # at once: the interpreter takes a quarter of a second to end
 
 
-def write(mesh: Mesh, file: Path) -> None:
+def _write_mesh(mesh: Mesh, file: Path) -> None:
     """Write a mesh, whole, if its arrays are of triangles."""
     vertices, faces = mesh
     if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,) or not len(faces):
@@ -116,7 +116,7 @@ def write(mesh: Mesh, file: Path) -> None:
         half.replace(file)
 
 
-def stl(mesh: Mesh) -> bytes:
+def encode_stl(mesh: Mesh) -> bytes:
     """Return a mesh as a binary STL."""
     records = np.zeros(len(mesh.faces), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
     records["corners"] = mesh.vertices[mesh.faces]

@@ -14,33 +14,33 @@ import yaml
 
 from gimbal_pin.errors import GimbalPinError, UsageError
 
-NODES = 400_000
+_MOST_VALUES = 400_000
 """Most values in a YAML file, aliases counted by what they stand for: twelve payloads' models of a rig of 20 joints,
 each with the covariance of 176 parameters. They are read in 5 s."""
-LARGEST = 2**30
+LARGEST_LOG = 2**30
 """Most bytes of a log, unpacked: 0.7 GB are an hour of three joints at 1 kHz as text of 17 digits."""
-TEXT = 16 * 2**20
+LARGEST_TEXT = 16 * 2**20
 """Largest YAML or URDF, bytes: twice what so many numbers of 20 digits take."""
-DEPTH = 32
+_DEEPEST = 32
 """Deepest nesting of a YAML file; what the package writes has 6."""
-LONGEST = 64
+LONGEST_NUMBER = 64
 """Most characters of a number, boolean or null; 17 digits distinguish all doubles."""
-DECIMAL = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?0*\d{1,2})?", re.ASCII)
+_DECIMAL = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?0*\d{1,2})?", re.ASCII)
 """A decimal number that every reader takes for the same double; with a third digit in the exponent some overflow."""
-WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_]+")
-PREFIX = "tag:yaml.org,2002:"
-TEXTUAL = f"{PREFIX}str"
-COLLECTIONS = (None, "!", f"{PREFIX}seq", f"{PREFIX}map")
-CONSTRUCTOR, RESOLVER = yaml.constructor.SafeConstructor(), yaml.resolver.Resolver()
-SCALARS = {
-    f"{PREFIX}{kind}": getattr(yaml.constructor.SafeConstructor, f"construct_yaml_{kind}")
+_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_]+")
+_PREFIX = "tag:yaml.org,2002:"
+_TEXT_TAG = f"{_PREFIX}str"
+_COLLECTION_TAGS = (None, "!", f"{_PREFIX}seq", f"{_PREFIX}map")
+_CONSTRUCTOR, _RESOLVER = yaml.constructor.SafeConstructor(), yaml.resolver.Resolver()
+_SCALARS = {
+    f"{_PREFIX}{kind}": getattr(yaml.constructor.SafeConstructor, f"construct_yaml_{kind}")
     for kind in ("null", "bool", "int", "float", "str")
 }
 """Tags that a value may have, and what makes it."""
 
 
 @contextmanager
-def readable(path: str | Path, kind: type[GimbalPinError]) -> Iterator[None]:
+def wrap_read_errors(path: str | Path, kind: type[GimbalPinError]) -> Iterator[None]:
     """Turn the operating system's refusal to read `path` into an error of `kind`."""
     try:
         yield
@@ -50,9 +50,9 @@ def readable(path: str | Path, kind: type[GimbalPinError]) -> Iterator[None]:
         raise kind(str(path), f"cannot be read ({error.strerror})", "give a readable file") from error
 
 
-def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError, most: int = LARGEST) -> bytes:
+def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError, most: int = LARGEST_LOG) -> bytes:
     """Return what a regular file or a pipe holds, up to `most` bytes; an error of `kind` says why it cannot be read."""
-    with readable(path, kind), open(path, "rb", opener=opened) as file:
+    with wrap_read_errors(path, kind), open(path, "rb", opener=_open_without_waiting) as file:
         state = os.fstat(file.fileno())
         if not (stat.S_ISREG(state.st_mode) or stat.S_ISFIFO(state.st_mode)):
             raise kind(str(path), "is neither a file nor a pipe", "give the path of a file")
@@ -62,13 +62,13 @@ def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError, most: 
     return content
 
 
-def check_size(path: str | Path, size: int, kind: type[GimbalPinError], most: int = LARGEST) -> None:
+def check_size(path: str | Path, size: int, kind: type[GimbalPinError], most: int = LARGEST_LOG) -> None:
     """Raise an error of `kind` for more bytes, of a file or of what it unfolds to, than are read."""
     if size > most:
         raise kind(str(path), f"holds more than {most / 1e6:.0f} MB, unpacked", "give a smaller file, or a part of it")
 
 
-def beginning(path: str | Path, size: int) -> bytes:
+def read_beginning(path: str | Path, size: int) -> bytes:
     """Return the first bytes of a regular file; none of anything else: from a pipe they would be gone."""
     with suppress(OSError):
         if os.path.isfile(path):
@@ -77,7 +77,7 @@ def beginning(path: str | Path, size: int) -> bytes:
     return b""
 
 
-def opened(path: str, flags: int) -> int:
+def _open_without_waiting(path: str, flags: int) -> int:
     """Return a file's descriptor; a pipe that nobody writes to is empty and is not waited for."""
     descriptor = os.open(path, flags | os.O_NONBLOCK)
     os.set_blocking(descriptor, True)
@@ -89,10 +89,10 @@ def read_yaml(path: str | Path, kind: type[GimbalPinError] = UsageError) -> Any:
 
     An error of `kind` names file and line of anything else, and of what is nested or repeated without measure.
     """
-    content = read_bytes(path, kind, TEXT)
+    content = read_bytes(path, kind, LARGEST_TEXT)
     try:
         # libyaml's parser takes an eighth of the time. One event at a time: nothing is built before it is checked.
-        return plain_value(yaml.parse(content.decode("utf-8-sig"), getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
+        return _build_value(yaml.parse(content.decode("utf-8-sig"), getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
     except yaml.MarkedYAMLError as error:
         last = content.count(b"\n")  # libyaml takes the end of the text for a line of its own
         line = f":{min(error.problem_mark.line, last) + 1}" if error.problem_mark else ""
@@ -101,7 +101,7 @@ def read_yaml(path: str | Path, kind: type[GimbalPinError] = UsageError) -> Any:
         raise kind(str(path), f"is not YAML ({error})", "give a YAML file in UTF-8") from error
 
 
-def plain_value(events: Iterable[yaml.Event]) -> Any:
+def _build_value(events: Iterable[yaml.Event]) -> Any:
     """Return what a stream of YAML events spells; `yaml.MarkedYAMLError` where that is no plain value, or too much."""
     ahead, anchors, count = iter(events), dict[str, tuple[Any, int]](), 0
 
@@ -110,23 +110,23 @@ def plain_value(events: Iterable[yaml.Event]) -> Any:
         before = count
         if isinstance(event, yaml.AliasEvent):
             if event.anchor not in anchors:
-                raise unfit(f"*{event.anchor} stands for nothing", event.start_mark)
+                raise _refuse(f"*{event.anchor} stands for nothing", event.start_mark)
             value, size = anchors[event.anchor]
             count += size
         else:
             count += 1
-            value = scalar(event) if isinstance(event, yaml.ScalarEvent) else collection(event, depth)
-        if count > NODES:
-            raise unfit(f"more than {NODES} values", event.start_mark)
+            value = _build_scalar(event) if isinstance(event, yaml.ScalarEvent) else collection(event, depth)
+        if count > _MOST_VALUES:
+            raise _refuse(f"more than {_MOST_VALUES} values", event.start_mark)
         if event.anchor is not None and not isinstance(event, yaml.AliasEvent):
             anchors[event.anchor] = value, count - before
         return value
 
     def collection(event: Any, depth: int) -> Any:
-        if event.tag not in COLLECTIONS:
-            raise unfit(f"no plain value: {event.tag}", event.start_mark)
-        if depth >= DEPTH:
-            raise unfit(f"nested over {DEPTH} deep", event.start_mark)
+        if event.tag not in _COLLECTION_TAGS:
+            raise _refuse(f"no plain value: {event.tag}", event.start_mark)
+        if depth >= _DEEPEST:
+            raise _refuse(f"nested over {_DEEPEST} deep", event.start_mark)
         values: list[Any] = []
         table: dict[str, Any] = {}
         while not isinstance(inner := next(ahead), yaml.CollectionEndEvent):
@@ -134,9 +134,9 @@ def plain_value(events: Iterable[yaml.Event]) -> Any:
             if isinstance(event, yaml.SequenceStartEvent):
                 values.append(value)
             elif not isinstance(value, str):
-                raise unfit("a key is no text: quote it", inner.start_mark)
+                raise _refuse("a key is no text: quote it", inner.start_mark)
             elif value in table:  # the first would be lost in silence
-                raise unfit(f"'{value}' stands twice", inner.start_mark)
+                raise _refuse(f"'{value}' stands twice", inner.start_mark)
             else:
                 table[value] = built(next(ahead), depth + 1)
         return values if isinstance(event, yaml.SequenceStartEvent) else table
@@ -146,38 +146,38 @@ def plain_value(events: Iterable[yaml.Event]) -> Any:
         if isinstance(event, yaml.DocumentStartEvent):
             documents += 1
             if documents > 1:
-                raise unfit("a second document", event.start_mark)
+                raise _refuse("a second document", event.start_mark)
         elif isinstance(event, yaml.NodeEvent):
             root = built(event, 0)
     return root
 
 
-def scalar(event: yaml.ScalarEvent) -> Any:
+def _build_scalar(event: yaml.ScalarEvent) -> Any:
     """Return a text, number, boolean or null; what YAML 1.1 takes for a date or a merge is a text."""
     if "\0" in event.value:  # no path, name or unit has one, and the system refuses it
-        raise unfit("a NUL character", event.start_mark)
-    tag, short = event.tag, len(event.value) <= LONGEST
+        raise _refuse("a NUL character", event.start_mark)
+    tag, short = event.tag, len(event.value) <= LONGEST_NUMBER
     if tag in (None, "!"):
-        tag = RESOLVER.resolve(yaml.ScalarNode, event.value, event.implicit) if short else TEXTUAL
-        tag = tag if tag in SCALARS else TEXTUAL
+        tag = _RESOLVER.resolve(yaml.ScalarNode, event.value, event.implicit) if short else _TEXT_TAG
+        tag = tag if tag in _SCALARS else _TEXT_TAG
     try:
-        if not short and tag != TEXTUAL:
-            raise ValueError(f"it has over {LONGEST} characters")
-        return SCALARS[tag](CONSTRUCTOR, yaml.ScalarNode(tag, event.value))
+        if not short and tag != _TEXT_TAG:
+            raise ValueError(f"it has over {LONGEST_NUMBER} characters")
+        return _SCALARS[tag](_CONSTRUCTOR, yaml.ScalarNode(tag, event.value))
     except (LookupError, ValueError) as error:
-        raise unfit(f"no plain value: {tag}", event.start_mark) from error
+        raise _refuse(f"no plain value: {tag}", event.start_mark) from error
 
 
-def unfit(what: str, mark: Any) -> yaml.MarkedYAMLError:
+def _refuse(what: str, mark: Any) -> yaml.MarkedYAMLError:
     """Return the error of what is no plain value, at the mark of an event of either parser."""
     return yaml.MarkedYAMLError(problem=what, problem_mark=mark)
 
 
-def decimal(text: str) -> float | None:
+def parse_decimal(text: str) -> float | None:
     """Return the number that a text spells, or None."""
-    return float(text) if len(text) <= LONGEST and DECIMAL.fullmatch(text) else None
+    return float(text) if len(text) <= LONGEST_NUMBER and _DECIMAL.fullmatch(text) else None
 
 
-def words(name: str) -> tuple[str, ...]:
+def split_words(name: str) -> tuple[str, ...]:
     """Return the words and numbers of a name in lower case: ``posMeas_1`` and ``pos meas 1`` are pos, meas, 1."""
-    return tuple(word.lower() for word in WORD.findall(name[:400]))
+    return tuple(word.lower() for word in _WORD.findall(name[:400]))

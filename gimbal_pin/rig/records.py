@@ -1,6 +1,6 @@
 """Dataclasses from a file's plain values: every key known, every value of its field's kind and within its bounds.
 
-A field's annotation is the kind of its value, and ``bounded`` states the range of a number.
+A field's annotation is the kind of its value, and ``bounded_field`` states the range of a number.
 """
 
 from __future__ import annotations
@@ -13,20 +13,22 @@ from types import NoneType, UnionType
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.rig.reading import decimal
+from gimbal_pin.rig.reading import parse_decimal
 
-T = TypeVar("T")
-LARGEST = 1e16
+_T = TypeVar("_T")
+LARGEST_NUMBER = 1e16
 """Size of numbers where a field states no bounds: it is SDF's for no limit, and its products are finite."""
+Bounds = tuple[float, float]
+_ANY: Bounds = (-LARGEST_NUMBER, LARGEST_NUMBER)
 
 
-def bounded(default: Any, lower: float, upper: float) -> Any:
+def bounded_field(default: Any, lower: float, upper: float) -> Any:
     """Return a dataclass's field whose number, if a file states it, lies within bounds."""
     return field(default=default, metadata={"bounds": (lower, upper)})
 
 
 @contextmanager
-def placed(place: str, error: type[GimbalPinError]) -> Iterator[None]:
+def prefix_place(place: str, error: type[GimbalPinError]) -> Iterator[None]:
     """Turn an error of the package inside the block into an `error` that names the file, too."""
     try:
         yield
@@ -36,44 +38,38 @@ def placed(place: str, error: type[GimbalPinError]) -> Iterator[None]:
 
 
 @cache
-def form_of(kind: Any) -> Mapping[str, tuple[Any, float, float, bool]]:
+def _list_fields(kind: Any) -> Mapping[str, tuple[Any, Bounds, bool]]:
     """Return field → its annotation, its bounds, and whether it is required."""
     hints = get_type_hints(kind)
-    return {
-        own.name: (
-            hints[own.name],
-            *own.metadata.get("bounds", (-LARGEST, LARGEST)),
-            own.default is MISSING and own.default_factory is MISSING,
-        )
-        for own in fields(kind)
-    }
+    rows = ((own, own.default is MISSING and own.default_factory is MISSING) for own in fields(kind))
+    return {own.name: (hints[own.name], own.metadata.get("bounds", _ANY), needed) for own, needed in rows}
 
 
-def record(kind: Callable[..., T], data: Any, place: str, error: type[GimbalPinError], others: bool = False) -> T:
+def read_record(
+    kind: Callable[..., _T], data: Any, place: str, error: type[GimbalPinError], others: bool = False
+) -> _T:
     """Return a dataclass from a table; an `error` names what is missing, unknown or of the wrong kind.
 
     `others`: whether the table may have keys that are not its fields, which are ignored.
     """
-    values = stated(kind, data, place, error, others)
-    if missing := [name for name, (*_, needed) in form_of(kind).items() if needed and name not in values]:
+    values = read_fields(kind, data, place, error, others)
+    if missing := [name for name, (*_, needed) in _list_fields(kind).items() if needed and name not in values]:
         raise error(place, f"has no {', '.join(missing)}", "give it")
     return kind(**values)
 
 
-def stated(kind: Any, data: Any, place: str, error: type[GimbalPinError], others: bool = False) -> dict[str, Any]:
+def read_fields(kind: Any, data: Any, place: str, error: type[GimbalPinError], others: bool = False) -> dict[str, Any]:
     """Return the values of the fields of a dataclass that a table states."""
-    known = form_of(kind)
+    known = _list_fields(kind)
     if not isinstance(data, dict):
         raise error(place, "is not a table of keys and values", f"give keys out of {', '.join(known)}")
     if unknown := [key for key in data if key not in known and not others]:
         raise error(place, f"has an unknown key '{unknown[0]}'", f"the known ones are {', '.join(known)}")
-    rows = [(key, form, low, high) for key, (form, low, high, _) in known.items() if key in data]
-    return {key: value(form, data[key], inside(place, key), error, low, high) for key, form, low, high in rows}
+    rows = ((key, form, bounds) for key, (form, bounds, _) in known.items() if key in data)
+    return {key: convert_value(form, data[key], _join_place(place, key), error, bounds) for key, form, bounds in rows}
 
 
-def value(
-    kind: Any, x: Any, place: str, error: type[GimbalPinError], lower: float = -LARGEST, upper: float = LARGEST
-) -> Any:
+def convert_value(kind: Any, x: Any, place: str, error: type[GimbalPinError], bounds: Bounds = _ANY) -> Any:
     """Return a plain value converted to its annotation."""
     form, inner = get_origin(kind), get_args(kind)
     if kind is Any:
@@ -83,27 +79,27 @@ def value(
             return None
         several = [each for each in inner if each is not NoneType]
         fitting = [each for each in several if (get_origin(each) is not None) == isinstance(x, (dict, list))]
-        return value((fitting or several)[0], x, place, error, lower, upper)
+        return convert_value((fitting or several)[0], x, place, error, bounds)
     if isinstance(kind, type) and is_dataclass(kind):
-        return record(kind, x, place, error)
+        return read_record(kind, x, place, error)
     if kind in (float, int):
-        return number(kind, x, place, error, lower, upper)
-    shape, words = FORMS[form or kind]
+        return _convert_number(kind, x, place, error, bounds)
+    shape, words = _FORMS[form or kind]
     if not isinstance(x, shape):
         raise error(place, f"is {x!r}", f"write {words}")
     if isinstance(x, dict):
-        return {key: value(inner[1], each, inside(place, key), error, lower, upper) for key, each in x.items()}
+        return {key: convert_value(inner[1], each, _join_place(place, key), error, bounds) for key, each in x.items()}
     if isinstance(x, list):
-        return tuple(value(inner[0], each, f"{place}[{k}]", error, lower, upper) for k, each in enumerate(x))
+        return tuple(convert_value(inner[0], each, f"{place}[{k}]", error, bounds) for k, each in enumerate(x))
     return x
 
 
-def inside(place: str, key: str) -> str:
+def _join_place(place: str, key: str) -> str:
     """``rig.yaml: motors.yaw``: the place of an entry."""
     return f"{place}.{key}" if ": " in place else f"{place}: {key}"
 
 
-FORMS: Mapping[Any, tuple[type, str]] = {
+_FORMS: Mapping[Any, tuple[type, str]] = {
     str: (str, "a text"),
     bool: (bool, "true or false"),
     tuple: (list, "a list"),
@@ -112,11 +108,12 @@ FORMS: Mapping[Any, tuple[type, str]] = {
 """Annotation → what YAML makes of it, in words, too."""
 
 
-def number(kind: type, x: Any, place: str, error: type[GimbalPinError], lower: float, upper: float) -> float:
+def _convert_number(kind: type, x: Any, place: str, error: type[GimbalPinError], bounds: Bounds) -> float:
     """Return a number within bounds, whole where `kind` is int; ``1e-3``, which YAML 1.1 takes for a text, is one."""
-    read = decimal(x) if isinstance(x, str) else None if isinstance(x, bool) else x
+    read = parse_decimal(x) if isinstance(x, str) else None if isinstance(x, bool) else x
     if not isinstance(read, (int, float)):
         raise error(place, f"is {x!r}, which is no number", "write a number, in SI units")
+    lower, upper = bounds
     if not lower <= read <= upper:
         raise error(place, f"is {read:g}", f"give {lower:g} to {upper:g}, in SI units")
     if kind is int and read % 1:

@@ -16,18 +16,18 @@ from lxml import etree
 from gimbal_pin.errors import RigError
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.config import Config, Limits, Motor, overlaid
-from gimbal_pin.rig.files import YAML, find, payload_path
-from gimbal_pin.rig.formats import as_urdf
+from gimbal_pin.rig.config import Config, Limits, Motor, overlay_config
+from gimbal_pin.rig.files import YAML_SUFFIXES, find_payload, find_rig
+from gimbal_pin.rig.formats import convert_to_urdf
 from gimbal_pin.rig.inertia import join_names, mend_inertias, remove_unfelt_inertials
-from gimbal_pin.rig.reading import decimal
-from gimbal_pin.rig.records import LARGEST
+from gimbal_pin.rig.reading import parse_decimal
+from gimbal_pin.rig.records import LARGEST_NUMBER
 from gimbal_pin.rig.types import Array
 from gimbal_pin.rig.urdf_checks import MOVABLE
 
 GRAVITY = 9.81
 """Acceleration of gravity, m/s², down the world's z."""
-SLIDING_UNITS = {r"\(N m\)": "N", r"N m\b": "N", r"kg m(\^2|²)": "kg", r"\brad\b": "m", r"per turn\b": "per 2π m"}
+_SLIDING_UNITS = {r"\(N m\)": "N", r"N m\b": "N", r"kg m(\^2|²)": "kg", r"\brad\b": "m", r"per turn\b": "per 2π m"}
 """What stands in units of joints that turn → what stands there of joints that slide."""
 
 PHI = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -92,28 +92,28 @@ class Rig:
         Raises:
             RigError: Anything that keeps it from being a rig, with file and mend.
         """
-        path, config = find(rig)
+        path, config = find_rig(rig)
         config = replace(config, fixed={**config.fixed, **(fixed or {})})
-        text, notes, _ = as_urdf(path, config.xacro)
-        element = urdf.tree(text, str(path), config.fixed)
+        text, notes, _ = convert_to_urdf(path, config.xacro)
+        element = urdf.parse_checked(text, str(path), config.fixed)
         by_name = {joint.get("name"): joint for joint in element.findall("joint")}
         for joint, at in config.fixed.items():
             if joint not in by_name:
                 raise RigError(f"{path}: fixed", f"there is no joint '{joint}'", "name a joint of the file")
-            fix(by_name[joint], at)
+            _fix_joint(by_name[joint], at)
         notes = notes + remove_unfelt_inertials(element, str(path))
         name = str(payload) if payload is not None else config.payload
         payload_link = None
         if name is not None:
-            other = payload_path(name)
-            text, more, _ = as_urdf(other, {})
-            part = urdf.tree(text, str(other))
+            other = find_payload(name)
+            text, more, _ = convert_to_urdf(other, {})
+            part = urdf.parse_checked(text, str(other))
             notes += more + remove_unfelt_inertials(part, str(other), carried=True)
-            payload_link = urdf.root_link(part, str(other))
+            payload_link = urdf.find_root_link(part, str(other))
             urdf.mount(element, part, config.mount or "camera_mount", str(path))
         mounted = Path(name).stem if name else None
-        stated = Path(rig) if Path(rig).suffix in YAML else path.with_suffix(".yaml")
-        built = build(path, urdf.to_text(element), config, mounted, payload_link, str(stated), mend)
+        stated = Path(rig) if Path(rig).suffix in YAML_SUFFIXES else path.with_suffix(".yaml")
+        built = build_rig(path, urdf.to_text(element), config, mounted, payload_link, str(stated), mend)
         mimics = [
             f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in element.xpath("joint[mimic]")
         ]
@@ -141,8 +141,8 @@ class Rig:
 
     @cached_property
     def floating(self) -> pin.Model:
-        """The model on a base that moves: six rates of the base first, then the joints' (see `floating.floating`)."""
-        return floating(self.model)
+        """The model on a base that moves: six rates of the base first, then the joints'; see `build_floating_model`."""
+        return build_floating_model(self.model)
 
     @property
     def tau_max(self) -> Array:
@@ -189,7 +189,7 @@ class Rig:
         return replace(self, model=model)
 
 
-def build(
+def build_rig(
     path: Path,
     text: str,
     config: Config,
@@ -199,23 +199,23 @@ def build(
     mend: bool = False,
 ) -> Rig:
     """Build the rig from its merged URDF; `RigError` where URDF and YAML (`stated`) contradict each other."""
-    urdf.check_joints(urdf.tree(text, str(path)), str(path))
+    urdf.check_joints(urdf.parse_checked(text, str(path)), str(path))
     model = to_pinocchio(text, str(path))
     sound, notes = mend_inertias(text, model, str(path), mend)
     element = urdf.parse(sound, str(path))
-    joints, links = tuple(model.names[1:]), urdf.names(element, "link")
+    joints, links = tuple(model.names[1:]), urdf.list_names(element, "link")
     for key in (*config.motors, *config.limits):
         if key not in joints and key not in config.fixed:
             raise RigError(stated, f"speaks of joint '{key}', which the rig has not", f"joints: {', '.join(joints)}")
     by_name = {joint.get("name"): joint for joint in element.findall("joint")}
     moved = tuple(by_name[joint].find("child").get("link") for joint in joints)
-    usual = "camera" if "camera" in links else (*urdf.sensed(element, "camera"), moved[-1])[0]
+    usual = "camera" if "camera" in links else (*urdf.find_sensor_links(element, "camera"), moved[-1])[0]
     camera = config.camera_frame or usual
     for link in (camera, *config.imus):
         if link not in links:
             raise RigError(stated, f"speaks of link '{link}', which the rig has not", f"links: {', '.join(links)}")
     if config.optical_axis != "x":
-        turned, at = f"{camera}_sight", pin.SE3(OPTICAL[config.optical_axis], np.zeros(3))
+        turned, at = f"{camera}_sight", pin.SE3(_SIGHT_ROTATIONS[config.optical_axis], np.zeros(3))
         while turned in links:
             turned += "_"
         etree.SubElement(element, "link", name=turned)
@@ -223,9 +223,9 @@ def build(
         camera, sound = turned, urdf.to_text(element)
     if sound != text:
         model = to_pinocchio(sound, str(path))
-    config = replace(config, motors=overlaid(Config(motors=geared(element, joints)), config).motors)
+    config = replace(config, motors=overlay_config(Config(motors=_read_transmissions(element, joints)), config).motors)
     friction = [
-        [float(urdf.numbers(by_name[joint].find("dynamics"), key, "0")[0]) for key in ("friction", "damping")]
+        [float(urdf.read_numbers(by_name[joint].find("dynamics"), key, "0")[0]) for key in ("friction", "damping")]
         for joint in joints
     ]
     return Rig(
@@ -235,9 +235,9 @@ def build(
         joints=joints,
         links=moved,
         motors=tuple(config.motors.get(joint, Motor()) for joint in joints),
-        limits=tuple(joint_limits(by_name[joint], config.limits.get(joint, {}), stated) for joint in joints),
+        limits=tuple(_read_limits(by_name[joint], config.limits.get(joint, {}), stated) for joint in joints),
         friction=np.array(friction),
-        base=urdf.root_link(element, str(path)),
+        base=urdf.find_root_link(element, str(path)),
         camera_frame=camera,
         payload=payload,
         payload_link=payload_link,
@@ -247,7 +247,7 @@ def build(
     )
 
 
-OPTICAL = {
+_SIGHT_ROTATIONS = {
     "x": np.eye(3),
     "-x": np.diag([-1.0, -1.0, 1.0]),
     "y": np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
@@ -258,7 +258,7 @@ OPTICAL = {
 """Optical axis → rotation to a frame whose x is the line of sight and whose z is up in the picture."""
 
 
-def geared(robot: etree._Element, joints: tuple[str, ...]) -> dict[str, Motor]:
+def _read_transmissions(robot: etree._Element, joints: tuple[str, ...]) -> dict[str, Motor]:
     """Return joint → gear ratio, rotor inertia and torque constant, as far as a ``<transmission>`` states them.
 
     ROS 1 (``mechanicalReduction``, ``motorTorqueConstant``), ros2_control (``mechanical_reduction``) and Drake
@@ -271,7 +271,7 @@ def geared(robot: etree._Element, joints: tuple[str, ...]) -> dict[str, Motor]:
             continue
         ratio, found = 1.0, dict[str, float]()
         for element in transmission.iterdescendants(etree.Element):
-            value = abs(decimal((element.get("value") or element.text or "").strip()) or 0.0)
+            value = abs(parse_decimal((element.get("value") or element.text or "").strip()) or 0.0)
             tag = etree.QName(element).localname.replace("_", "").lower()
             if tag in ("mechanicalreduction", "gearratio") and 0 < value <= 1e5:
                 ratio *= value
@@ -291,13 +291,13 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
     """
     robot = urdf.parse(text, place)
     for joint in robot.xpath("joint[mimic]"):
-        fix(joint, float(joint.find("mimic").get("offset", "0")))
+        _fix_joint(joint, float(joint.find("mimic").get("offset", "0")))
     for joint in robot.findall("joint[@type='continuous']"):
         joint.set("type", "revolute")
         if joint.find("limit") is None:
             etree.SubElement(joint, "limit", effort="0", velocity="0")
     try:
-        model = pin.buildModelFromXML(urdf.skeleton(robot))
+        model = pin.buildModelFromXML(urdf.strip_to_skeleton(robot))
     except (ValueError, RuntimeError) as error:
         raise RigError(place, f"is not a URDF that Pinocchio reads ({error})", "mend what it names") from error
     model.gravity.linear = np.array([0.0, 0.0, -GRAVITY])
@@ -309,18 +309,18 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
     return model
 
 
-def fix(joint: etree._Element, at: float) -> None:
+def _fix_joint(joint: etree._Element, at: float) -> None:
     """Make a joint a fixed one where it reads `at`, rad or m, in place."""
     kind = joint.get("type")
     joint.set("type", "fixed")
     if at and kind in MOVABLE:
-        axis = urdf.numbers(joint.find("axis"), "xyz", "1 0 0")
+        axis = urdf.read_numbers(joint.find("axis"), "xyz", "1 0 0")
         way = at * axis / max(float(np.linalg.norm(axis)), 1e-6)
         turn = pin.SE3(np.eye(3), way) if kind == "prismatic" else pin.SE3(pin.exp3(way), np.zeros(3))
-        urdf.put_pose(joint, urdf.pose(joint) * turn)
+        urdf.set_pose(joint, urdf.read_pose(joint) * turn)
 
 
-def joint_limits(joint: etree._Element, override: Mapping[str, float], place: str) -> Limits:
+def _read_limits(joint: etree._Element, override: Mapping[str, float], place: str) -> Limits:
     """Return the URDF's limits of a joint with the YAML's entries on top.
 
     An effort or velocity of 0 counts as not stated: it is what exporters write who do not know it. One of 1e16 or more,
@@ -333,7 +333,7 @@ def joint_limits(joint: etree._Element, override: Mapping[str, float], place: st
         if value is not None and ((is_end and joint.get("type") != "continuous") or (not is_end and float(value))):
             every[key] = float(value)
     every |= override
-    limits = Limits(**{key: math.copysign(math.inf, x) if abs(x) >= LARGEST else x for key, x in every.items()})
+    limits = Limits(**{key: math.copysign(math.inf, x) if abs(x) >= LARGEST_NUMBER else x for key, x in every.items()})
     if limits.lower > limits.upper:
         what = f"has lower limit {limits.lower:g} above upper {limits.upper:g}"
         raise RigError(f"{place}: limits.{joint.get('name')}", what, "swap them")
@@ -342,12 +342,12 @@ def joint_limits(joint: etree._Element, override: Mapping[str, float], place: st
 
 def to_sliding(text: str) -> str:
     """Return units of a joint that turns as those of one that slides: ``N m s/rad`` as ``N s/m``."""
-    for turning, sliding in SLIDING_UNITS.items():
+    for turning, sliding in _SLIDING_UNITS.items():
         text = re.sub(turning, sliding, text)
     return text
 
 
-def floating(model: pin.Model) -> pin.Model:
+def build_floating_model(model: pin.Model) -> pin.Model:
     """Return the model behind a free-flyer, without gravity: the base's prescribed acceleration is specific force.
 
     With the base's attitude identity, its velocity (0, ω) and its acceleration (f, ω̇), the joints' torques are those
@@ -359,7 +359,7 @@ def floating(model: pin.Model) -> pin.Model:
     out = pin.Model()
     out.gravity.linear = np.zeros(3)
     root = out.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "platform")
-    lean = pin.SE3(leaning(model.gravity.linear), np.zeros(3))
+    lean = pin.SE3(compute_lean(model.gravity.linear), np.zeros(3))
     places = [lean * place if model.parents[j] == 0 else place for j, place in enumerate(model.jointPlacements)]
     for j in range(1, model.njoints):
         out.addJoint(int(model.parents[j]) + root, model.joints[j], places[j], model.names[j])
@@ -370,7 +370,7 @@ def floating(model: pin.Model) -> pin.Model:
     return out
 
 
-def leaning(gravity: np.ndarray) -> np.ndarray:
+def compute_lean(gravity: np.ndarray) -> np.ndarray:
     """Smallest rotation R with ``gravity = Rᵀ (0, 0, -g)``; identity without gravity."""
     if not np.any(gravity):
         return np.eye(3)

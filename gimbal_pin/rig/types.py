@@ -14,7 +14,7 @@ Rng = np.random.Generator | int | None
 """A generator; or the seed of one, such as a result holds; None: any."""
 
 
-def seeded(rng: Rng) -> tuple[np.random.Generator, int | None]:
+def make_generator(rng: Rng) -> tuple[np.random.Generator, int | None]:
     """Return a generator and the seed that repeats it; None of a generator that was given, which may be under way."""
     if isinstance(rng, np.random.Generator):
         return rng, None

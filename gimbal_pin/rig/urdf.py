@@ -12,24 +12,24 @@ from lxml import etree
 
 from gimbal_pin.errors import FEW, RigError
 from gimbal_pin.rig.urdf_checks import (
-    ENTRIES,
+    INERTIA_ENTRIES,
     check_joints,
     check_names,
     check_numbers,
     check_references,
-    names,
-    repeated,
-    stated_inertia,
+    find_repeated,
+    list_names,
+    read_inertia,
 )
 
 if TYPE_CHECKING:
     import yourdfpy
 
-ATTRIBUTES = 256
+_MOST_ATTRIBUTES = 256
 """Most attributes of one element: MJCF's largest has 30, and readers take a time that grows with their square."""
-DRAKE = "http://drake.mit.edu"
+DRAKE_NAMESPACE = "http://drake.mit.edu"
 """Namespace of the tag for a rotor's inertia, of which plain URDF has none."""
-Body = tuple[float, np.ndarray, np.ndarray]
+LinkInertia = tuple[float, np.ndarray, np.ndarray]
 """Mass, kg, centre of mass, m, (3,), and inertia about it, kg m², (3, 3), in the link's frame."""
 
 
@@ -49,15 +49,15 @@ def parse_xml(text: str, place: str) -> etree._Element:
         root = etree.fromstring(text.encode(), parser)
     except etree.XMLSyntaxError as error:
         raise RigError(f"{place}:{error.lineno}", f"is not XML: {error.msg}", "mend the file there") from error
-    if (crowded := next((one for one in root.iter() if len(one.attrib) > ATTRIBUTES), None)) is not None:
-        where, what = f"{place}:{crowded.sourceline}", f"<{crowded.tag}> has more than {ATTRIBUTES} attributes"
+    if (crowded := next((one for one in root.iter() if len(one.attrib) > _MOST_ATTRIBUTES), None)) is not None:
+        where, what = f"{place}:{crowded.sourceline}", f"<{crowded.tag}> has more than {_MOST_ATTRIBUTES} attributes"
         raise RigError(where, what, "take out what describes no rig")
     if root.getroottree().docinfo.doctype:
         raise RigError(place, "declares a document type, whose entities readers take differently", "take it out")
     return root
 
 
-def tree(text: str, place: str, fixed: Collection[str] = ()) -> etree._Element:
+def parse_checked(text: str, place: str, fixed: Collection[str] = ()) -> etree._Element:
     """Return a file's ``<robot>`` once its names, references, tree and numbers are found to be in order.
 
     `fixed`: joints that will be held.
@@ -66,11 +66,11 @@ def tree(text: str, place: str, fixed: Collection[str] = ()) -> etree._Element:
         RigError: The first thing that is not, with the line of the file where it has one.
     """
     robot = parse(text, place)
-    if robot.xpath("joint/parent[@link='world']") and "world" not in names(robot, "link"):
+    if robot.xpath("joint/parent[@link='world']") and "world" not in list_names(robot, "link"):
         robot.insert(0, etree.Element("link", name="world"))  # simulators know it without being told
     check_names(robot, place, fixed)
     check_references(robot, place)
-    root_link(robot, place)
+    find_root_link(robot, place)
     check_numbers(robot, place)
     return robot
 
@@ -86,35 +86,36 @@ def mount(rig: etree._Element, payload: etree._Element, at: str, place: str) -> 
     Raises:
         RigError: The rig has no such link, or both carry a link or joint of the same name.
     """
-    if at not in names(rig, "link"):
+    if at not in list_names(rig, "link"):
         raise RigError(place, f"has no link '{at}' to mount the payload on", "name it with 'mount:' in the rig's YAML")
     for tag in ("link", "joint"):
-        if twice := set(names(rig, tag)) & set(names(payload, tag)):
+        if twice := set(list_names(rig, tag)) & set(list_names(payload, tag)):
             raise RigError(place, f"rig and payload both have a {tag} '{min(twice)}'", "rename it in the payload")
-    root = root_link(payload, place)
-    materials = set(names(rig, "material"))
+    root = find_root_link(payload, place)
+    materials = set(list_names(rig, "material"))
     for element in payload:
         if not (element.tag == "material" and element.get("name") in materials):
             rig.append(element)
     add_joint(rig, f"{at}_to_{root}", "fixed", at, root)
 
 
-def root_link(robot: etree._Element, place: str) -> str:
+def find_root_link(robot: etree._Element, place: str) -> str:
     """Return the one link that is no joint's child; `RigError` on none or several, or if a loop is anywhere."""
-    links, children = names(robot, "link"), [child.get("link", "") for child in robot.iterfind("joint/child")]
-    if twice := repeated(children):
+    links = list_names(robot, "link")
+    children = [child.get("link", "") for child in robot.iterfind("joint/child")]
+    if twice := find_repeated(children):
         raise RigError(place, f"link '{twice[0]}' has two parent joints: the rig is a loop, not a tree", "cut the loop")
     inner = set(children)
     roots = [link for link in links if link not in inner]
     if len(roots) != 1:
         what = f"{len(roots)} root links: {', '.join(roots[:FEW])}" if roots else "no root link: its joints form a loop"
         raise RigError(place, f"has {what}", "connect all links to one base by joints")
-    if apart := set(links) - reached(robot, roots[0]):
+    if apart := set(links) - find_reached_links(robot, roots[0]):
         raise RigError(place, f"link '{min(apart)}' hangs in a loop of joints apart from '{roots[0]}'", "cut the loop")
     return roots[0]
 
 
-def reached(robot: etree._Element, root: str) -> set[str]:
+def find_reached_links(robot: etree._Element, root: str) -> set[str]:
     """Return the links that joints lead to from `root`, itself included."""
     below: dict[str, list[str]] = {}
     for joint in robot.findall("joint"):
@@ -126,13 +127,13 @@ def reached(robot: etree._Element, root: str) -> set[str]:
     return links
 
 
-def sensed(robot: etree._Element, kind: str) -> list[str]:
+def find_sensor_links(robot: etree._Element, kind: str) -> list[str]:
     """Return the links on which Gazebo's tags (``<gazebo reference="LINK"><sensor type="KIND">``) put a sensor."""
     found = [tag.get("reference", "") for tag in robot.findall("gazebo") if tag.xpath("sensor[@type=$k]", k=kind)]
-    return [link for link in names(robot, "link") if link in found]
+    return [link for link in list_names(robot, "link") if link in found]
 
 
-def skeleton(robot: etree._Element, *more: str) -> str:
+def strip_to_skeleton(robot: etree._Element, *more: str) -> str:
     """Strip a robot of all but inertials, joints and the parts of links named in `more`, in place; return its text.
 
     urdfdom prints on standard error what it does not like. It does not see the rest, and this has been checked.
@@ -150,7 +151,7 @@ def skeleton(robot: etree._Element, *more: str) -> str:
     return etree.tostring(robot, encoding="unicode")
 
 
-def checked(text: str, place: str) -> yourdfpy.Robot:
+def load_checked(text: str, place: str) -> yourdfpy.Robot:
     """Return the URDF as yourdfpy's dataclasses, visuals included, after checking tree, joints and numbers.
 
     Raises:
@@ -158,25 +159,25 @@ def checked(text: str, place: str) -> yourdfpy.Robot:
     """
     import yourdfpy
 
-    check_joints(tree(text, place), place)
+    check_joints(parse_checked(text, place), place)
     try:
         return yourdfpy.URDF.load(io.BytesIO(text.encode()), build_scene_graph=False, load_meshes=False).robot
     except (ValueError, TypeError, AttributeError, LookupError) as error:
         raise RigError(place, f"is not a URDF that yourdfpy reads ({error})", "mend the attribute it names") from error
 
 
-def inertials(text: str) -> dict[str, Body]:
+def read_inertials(text: str) -> dict[str, LinkInertia]:
     """Return link → mass, centre of mass and inertia about it, where it has mass."""
     out = {}
     for link in parse(text, "URDF").findall("link"):
         if (inertial := link.find("inertial")) is not None:
-            at = pose(inertial)
-            inertia = at.rotation @ stated_inertia(inertial.find("inertia")) @ at.rotation.T
+            at = read_pose(inertial)
+            inertia = at.rotation @ read_inertia(inertial.find("inertia")) @ at.rotation.T
             out[link.get("name")] = (float(inertial.find("mass").get("value")), np.array(at.translation), inertia)
     return out
 
 
-def with_inertials(text: str, inertials: Mapping[str, Body]) -> str:
+def replace_inertials(text: str, inertials: Mapping[str, LinkInertia]) -> str:
     """Return the URDF with the named links' ``<inertial>`` values replaced and every other tag kept."""
     robot = parse(text, "URDF")
     for link in robot.findall("link"):
@@ -185,7 +186,7 @@ def with_inertials(text: str, inertials: Mapping[str, Body]) -> str:
     return to_text(robot)
 
 
-def with_friction(text: str, friction: Mapping[str, tuple[float, float]]) -> str:
+def replace_friction(text: str, friction: Mapping[str, tuple[float, float]]) -> str:
     """Return the URDF with the named joints' ``<dynamics>`` friction N m and damping N m s/rad replaced.
 
     A URDF holds no negative friction: a value that noise made negative is written as zero.
@@ -194,47 +195,47 @@ def with_friction(text: str, friction: Mapping[str, tuple[float, float]]) -> str
     for joint in robot.findall("joint"):
         if joint.get("name") in friction:
             for name, value in zip(("friction", "damping"), friction[joint.get("name")]):
-                child(joint, "dynamics").set(name, f"{max(value, 0.0):.17g}")
+                _get_child(joint, "dynamics").set(name, f"{max(value, 0.0):.17g}")
     return to_text(robot)
 
 
 def write_inertial(link: etree._Element, mass: float, com: np.ndarray, inertia: np.ndarray) -> None:
     """Set one link's ``<inertial>``, turned to the link's axes (rpy = 0)."""
-    origin, heavy, inert = (child(child(link, "inertial"), tag) for tag in ("origin", "mass", "inertia"))
-    origin.set("xyz", spelled(com))
+    origin, heavy, inert = (_get_child(_get_child(link, "inertial"), tag) for tag in ("origin", "mass", "inertia"))
+    origin.set("xyz", format_numbers(com))
     origin.set("rpy", "0 0 0")
     heavy.set("value", f"{mass:.17g}")
-    for name, row, column in ENTRIES:
+    for name, row, column in INERTIA_ENTRIES:
         inert.set(name, f"{inertia[row, column]:.17g}")
 
 
-def child(parent: etree._Element, tag: str) -> etree._Element:
+def _get_child(parent: etree._Element, tag: str) -> etree._Element:
     """Return the element's first child of a tag, made where there is none."""
     found = parent.find(tag)
     return etree.SubElement(parent, tag) if found is None else found
 
 
-def spelled(values: Sequence[float] | np.ndarray) -> str:
+def format_numbers(values: Sequence[float] | np.ndarray) -> str:
     """Return numbers as an attribute holds them."""
     return " ".join(f"{x:.17g}" for x in values)
 
 
-def numbers(element: etree._Element | None, attribute: str, default: str) -> np.ndarray:
+def read_numbers(element: etree._Element | None, attribute: str, default: str) -> np.ndarray:
     """Return the numbers of an attribute, or those of `default` where it is not stated."""
     return np.array((default if element is None else element.get(attribute, default)).split(), dtype=float)
 
 
-def pose(element: etree._Element) -> pin.SE3:
+def read_pose(element: etree._Element) -> pin.SE3:
     """Return the pose that an element's ``<origin>`` states."""
     origin = element.find("origin")
-    return pin.SE3(pin.rpy.rpyToMatrix(*numbers(origin, "rpy", "0 0 0")), numbers(origin, "xyz", "0 0 0"))
+    return pin.SE3(pin.rpy.rpyToMatrix(*read_numbers(origin, "rpy", "0 0 0")), read_numbers(origin, "xyz", "0 0 0"))
 
 
-def put_pose(element: etree._Element, at: pin.SE3) -> None:
+def set_pose(element: etree._Element, at: pin.SE3) -> None:
     """Set the pose of an element."""
-    origin = child(element, "origin")
-    origin.set("xyz", spelled(at.translation))
-    origin.set("rpy", spelled(pin.rpy.matrixToRpy(at.rotation)))
+    origin = _get_child(element, "origin")
+    origin.set("xyz", format_numbers(at.translation))
+    origin.set("rpy", format_numbers(pin.rpy.matrixToRpy(at.rotation)))
 
 
 def add_joint(
@@ -251,15 +252,15 @@ def add_joint(
     etree.SubElement(joint, "parent", link=parent)
     etree.SubElement(joint, "child", link=child)
     if at is not None:
-        put_pose(joint, at)
+        set_pose(joint, at)
     if axis is not None:
-        etree.SubElement(joint, "axis", xyz=spelled(axis))
+        etree.SubElement(joint, "axis", xyz=format_numbers(axis))
     return joint
 
 
 def add_sensor(out: etree._Element, name: str, kind: str, link: str, at: pin.SE3) -> None:
     """Add a link without mass where a sensor sits, its x forward, and the tag that says so, as Gazebo writes it."""
-    taken = {*names(out, "link"), *names(out, "joint")}
+    taken = {*list_names(out, "link"), *list_names(out, "joint")}
     free = next(word for word in (name, f"{link}_{name}", f"{link}_{name}_{kind}") if word not in taken)
     etree.SubElement(out, "link", name=free)
     add_joint(out, f"{free}_on_{link}", "fixed", link, free, at)
@@ -269,6 +270,6 @@ def add_sensor(out: etree._Element, name: str, kind: str, link: str, at: pin.SE3
 def add_visual(link: etree._Element, at: pin.SE3, shape: str, **sizes: str) -> etree._Element:
     """Add a shape to what is seen of a link."""
     visual = etree.SubElement(link, "visual")
-    put_pose(visual, at)
+    set_pose(visual, at)
     etree.SubElement(etree.SubElement(visual, "geometry"), shape, sizes)
     return visual

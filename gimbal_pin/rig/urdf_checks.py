@@ -10,49 +10,49 @@ import numpy as np
 from lxml import etree
 
 from gimbal_pin.errors import RigError
-from gimbal_pin.rig.reading import LONGEST, decimal
+from gimbal_pin.rig.reading import LONGEST_NUMBER, parse_decimal
 
 MOVABLE = ("revolute", "continuous", "prismatic")
-SHAPES = ("box", "cylinder", "sphere", "mesh")
-ENTRIES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
+_SHAPES = ("box", "cylinder", "sphere", "mesh")
+INERTIA_ENTRIES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 """Attribute, row and column of the entries of a URDF's inertia."""
-JOINTS = 32
+_MOST_JOINTS = 32
 """Most movable joints: the base parameters' samples (`reduction.kronecker`) know three sequences for each of 33, and
 `check` takes 4 s."""
-LINKS = 1000
+MOST_LINKS = 1000
 """Most links, fixed ones included: a chain of them loads in 2 s, one of 5000 overflows the stack inside Pinocchio."""
-NAME = 100
+_LONGEST_NAME = 100
 """Longest name: two fit into a message."""
-LIGHTEST, HEAVIEST = 1e-9, 1e7
+_LIGHTEST, _HEAVIEST = 1e-9, 1e7
 """Masses, kg: a microgram, for links that only mark a place, and 10 000 t, beyond any machine on joints."""
-NARROWEST, WIDEST = 1e-9, 1e3
+_NARROWEST, _WIDEST = 1e-9, 1e3
 """Radii of gyration, m: a nanometre, which is a few atoms, and a kilometre."""
-NUMBERS: Mapping[str, Mapping[str, tuple[int, float]]] = {
-    "origin": {"xyz": (3, WIDEST), "rpy": (3, 1e3)},
+_NUMBERS: Mapping[str, Mapping[str, tuple[int, float]]] = {
+    "origin": {"xyz": (3, _WIDEST), "rpy": (3, 1e3)},
     "axis": {"xyz": (3, 1e6)},
     "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), (1, 1e16)),  # what SDF writes for no limit
     "dynamics": {"damping": (1, 1e6), "friction": (1, 1e6)},
     "mimic": {"multiplier": (1, 1e6), "offset": (1, 1e3)},
-    "mass": {"value": (1, HEAVIEST)},
-    "inertia": dict.fromkeys((name for name, _, _ in ENTRIES), (1, HEAVIEST * WIDEST**2)),
-    "box": {"size": (3, WIDEST)},
-    "cylinder": {"radius": (1, WIDEST), "length": (1, WIDEST)},
-    "sphere": {"radius": (1, WIDEST)},
+    "mass": {"value": (1, _HEAVIEST)},
+    "inertia": dict.fromkeys((name for name, _, _ in INERTIA_ENTRIES), (1, _HEAVIEST * _WIDEST**2)),
+    "box": {"size": (3, _WIDEST)},
+    "cylinder": {"radius": (1, _WIDEST), "length": (1, _WIDEST)},
+    "sphere": {"radius": (1, _WIDEST)},
     "mesh": {"scale": (3, 1e6)},
     "color": {"rgba": (4, 255.0)},
 }
 """Tag → its attributes that hold numbers: how many, and the largest, in SI units."""
-REQUIRED: Mapping[str, Sequence[str]] = {
+_REQUIRED: Mapping[str, Sequence[str]] = {
     "axis": ["xyz"],
     "limit": ["effort", "velocity"],
     "mesh": ["filename"],
     "mimic": ["joint"],
-    **{tag: list(NUMBERS[tag]) for tag in ("mass", "inertia", "box", "cylinder", "sphere", "color")},
+    **{tag: list(_NUMBERS[tag]) for tag in ("mass", "inertia", "box", "cylinder", "sphere", "color")},
 }
 """Required attributes: readers differ in their defaults for a missing one, and some drop the whole tag."""
 
 
-def names(robot: etree._Element, tag: str) -> list[str]:
+def list_names(robot: etree._Element, tag: str) -> list[str]:
     """Return the names of the robot's links, joints or materials, in the file's order."""
     return [element.get("name", "") for element in robot.findall(tag)]
 
@@ -68,32 +68,31 @@ def check_names(robot: etree._Element, place: str, fixed: Collection[str] = ()) 
         where = f"{place}:{element.sourceline}"
         if not name:
             raise RigError(where, f"<{element.tag}> has no name", "give it one")
-        if len(name) > NAME or name != name.strip() or not name.isprintable() or set(name) & set(',;"'):
-            mend = f"use up to {NAME} letters, digits and signs, but no comma, semicolon, double quote or blank ends"
+        if len(name) > _LONGEST_NAME or name != name.strip() or not name.isprintable() or set(name) & set(',;"'):
+            mend = f"use up to {_LONGEST_NAME} letters, digits and signs; no comma, semicolon, double quote, blank ends"
             raise RigError(where, f"<{element.tag}> has a name that a log's header cannot hold ({name[:20]!r})", mend)
     for tag, elements in (("link", links), ("joint", joints)):
-        if twice := repeated(element.get("name") for element in elements):
+        if twice := find_repeated(element.get("name") for element in elements):
             raise RigError(place, f"two {tag}s are named '{twice[0]}'", "rename one")
     free = [joint for joint in joints if joint.find("mimic") is None and joint.get("name") not in fixed]
     movable = {joint.get("name") for joint in free if joint.get("type") in MOVABLE}
-    if len(links) > LINKS or len(movable) > JOINTS:
+    if len(links) > MOST_LINKS or len(movable) > _MOST_JOINTS:
         what = f"has {len(links)} links and {len(movable)} movable joints"
-        raise RigError(
-            place, what, f"give at most {LINKS} and {JOINTS}: name in the YAML ('fixed:') what the log does not hold"
-        )
+        mend = f"give at most {MOST_LINKS} and {_MOST_JOINTS}: name in the YAML ('fixed:') what the log does not hold"
+        raise RigError(place, what, mend)
     if both := sorted(joint for joint in movable if f"ref_{joint}" in movable):
         what = f"q_ref_{both[0]} would be the angle of joint 'ref_{both[0]}' and the reference of '{both[0]}'"
         raise RigError(place, what, "rename one")
 
 
-def repeated(names: Iterable[str]) -> list[str]:
+def find_repeated(names: Iterable[str]) -> list[str]:
     """Return the names that are there more than once, in order."""
     return sorted(name for name, count in Counter(names).items() if count > 1)
 
 
 def check_references(robot: etree._Element, place: str) -> None:
     """Raise `RigError` if a joint's parent or child is missing or no link."""
-    links = set(names(robot, "link"))
+    links = set(list_names(robot, "link"))
     for joint in robot.findall("joint"):
         for role in ("parent", "child"):
             element = joint.find(role)
@@ -109,35 +108,35 @@ def check_references(robot: etree._Element, place: str) -> None:
 def check_numbers(robot: etree._Element, place: str) -> None:
     """Raise `RigError` where a shape or an attribute is missing, or is not as many numbers of a size as it should be.
 
-    See `REQUIRED` and `NUMBERS`. Numbers are rewritten with single blanks between them, as urdfdom wants them.
+    See `_REQUIRED` and `_NUMBERS`. Numbers are rewritten with single blanks between them, as urdfdom wants them.
     """
     for solid in robot.xpath("link/visual | link/collision"):
         shape = solid.find("geometry/*")
-        if shape is None or shape.tag not in SHAPES:
+        if shape is None or shape.tag not in _SHAPES:
             where = f"{place}:{solid.sourceline}"
-            raise RigError(where, f"<{solid.tag}> has no shape", f"give its <geometry> a {', '.join(SHAPES)}")
+            raise RigError(where, f"<{solid.tag}> has no shape", f"give its <geometry> a {', '.join(_SHAPES)}")
     solids = "link/visual/origin | link/collision/origin | link/visual/geometry/* | link/collision/geometry/*"
     for element in robot.xpath(f"joint/* | link/inertial/* | {solids} | link/visual/material/color | material/color"):
         where = f"{place}:{element.sourceline}"
-        for attribute in REQUIRED.get(element.tag, ()):
+        for attribute in _REQUIRED.get(element.tag, ()):
             if element.get(attribute) is None:
                 raise RigError(where, f"<{element.tag}> has no {attribute}", "give it")
-        for attribute, (count, largest) in NUMBERS.get(element.tag, {}).items():
+        for attribute, (count, largest) in _NUMBERS.get(element.tag, {}).items():
             text = element.get(attribute)
             if text is None:
                 continue
             words = re.split("[ \t\r\n]+", text.strip(" \t\r\n"))
             element.set(attribute, " ".join(words))
-            if not numeric(words, count, largest):
+            if not _are_numbers(words, count, largest):
                 what = "a finite number" if count == 1 else f"{count} finite numbers"
-                short = text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
+                short = text if len(text) <= LONGEST_NUMBER else f"{text[:LONGEST_NUMBER]}…"
                 mend = f"write {what} up to {largest:g}, in digits"
                 raise RigError(where, f"<{element.tag}> has {attribute}='{short}'", mend)
 
 
-def numeric(words: Sequence[str], count: int, largest: float) -> bool:
+def _are_numbers(words: Sequence[str], count: int, largest: float) -> bool:
     """Whether words are `count` decimal numbers of at most a size."""
-    values = [decimal(word) for word in words]
+    values = [parse_decimal(word) for word in words]
     return len(values) == count and all(x is not None and abs(x) <= largest for x in values)
 
 
@@ -170,11 +169,12 @@ def check_joints(robot: etree._Element, place: str) -> None:
         raise RigError(place, "has no movable joint", "give at least one revolute, continuous or prismatic joint")
 
 
-def weightless(inertial: etree._Element) -> bool:
-    """Whether an ``<inertial>`` states less than `LIGHTEST` of mass and of inertia: exporters write zeros."""
+def is_weightless(inertial: etree._Element) -> bool:
+    """Whether an ``<inertial>`` states less than `_LIGHTEST` of mass and of inertia: exporters write zeros."""
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
-    given = [] if inertia is None else [float(inertia.get(name)) for name, _, _ in ENTRIES]
-    return mass is not None and 0 <= float(mass.get("value")) < LIGHTEST and max(map(abs, given), default=0) < LIGHTEST
+    given = [] if inertia is None else [float(inertia.get(name)) for name, _, _ in INERTIA_ENTRIES]
+    heavy = mass is None or not 0 <= float(mass.get("value")) < _LIGHTEST
+    return not heavy and max(map(abs, given), default=0) < _LIGHTEST
 
 
 def check_inertial(link: etree._Element, place: str) -> None:
@@ -189,19 +189,19 @@ def check_inertial(link: etree._Element, place: str) -> None:
         raise RigError(where, f"has {stated}", "give a positive mass in kg, or leave <inertial> out")
     if inertia is None:
         raise RigError(where, "has a mass but no inertia", "give <inertia> in kg m²")
-    if not LIGHTEST <= float(mass.get("value")) <= HEAVIEST:
-        mend = f"give {LIGHTEST:g} to {HEAVIEST:g} kg, or leave <inertial> out"
+    if not _LIGHTEST <= float(mass.get("value")) <= _HEAVIEST:
+        mend = f"give {_LIGHTEST:g} to {_HEAVIEST:g} kg, or leave <inertial> out"
         raise RigError(where, f"has mass {mass.get('value')}", mend)
-    small, _, large = np.linalg.eigvalsh(stated_inertia(inertia))
+    small, _, large = np.linalg.eigvalsh(read_inertia(inertia))
     radii = np.sqrt(np.array([max(small, 0.0), max(large, 0.0)]) / float(mass.get("value")))
-    if (0 < radii[0] < NARROWEST) or radii[1] > WIDEST:
+    if (0 < radii[0] < _NARROWEST) or radii[1] > _WIDEST:
         what = f"has radii of gyration of {radii[0]:.2g} to {radii[1]:.2g} m"
         raise RigError(where, what, "no body of its mass has such an inertia: give it in kg m²")
 
 
-def stated_inertia(inertia: etree._Element) -> np.ndarray:
+def read_inertia(inertia: etree._Element) -> np.ndarray:
     """Return the matrix of an ``<inertia>``, kg m², (3, 3)."""
     out = np.zeros((3, 3))
-    for name, row, column in ENTRIES:
+    for name, row, column in INERTIA_ENTRIES:
         out[row, column] = out[column, row] = float(inertia.get(name))
     return out

@@ -26,7 +26,7 @@ from gimbal_pin.regression import (
     fit_weighted,
     join_blocks,
 )
-from gimbal_pin.rig.inertia import physical as can_exist
+from gimbal_pin.rig.inertia import is_physical as can_exist
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import EXACT, rows_of, true_theta
 from tests.rigs import taken_by_all

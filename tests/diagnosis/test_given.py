@@ -19,7 +19,7 @@ from gimbal_pin.effects import CAUSES, OffDiagonalInertia, RigEffect, parse_effe
 from gimbal_pin.effects.rig_effect import carried
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
-from gimbal_pin.rig import Rig, build, to_urdf
+from gimbal_pin.rig import Rig, build_rig, to_urdf
 from tests.bench_logs import prescribed
 
 ALIGNED = replace(BAND, alignment=0.0)
@@ -212,7 +212,7 @@ def turned(rig: Rig) -> Rig:
     below = next(j for j in tree.findall("joint") if j.find("parent").get("link") == rig.payload_link)
     x, y, z = map(float, below.find("origin").get("xyz").split())
     below.find("origin").attrib.update({"xyz": f"{y} {-x} {z}", "rpy": "0 0 -1.5707963267948966"})
-    made = build(rig.path, etree.tostring(tree).decode(), rig.config, rig.payload, rig.payload_link, "test")
+    made = build_rig(rig.path, etree.tostring(tree).decode(), rig.config, rig.payload, rig.payload_link, "test")
     np.testing.assert_allclose(made.phi, rig.phi, atol=1e-9)
     return made
 
@@ -221,7 +221,7 @@ def test_a_foreign_rig_carries_its_fixed_leaf_or_its_last_link() -> None:
     rig = Rig.load("turret")
     bare = replace(rig, payload_link=None, camera_frame=rig.links[-1], config=replace(rig.config, camera_frame=None))
     assert carried(bare) == "camera_mount"
-    lumped = build(rig.path, to_urdf(Rig.load("turret", "none"), rig.phi), bare.config, None, None, "test")
+    lumped = build_rig(rig.path, to_urdf(Rig.load("turret", "none"), rig.phi), bare.config, None, None, "test")
     assert carried(lumped) == rig.links[-1]
     log = recorded(plant(rig, MOVED), 4)
     before, after = (said(one, log).to_dict()["camera"] for one in (rig, lumped))

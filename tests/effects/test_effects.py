@@ -57,7 +57,7 @@ from gimbal_pin.effects import (
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log, Motion
-from gimbal_pin.rig import PHI, Rig, build
+from gimbal_pin.rig import PHI, Rig, build_rig
 
 KINDS: dict[str, type[Cause]] = {**CAUSES, **{kind.name: kind for kind in ALWAYS}}
 TORQUES = sorted(name for name, kind in KINDS.items() if issubclass(kind, Effect))
@@ -663,7 +663,7 @@ def mounted(turn: Array) -> Rig:
     below = next(joint for joint in tree.iter("joint") if joint.find("child").get("link") == where.payload_link)
     place = below.find("origin") if below.find("origin") is not None else etree.SubElement(below, "origin")
     place.set("rpy", " ".join(map(str, turn)))
-    return build(where.path, etree.tostring(tree).decode(), where.config, where.payload, where.payload_link, "test")
+    return build_rig(where.path, etree.tostring(tree).decode(), where.config, where.payload, where.payload_link, "test")
 
 
 def test_products_of_a_payload_stand_in_the_frame_it_is_mounted_in() -> None:

@@ -31,7 +31,7 @@ from gimbal_pin.regression import (
     map_phi_to_base,
     weigh_joints,
 )
-from gimbal_pin.rig import Rig, physical, pseudo_inertia
+from gimbal_pin.rig import Rig, is_physical, pseudo_inertia
 from tests.bench_logs import EXACT, prescribed, rows_of, true_theta
 from tests.rigs import taken_by_all
 
@@ -65,7 +65,7 @@ def test_the_nearest_bodies_are_those_of_a_semidefinite_program(name: str, seed:
     beta, std = far_off(rig, seed)
     found = find_nearest_bodies(rig.phi, mixing_of(rig), beta, np.diag(std**2))
     best = oracle(mixing_of(rig), np.diag(1 / std), beta / std)
-    assert physical(found.phi)
+    assert is_physical(found.phi)
     assert found.distance == pytest.approx(best, rel=1e-4, abs=1e-4)
 
 
@@ -111,7 +111,7 @@ def test_the_data_are_fitted_and_not_an_estimate_moved() -> None:
     def cost(theta: Array) -> float:
         return float(np.linalg.norm(stack @ np.append(theta, -1.0)))
 
-    assert found.phi is not None and physical(found.phi)
+    assert found.phi is not None and is_physical(found.phi)
     assert cost(found.theta) == pytest.approx(oracle(mixing, stack[:, :-1], stack[:, -1]), rel=1e-5)
     width = len(mixing)
     moved = find_nearest_bodies(rig.phi, mixing, free.theta[:width], free.covariance[:width, :width])

@@ -12,7 +12,7 @@ from gimbal_pin.control import perturbed
 from gimbal_pin.dynamics import reduce
 from gimbal_pin.errors import ModelError
 from gimbal_pin.regression import find_nearest_bodies, map_phi_to_base
-from gimbal_pin.rig import Rig, bundled_rigs, physical, to_pinocchio, to_urdf, urdf
+from gimbal_pin.rig import Rig, bundled_rigs, is_physical, to_pinocchio, to_urdf, urdf
 from gimbal_pin.rig.inertia import thicken_flat_body
 from tests.rigs import COMBINATIONS, taken_by_all
 
@@ -33,12 +33,12 @@ def test_physical_is_what_the_triangle_inequality_says(seed: int) -> None:
     axes = np.linalg.eigh(inertia.inertia)[1]
     for third, expected in ((1.9, True), (2.1, False)):
         wrong = pin.Inertia(inertia.mass, inertia.lever, axes @ np.diag([1.0, 1.0, third]) @ axes.T)
-        assert physical(np.array(wrong.toDynamicParameters())) is expected
+        assert is_physical(np.array(wrong.toDynamicParameters())) is expected
 
 
 def test_a_flat_plate_is_thickened_and_nonsense_refused() -> None:
     plate = np.array(pin.Inertia(1.0, np.zeros(3), np.diag([1.0, 1.0, 2.0])).toDynamicParameters())
-    assert not physical(plate) and physical(thicken_flat_body(plate))
+    assert not is_physical(plate) and is_physical(thicken_flat_body(plate))
     assert np.abs(thicken_flat_body(plate) - plate).max() < 1e-5
     with pytest.raises(ModelError):
         thicken_flat_body(-body(0))
@@ -51,7 +51,7 @@ def test_what_is_physical_stays(name: str) -> None:
     other = perturbed(rig, 0.1, np.random.default_rng(1)).rig.phi
     beta = mixing @ other
     found = find_nearest_bodies(rig.phi, mixing, beta, np.diag((1e-3 * np.abs(beta) + 1e-6) ** 2))
-    assert physical(found.phi) and found.distance < 1e-3
+    assert is_physical(found.phi) and found.distance < 1e-3
 
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
@@ -63,7 +63,7 @@ def test_the_urdf_lumps_to_what_was_identified(name: str, payload: str) -> None:
     model = to_pinocchio(text, "written")
     lumped = np.concatenate([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
     assert np.allclose(lumped, wanted, rtol=1e-9, atol=1e-12)
-    urdf.checked(text, "written")
+    urdf.load_checked(text, "written")
     assert taken_by_all(text, rig.n)
 
     def outline(source: str) -> list[tuple[str, tuple[tuple[str, str], ...]]]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from gimbal_pin.rig import Mesh, find_meshes, meshes, stl
+from gimbal_pin.rig import Mesh, encode_stl, find_meshes, meshes
 
 SECRET = "root:x:0:0:nobody reads this"
 KINDS = ("stl", "stl_ascii", "obj", "ply", "off", "dae", "glb")
@@ -63,7 +63,7 @@ def test_every_usual_format_and_name_is_read_and_written_again(tmp_path: Path, m
     found = find_meshes([*names, "../../meshes/LINK.STL"], tmp_path / "robot" / "urdf")
     for name, mesh in found.items():
         assert isinstance(mesh, Mesh), f"{name} {mesh}"
-        for again in (mesh, trimesh.load_mesh(trimesh.util.wrap_as_stream(stl(mesh)), file_type="stl")):
+        for again in (mesh, trimesh.load_mesh(trimesh.util.wrap_as_stream(encode_stl(mesh)), file_type="stl")):
             solid = trimesh.Trimesh(again.vertices, again.faces)
             assert np.allclose(np.sort(solid.bounds, axis=0), BOX.bounds, atol=1e-7)
             assert solid.volume == pytest.approx(BOX.volume, rel=1e-6)

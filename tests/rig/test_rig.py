@@ -120,7 +120,7 @@ def test_every_bundled_combination_is_sound(name: str, payload: str) -> None:
         assert motor.slots and motor.poles and motor.encoder_step > 0
     for body in rig.model.inertias[1:]:
         assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0
-    links = urdf.names(urdf.parse(rig.urdf, "rig"), "link")
+    links = urdf.list_names(urdf.parse(rig.urdf, "rig"), "link")
     assert {rig.camera_frame, rig.base, rig.payload_link, *rig.links, *rig.config.imus} <= set(links)
 
 
@@ -657,8 +657,8 @@ def without_numbers(text: str) -> bytes:
 def test_inertials_arrive_and_every_other_tag_stays(
     arm: tuple[float, np.ndarray, np.ndarray], head: tuple[float, np.ndarray, np.ndarray]
 ) -> None:
-    both = urdf.with_inertials(TAGGED, {"arm": arm, "head": head})
-    one = urdf.with_inertials(TAGGED, {"head": head})
+    both = urdf.replace_inertials(TAGGED, {"arm": arm, "head": head})
+    one = urdf.replace_inertials(TAGGED, {"head": head})
     assert without_numbers(both) == without_numbers(one) == without_numbers(TAGGED)
     for text, expected in ((both, (arm, head)), (one, (None, head))):
         model = pin.buildModelFromXML(text)
@@ -666,7 +666,7 @@ def test_inertials_arrive_and_every_other_tag_stays(
         for k, body in enumerate(expected, start=1):
             wanted = original.inertias[k] if body is None else pin.Inertia(*body)
             assert model.inertias[k].isApprox(wanted, 1e-14)
-    for name, body in urdf.inertials(both).items():
+    for name, body in urdf.read_inertials(both).items():
         for ours, given_ in zip(body, {"arm": arm, "head": head}[name]):
             np.testing.assert_array_equal(ours, given_)
 
@@ -674,19 +674,19 @@ def test_inertials_arrive_and_every_other_tag_stays(
 def test_writing_what_is_there_changes_no_torque() -> None:
     """`inertials` turns each body to its link's axes, which `with_inertials` writes: the same rig."""
     for text in (TAGGED, bundled("thesis").urdf):
-        again = urdf.with_inertials(text, urdf.inertials(text))
+        again = urdf.replace_inertials(text, urdf.read_inertials(text))
         for ours, theirs in zip(pin.buildModelFromXML(again).inertias, pin.buildModelFromXML(text).inertias):
             np.testing.assert_allclose(ours.toDynamicParameters(), theirs.toDynamicParameters(), atol=1e-14)
 
 
 def test_a_link_without_inertial_is_given_one() -> None:
     body = (2.0, np.array([0.1, 0.0, -0.2]), np.diag([0.3, 0.4, 0.5]))
-    text = urdf.with_inertials(TWO, {"base": body})
-    mass, com, inertia = urdf.inertials(text)["base"]
+    text = urdf.replace_inertials(TWO, {"base": body})
+    mass, com, inertia = urdf.read_inertials(text)["base"]
     assert mass == 2.0
     np.testing.assert_array_equal(com, body[1])
     np.testing.assert_array_equal(inertia, body[2])
-    assert urdf.names(urdf.parse(text, "x"), "link") == ["base", "arm", "head"]
+    assert urdf.list_names(urdf.parse(text, "x"), "link") == ["base", "arm", "head"]
 
 
 @settings(max_examples=30)

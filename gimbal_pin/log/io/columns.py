@@ -77,7 +77,7 @@ def log_columns(log: Log) -> dict[str, Array]:
 
 def link_names(rig: Rig) -> list[str]:
     """Return the names of all links of a rig, which an IMU may be fixed to."""
-    return urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
+    return urdf.list_names(urdf.parse(rig.urdf, str(rig.path)), "link")
 
 
 def find_unrecorded_joints(rig: Rig, tables: Iterable[Table], mapping: Entries) -> dict[str, float]:

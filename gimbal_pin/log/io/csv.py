@@ -19,7 +19,7 @@ import numpy as np
 from gimbal_pin.errors import LogError, visible
 from gimbal_pin.log.io.files import replacing, wrap_os_errors
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.reading import LARGEST, check_size, read_bytes
+from gimbal_pin.rig.reading import LARGEST_LOG, check_size, read_bytes
 
 _SEPARATORS = (";", "\t", ",")
 COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
@@ -181,7 +181,7 @@ def open_csv(path: Path) -> CsvTable:
     return found
 
 
-def unzip(data: bytes, name: str, most: int = LARGEST) -> bytes:
+def unzip(data: bytes, name: str, most: int = LARGEST_LOG) -> bytes:
     """Return what gzip packed; `LogError` where it is damaged or unfolds to more than `most` bytes."""
     parts, size = list[bytes](), 0
     try:

@@ -20,7 +20,7 @@ import yaml
 
 from gimbal_pin import __version__
 from gimbal_pin.errors import UNSAFE, UsageError
-from gimbal_pin.rig.reading import TEXT, read_bytes
+from gimbal_pin.rig.reading import LARGEST_TEXT, read_bytes
 
 STAGED = ".gimbal-pin-unfinished-"
 """How the names of the folders begin in which files are written before they take their places."""
@@ -123,7 +123,7 @@ def write_run(
 def read_run(folder: Path) -> Mapping[str, str]:
     """Return name → SHA-256 of the files that a folder's `RUN` lists; none where there is no such file of ours."""
     try:
-        found = json.loads(read_bytes(folder / RUN, most=TEXT))["files"]
+        found = json.loads(read_bytes(folder / RUN, most=LARGEST_TEXT))["files"]
         return {name: str(of) for name, of in found.items() if Path(name).name == name and name != RUN}
     except (UsageError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return {}

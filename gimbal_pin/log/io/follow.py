@@ -20,7 +20,7 @@ from gimbal_pin.log.io.link import follow_link, is_link
 from gimbal_pin.log.io.readers import FORMATS, GROWING
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.mapping import ROW, Entries, Source
-from gimbal_pin.rig.reading import readable
+from gimbal_pin.rig.reading import wrap_read_errors
 from gimbal_pin.rig.rig import Rig
 
 _PIPE = "-"
@@ -145,5 +145,5 @@ def _open_growing(path: Path) -> Iterator[BinaryIO]:
         return
     if (suffix := path.suffix.lower()) in FORMATS and suffix not in GROWING:
         raise UsageError(str(path), f"is {suffix}, which is written whole", "follow a CSV file")
-    with readable(path, LogError), path.open("rb", buffering=0) as file:
+    with wrap_read_errors(path, LogError), path.open("rb", buffering=0) as file:
         yield file

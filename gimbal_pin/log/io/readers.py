@@ -41,8 +41,8 @@ from gimbal_pin.log.io.tables import (
     quote_names,
 )
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.bounded import Stopped, run
-from gimbal_pin.rig.reading import LARGEST, beginning, check_size, read_bytes, readable
+from gimbal_pin.rig.bounded import ProcessStopped, run_bounded
+from gimbal_pin.rig.reading import LARGEST_LOG, check_size, read_beginning, read_bytes, wrap_read_errors
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _BAG_SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
@@ -53,7 +53,7 @@ _LARGEST_MESSAGE = 2**16
 """Largest message of a bag that is read, bytes: pictures and clouds of points are larger, a drive's are not."""
 _EXACT_NANOSECONDS = 2**53
 """What a double holds exactly, 104 days: later stamps count from the whole second of the bag's first."""
-_READER_MEMORY = 2**30 + 2 * LARGEST
+_READER_MEMORY = 2**30 + 2 * LARGEST_LOG
 """Address space of a reading process, bytes: that of the libraries, and columns are held twice at most."""
 _READER_SECONDS, _READER_RATE = 20.0, 5e5
 """Processor time of a reading process, s, of the smallest file, and the bytes beyond for which it may take another
@@ -102,7 +102,7 @@ def _open_file(path: Path) -> Table:
     """Return what one file holds, or a bag's folder."""
     if (path / "metadata.yaml").is_file():
         return _open_isolated("bag", path)
-    head = beginning(path, 16)  # of what cannot be read its reader says why
+    head = read_beginning(path, 16)  # of what cannot be read its reader says why
     begun = next((form for form in FORMATS.values() if form.magic and head.startswith(form.magic)), None)
     return (begun or format_of(path)).open(path)
 
@@ -231,7 +231,7 @@ def _open_isolated(reader: str, path: Path) -> Table:
     if find_spec(module) is None:
         mend = f"install it (pip install 'gimbal_pin[{extra}]'), or write CSV"
         raise UsageError(str(path), f"is {kind}, which needs the package {module}", mend)
-    with readable(path, LogError):
+    with wrap_read_errors(path, LogError):
         parts = list(path.iterdir()) if path.is_dir() else [path]
         size = sum(file.stat().st_size for file in parts)
     if not all(file.is_file() or file.is_dir() for file in parts):
@@ -241,8 +241,8 @@ def _open_isolated(reader: str, path: Path) -> Table:
     bounds: dict[str, Any] = {"memory": _READER_MEMORY + streamed, "seconds": _READER_SECONDS + size / _READER_RATE}
     with TemporaryDirectory() as folder:
         try:
-            found = run(__name__, reader, str(path.resolve()), folder, **bounds)
-        except Stopped as error:
+            found = run_bounded(__name__, reader, str(path.resolve()), folder, **bounds)
+        except ProcessStopped as error:
             mend = "write it again, or give a shorter file"
             raise LogError(str(path), f"is {kind} that cannot be read ({error})", mend) from error
         if "wrong" in found:
@@ -272,7 +272,7 @@ def main(reader: str, path: str, folder: str) -> dict[str, Any]:
 
 def _open_mat(path: Path) -> Table:
     """Read a MATLAB file, to version 7 or, as _HDF5 behind a header of 512 bytes or none, of 7.3."""
-    head = beginning(path, 520)
+    head = read_beginning(path, 520)
     return _open_isolated("hdf5" if _HDF5 in (head[:8], head[512:]) else "mat", path)
 
 
@@ -338,7 +338,7 @@ def _read_bag(path: Path) -> Streams:
     found: dict[tuple[str, tuple[str, ...]], tuple[list[int], dict[str, array[float]]]] = {}
     with TemporaryDirectory() as folder:
         if path.is_file():
-            head = beginning(path, 16)
+            head = read_beginning(path, 16)
             suffix = next((suffix for magic, suffix in _BAG_SUFFIXES.items() if head.startswith(magic)), path.suffix)
             (link := Path(folder, f"bag{suffix}")).symlink_to(path)
             path = link

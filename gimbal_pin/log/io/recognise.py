@@ -21,7 +21,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.log.mapping import ROW
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.config import Motor
-from gimbal_pin.rig.reading import words
+from gimbal_pin.rig.reading import split_words
 from gimbal_pin.rig.rig import Rig
 
 _WORDS = {
@@ -212,7 +212,7 @@ def find_time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
     """Return unit, its seconds, the mapping's factor and why: by the name's last word, or by the usual interval."""
     if name == ROW:
         return ROW, 1.0, "", "the sample's number"
-    split = words(name)
+    split = split_words(name)
     step = float(np.median(np.abs(np.diff(t)))) if len(t) > 1 else 0.0
     if split and split[-1] in _TIME_WORDS:
         unit, scale, factor = _TIME_UNITS[_TIME_WORDS[split[-1]]]
@@ -225,7 +225,7 @@ def find_time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
 
 def _read_name(column: str, values: Array, joints: Sequence[str] = ()) -> Channel:
     """Return what a name says of a column: by a word of its kind, by its unit, or as the name of one of the joints."""
-    channel, split, written = Channel(column, values), words(column), _read_units(column)
+    channel, split, written = Channel(column, values), split_words(column), _read_units(column)
     kind = next((kind for kind, known in _KINDS.items() if known & set(split)), None)
     if {"angular", "velocity"} <= set(split):
         kind = "gyro"
@@ -234,7 +234,7 @@ def _read_name(column: str, values: Array, joints: Sequence[str] = ()) -> Channe
     elif kind is None:
         angle, torque, current = ({*written} & _UNITS[kind].keys() for kind in ("position", "torque", "current"))
         rate = angle and split[-1] in ("s", "sec")
-        own = any(words(joint) == split for joint in joints)
+        own = any(split_words(joint) == split for joint in joints)
         kinds = {"torque": torque, "current": current, "rate": rate, "position": angle or own}
         kind = next((kind for kind, is_so in kinds.items() if is_so), None)
     elif kind == "torque" and {*written} & _UNITS["current"].keys():
@@ -259,7 +259,7 @@ def _read_units(column: str) -> tuple[str, ...]:
     ``Iq_yaw_mA`` holds "ma", which is two words of a name in mixed case, and ``tau [N mm]`` "nmm". Those come last.
     """
     written = [word.lower() for word in re.findall(r"[^\W\d_]+", column)]
-    return (*written, *(a + b for a, b in pairwise(written) if a in ("n", "mn")), *words(column))
+    return (*written, *(a + b for a, b in pairwise(written) if a in ("n", "mn")), *split_words(column))
 
 
 def is_measured_motion(column: str, values: Array) -> bool:
@@ -329,7 +329,7 @@ def _pair_rates(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> None:
             if "unknown" in (x.quantity, v.quantity):
                 fits = _find_unit_pair(tie.ratio) is not None
             else:
-                fits = x.wanted == v.wanted and {*words(x.column)} - strip == {*words(v.column)} - strip
+                fits = x.wanted == v.wanted and {*split_words(x.column)} - strip == {*split_words(v.column)} - strip
             if fits:
                 x.quantity, v.quantity, v.rate_of = "position", "rate", x.column
 
@@ -461,7 +461,7 @@ def assign_columns(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[
                     remark = f"a current{unit}: multiply it by the motor's torque constant, N m per A, too"
             channel.joint = joint
             found[f"{prefix}_{joint}"] = (column, factor, remark)
-    links = urdf.names(urdf.parse(rig.urdf, str(rig.path)), "link")
+    links = urdf.list_names(urdf.parse(rig.urdf, str(rig.path)), "link")
     for kind, prefix, axes in (("gyro", "gyro", "xyz"), ("accel", "accel", "xyz"), ("quaternion", "quat", "wxyz")):
         sensors = [channel for channel in channels.values() if channel.quantity == kind]
         found |= _assign_imu_columns(sensors, rig.base, links, prefix, axes)
@@ -477,10 +477,10 @@ def _assign_by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wante
     several = [c for c in channels.values() if c.quantity == kind and c.wanted == wanted and not c.still]
     sets: dict[tuple[str, ...], dict[str, str]] = {}
     for channel in several:
-        split = words(channel.column)
-        inside = [joint for joint in rig.joints if set(words(joint)) <= set(split)]
-        joint = max(inside, key=lambda joint: len(words(joint)), default="")
-        known = _KINDS[kind] | _UNITS.get(kind, {}).keys() | {*words(joint)}
+        split = split_words(channel.column)
+        inside = [joint for joint in rig.joints if set(split_words(joint)) <= set(split)]
+        joint = max(inside, key=lambda joint: len(split_words(joint)), default="")
+        known = _KINDS[kind] | _UNITS.get(kind, {}).keys() | {*split_words(joint)}
         rest = tuple(word for word in split if not (word.isdigit() or word in known))
         key = joint or next((word for word in reversed(split) if word.isdigit()), "")
         sets.setdefault(rest, {}).setdefault(key, channel.column)
@@ -545,11 +545,11 @@ def _assign_imu_columns(
     """Return target → column of the sensors that have all axes, each of the link that its name holds or of the base."""
     found: dict[str, tuple[str, str, str]] = {}
     for channel in channels:
-        split = words(channel.column)
+        split = split_words(channel.column)
         last = split[-1] if split else ""
         axis = axes[int(last)] if last in ("0", "1", "2") and len(axes) == 3 else last
         if axis in (*axes,):
-            link = max((link for link in links if set(words(link)) <= set(split)), key=len, default=base)
+            link = max((link for link in links if set(split_words(link)) <= set(split)), key=len, default=base)
             found.setdefault(f"{prefix}_{link}_{axis}", (channel.column, channel.factor, channel.reasons[-1]))
     whole = {target[:-2] for target in found if all(f"{target[:-2]}_{axis}" in found for axis in axes)}
     return {target: found[target] for target in sorted(found) if target[:-2] in whole}

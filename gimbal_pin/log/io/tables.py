@@ -12,7 +12,7 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io.clocks import find_clock_offset
 from gimbal_pin.log.io.recognise import find_time_unit, is_measured_motion
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.reading import check_size, words
+from gimbal_pin.rig.reading import check_size, split_words
 
 _SHOWN = 24
 """Most names in a list of an error."""
@@ -56,7 +56,7 @@ def quote_names(names: Sequence[str]) -> str:
 
 def _find_time_name(names: Iterable[str]) -> str | None:
     """Return the name of the times: of those with one of `_TIMES` the first with the fewest other words, or None."""
-    found = [(len(split), k, name) for k, name in enumerate(names) if set(split := words(name)) & _TIMES]
+    found = [(len(split), k, name) for k, name in enumerate(names) if set(split := split_words(name)) & _TIMES]
     return min(found)[2] if found else None
 
 

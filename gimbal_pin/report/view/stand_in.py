@@ -20,7 +20,7 @@ def stand_ins(rig: Rig) -> tuple[Solid, ...]:
     Lengths come from the joints' placements, and from the bodies' centres of mass and radii of gyration where the axes
     meet in one point.
     """
-    axes = {joint.name: joint.axis for joint in urdf.checked(rig.urdf, str(rig.path)).joints}
+    axes = {joint.name: joint.axis for joint in urdf.load_checked(rig.urdf, str(rig.path)).joints}
     radius = 0.06 * reach(rig)
     drawn = [bone(rig.base, end, 0.5 * radius) for end in ends(rig, 0) if np.linalg.norm(end) > radius]
     for i, (joint, link) in enumerate(zip(rig.joints, rig.links), start=1):

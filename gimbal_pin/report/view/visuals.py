@@ -23,7 +23,7 @@ TONES = ((0.55, 0.59, 0.65, 1.0), (0.42, 0.52, 0.64, 1.0), (0.66, 0.56, 0.44, 1.
 
 def visuals(rig: Rig) -> tuple[tuple[Solid, ...], tuple[str, ...], frozenset[str]]:
     """Return the rig's solids, a sentence for each that could not be drawn as its URDF says, and the links of these."""
-    robot = urdf.checked(rig.urdf, str(rig.path))
+    robot = urdf.load_checked(rig.urdf, str(rig.path))
     colours = named_colours(robot)
     named = {
         v.geometry.mesh.filename or "" for link in robot.links for v in link.visuals if v.geometry and v.geometry.mesh

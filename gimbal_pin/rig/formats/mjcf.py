@@ -16,30 +16,30 @@ from lxml import etree
 
 from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.rig import urdf
-from gimbal_pin.rig.bounded import Stopped, run
+from gimbal_pin.rig.bounded import ProcessStopped, run_bounded
 
 if TYPE_CHECKING:
     import mujoco
 
-FORWARD = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+_CAMERA_AXES = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
 """Axes whose x looks where a MuJoCo camera looks, its -z, and whose z is the camera's y, up."""
 
 
-def convert(path: Path) -> tuple[str, list[str], list[str]]:
+def convert_mjcf(path: Path) -> tuple[str, list[str], list[str]]:
     """Return a MuJoCo model as a URDF, a sentence on what that does not hold, and the files that it includes."""
     if find_spec("mujoco") is None:
         mend = "install it (pip install 'gimbal_pin[mjcf]'), or convert the file to a URDF"
         raise UsageError(str(path), "is an MJCF, which needs the package mujoco", mend)
     try:
-        found = run(__name__, str(path.resolve()))
-    except Stopped as error:
+        found = run_bounded(__name__, str(path.resolve()))
+    except ProcessStopped as error:
         raise RigError(str(path), f"is an MJCF that MuJoCo does not compile ({error})", "mend it") from error
     if "wrong" in found:
         raise RigError(str(path), *found["wrong"])
-    return found["text"], found["notes"], included(path.resolve())
+    return found["text"], found["notes"], _list_included(path.resolve())
 
 
-def included(path: Path) -> list[str]:
+def _list_included(path: Path) -> list[str]:
     """Return the files that a compiled model includes, beside the first one; MuJoCo allows each once."""
     found, open_ = list[str](), [path]
     while open_:
@@ -55,39 +55,40 @@ def main(path: str) -> dict[str, Any]:
     import mujoco
 
     try:
-        text, notes = converted(mujoco.MjModel.from_xml_path(path), path)
+        text, notes = convert_model(mujoco.MjModel.from_xml_path(path), path)
     except RigError as error:
         return {"wrong": [error.what, error.mend]}
     return {"text": text, "notes": notes}
 
 
-def converted(model: mujoco.MjModel, path: str) -> tuple[str, list[str]]:
+def convert_model(model: mujoco.MjModel, path: str) -> tuple[str, list[str]]:
     """Return a compiled model as the text of a URDF, and what was left out."""
     import mujoco
 
     if np.isin(model.eq_type, [int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)]).any():
         raise RigError(path, "ties bodies to each other beside its tree (<equality>)", "cut the loop")
     names = {i: model.body(i).name or f"body{i}" for i in range(model.nbody)}
-    joints = {i: joint_of(model, i, names[i], path) for i in range(1, model.nbody)}
+    joints = {i: _find_joint(model, i, names[i], path) for i in range(1, model.nbody)}
     first = [i for i in joints if model.body_parentid[i] == 0]
-    rooted = len(first) == 1 and joints[first[0]] is None and not len(shapes(model, 0))
-    out, notes = etree.Element("robot", {"name": Path(path).stem}, nsmap={"drake": urdf.DRAKE}), list[str]()
+    rooted = len(first) == 1 and joints[first[0]] is None and not len(_list_shapes(model, 0))
+    out, notes = etree.Element("robot", {"name": Path(path).stem}, nsmap={"drake": urdf.DRAKE_NAMESPACE}), list[str]()
     for i in range(int(rooted), model.nbody):
-        add_body(out, model, i, names[i], anchor(model, joints.get(i)))
+        _add_body(out, model, i, names[i], _find_anchor(model, joints.get(i)))
     for i, joint in joints.items():
         if not (rooted and i == first[0]):
             parent = int(model.body_parentid[i])
-            between = pin.SE3(np.eye(3), -anchor(model, joints.get(parent)))
-            origin = between * pose(model.body_pos[i], model.body_quat[i]) * pin.SE3(np.eye(3), anchor(model, joint))
-            notes += add_joint(out, model, joint, (names[parent], names[i]), origin)
-    places = [(*sensed, "imu") for sensed in imus(model)] + [
-        (model.camera(k).name or f"camera{k}", int(model.cam_bodyid[k]), pose(model.cam_pos[k], model.cam_quat[k]), "")
-        for k in range(model.ncam)
-    ]
+            between = pin.SE3(np.eye(3), -_find_anchor(model, joints.get(parent)))
+            own = _make_pose(model.body_pos[i], model.body_quat[i])
+            origin = between * own * pin.SE3(np.eye(3), _find_anchor(model, joint))
+            notes += _add_joint(out, model, joint, (names[parent], names[i]), origin)
+    places = [(*sensed, "imu") for sensed in _list_imus(model)]
+    for k in range(model.ncam):
+        at = _make_pose(model.cam_pos[k], model.cam_quat[k])
+        places.append((model.camera(k).name or f"camera{k}", int(model.cam_bodyid[k]), at, ""))
     for name, body, place, kind in places:
-        own = place if kind else place * pin.SE3(FORWARD, np.zeros(3))
+        own = place if kind else place * pin.SE3(_CAMERA_AXES, np.zeros(3))
         if body >= int(rooted):
-            at = pin.SE3(np.eye(3), -anchor(model, joints.get(body))) * own
+            at = pin.SE3(np.eye(3), -_find_anchor(model, joints.get(body))) * own
             urdf.add_sensor(out, name, kind or "camera", names[body], at)
     ties = [k for k in range(model.neq) if model.eq_type[k] == mujoco.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0]
     for k in ties:
@@ -98,7 +99,7 @@ def converted(model: mujoco.MjModel, path: str) -> tuple[str, list[str]]:
     return str(etree.tostring(out, encoding="unicode")), notes
 
 
-def joint_of(model: mujoco.MjModel, body: int, name: str, path: str) -> int | None:
+def _find_joint(model: mujoco.MjModel, body: int, name: str, path: str) -> int | None:
     """Return the one hinge or slide of a body; None if it has none, or floats: a rig's base is fixed."""
     import mujoco
 
@@ -113,53 +114,54 @@ def joint_of(model: mujoco.MjModel, body: int, name: str, path: str) -> int | No
     return start if count else None
 
 
-def anchor(model: mujoco.MjModel, joint: int | None) -> np.ndarray:
+def _find_anchor(model: mujoco.MjModel, joint: int | None) -> np.ndarray:
     """Return where in its body a joint is, m, (3,): the place of the link's frame."""
     return np.zeros(3) if joint is None else np.array(model.jnt_pos[joint])
 
 
-def pose(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
+def _make_pose(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
     """Return MuJoCo's position and quaternion w x y z as a pose."""
     w, x, y, z = quaternion
     return pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(position))
 
 
-def add_body(out: etree._Element, model: mujoco.MjModel, body: int, name: str, at: np.ndarray) -> None:
+def _add_body(out: etree._Element, model: mujoco.MjModel, body: int, name: str, at: np.ndarray) -> None:
     """Add a body as a link whose frame is at a point of it."""
     link, shift = etree.SubElement(out, "link", name=name), pin.SE3(np.eye(3), -at)
     if body and model.body_mass[body] > 0:
-        own = shift * pose(model.body_ipos[body], model.body_iquat[body])
+        own = shift * _make_pose(model.body_ipos[body], model.body_iquat[body])
         inertia = own.rotation @ np.diag(model.body_inertia[body]) @ own.rotation.T
         urdf.write_inertial(link, float(model.body_mass[body]), own.translation, inertia)
-    for kind, sizes, where, colour in shapes(model, body):
+    for kind, sizes, where, colour in _list_shapes(model, body):
         visual = urdf.add_visual(link, shift * where, kind, **sizes)
-        etree.SubElement(etree.SubElement(visual, "material", name=""), "color", rgba=urdf.spelled(colour))
+        etree.SubElement(etree.SubElement(visual, "material", name=""), "color", rgba=urdf.format_numbers(colour))
 
 
-def shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, str], pin.SE3, np.ndarray]]:
+def _list_shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, str], pin.SE3, np.ndarray]]:
     """Return shape, sizes, pose and colour of what is seen of a body; a mesh is the box around it."""
     import mujoco  # whose enumerations are equal to numpy's numbers, but not found among them: hence int()
 
     out = []
     start = int(model.body_geomadr[body])
     for k in range(start, start + int(model.body_geomnum[body])):
-        kind, size, at = model.geom_type[k], model.geom_size[k], pose(model.geom_pos[k], model.geom_quat[k])
+        kind, size, at = model.geom_type[k], model.geom_size[k], _make_pose(model.geom_pos[k], model.geom_quat[k])
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
-            shape = ("box", {"size": urdf.spelled(2 * size)})
+            shape = ("box", {"size": urdf.format_numbers(2 * size)})
         elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-            shape = ("sphere", {"radius": urdf.spelled(size[:1])})
+            shape = ("sphere", {"radius": urdf.format_numbers(size[:1])})
         elif kind in (int(mujoco.mjtGeom.mjGEOM_CYLINDER), int(mujoco.mjtGeom.mjGEOM_CAPSULE)):
-            shape = ("cylinder", {"radius": urdf.spelled(size[:1]), "length": urdf.spelled(2 * size[1:2])})
+            sizes = {"radius": urdf.format_numbers(size[:1]), "length": urdf.format_numbers(2 * size[1:2])}
+            shape = ("cylinder", sizes)
         elif kind in (int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)):
             middle, half = model.geom_aabb[k][:3], model.geom_aabb[k][3:]
-            at, shape = at * pin.SE3(np.eye(3), np.array(middle)), ("box", {"size": urdf.spelled(2 * half)})
+            at, shape = at * pin.SE3(np.eye(3), np.array(middle)), ("box", {"size": urdf.format_numbers(2 * half)})
         else:
             continue
         out.append((*shape, at, np.array(model.geom_rgba[k])))
     return out
 
 
-def add_joint(
+def _add_joint(
     out: etree._Element, model: mujoco.MjModel, joint: int | None, links: tuple[str, str], origin: pin.SE3
 ) -> list[str]:
     """Add what joins two links; return a sentence on what a URDF cannot hold."""
@@ -176,7 +178,7 @@ def add_joint(
     kind = "prismatic" if slides else "revolute" if limited else "continuous"
     new, dof = urdf.add_joint(out, name, kind, *links, origin, axis), int(model.jnt_dofadr[joint])
     low, high = model.jnt_range[joint] if limited else (-1e16, 1e16)
-    effort = f"{strongest(model, joint):.17g}"
+    effort = f"{_find_largest_torque(model, joint):.17g}"
     etree.SubElement(new, "limit", lower=f"{low:.17g}", upper=f"{high:.17g}", effort=effort, velocity="0")
     damping, friction = float(model.dof_damping[dof]), float(model.dof_frictionloss[dof])
     etree.SubElement(new, "dynamics", damping=f"{damping:.17g}", friction=f"{friction:.17g}")
@@ -184,14 +186,14 @@ def add_joint(
         transmission = etree.SubElement(out, "transmission", name=f"{name}_transmission")
         etree.SubElement(transmission, "joint", name=name)
         actuator = etree.SubElement(transmission, "actuator", name=f"{name}_motor")
-        etree.SubElement(actuator, f"{{{urdf.DRAKE}}}gear_ratio", value="1")
+        etree.SubElement(actuator, f"{{{urdf.DRAKE_NAMESPACE}}}gear_ratio", value="1")
         armature = f"{float(model.dof_armature[dof]):.17g}"
-        etree.SubElement(actuator, f"{{{urdf.DRAKE}}}rotor_inertia", value=armature)
+        etree.SubElement(actuator, f"{{{urdf.DRAKE_NAMESPACE}}}rotor_inertia", value=armature)
     spring = f"{name} has a spring, which is left out: it is a cable-spring to plant or to find"
     return [spring] if model.jnt_stiffness[joint] else []
 
 
-def strongest(model: mujoco.MjModel, joint: int) -> float:
+def _find_largest_torque(model: mujoco.MjModel, joint: int) -> float:
     """Return the largest torque of a joint's actuators, N m; 0 where none is stated."""
     import mujoco
 
@@ -210,13 +212,13 @@ def strongest(model: mujoco.MjModel, joint: int) -> float:
     return max(found)
 
 
-def imus(model: mujoco.MjModel) -> list[tuple[str, int, pin.SE3]]:
+def _list_imus(model: mujoco.MjModel) -> list[tuple[str, int, pin.SE3]]:
     """Return name, body and pose in it of the sites with a gyro or an accelerometer."""
     import mujoco
 
     kinds = (int(mujoco.mjtSensor.mjSENS_GYRO), int(mujoco.mjtSensor.mjSENS_ACCELEROMETER))
     sites = sorted({int(model.sensor_objid[k]) for k in range(model.nsensor) if model.sensor_type[k] in kinds})
     return [
-        (model.site(k).name or f"imu{k}", int(model.site_bodyid[k]), pose(model.site_pos[k], model.site_quat[k]))
+        (model.site(k).name or f"imu{k}", int(model.site_bodyid[k]), _make_pose(model.site_pos[k], model.site_quat[k]))
         for k in sites
     ]

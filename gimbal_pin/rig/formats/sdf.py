@@ -16,18 +16,18 @@ from lxml import etree
 
 from gimbal_pin.errors import RigError
 from gimbal_pin.rig import urdf
-from gimbal_pin.rig.reading import LONGEST, decimal
-from gimbal_pin.rig.records import LARGEST
-from gimbal_pin.rig.urdf_checks import ENTRIES, LINKS, repeated
+from gimbal_pin.rig.reading import LONGEST_NUMBER, parse_decimal
+from gimbal_pin.rig.records import LARGEST_NUMBER
+from gimbal_pin.rig.urdf_checks import INERTIA_ENTRIES, MOST_LINKS, find_repeated
 
-KINDS = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
-CAMERAS = ("camera", "depth", "depth_camera", "rgbd_camera", "thermal", "thermal_camera", "wideanglecamera")
-MODEL, WORLD = "__model__", "world"
-NEW = (1, 5)
+_JOINT_TYPES = {"revolute": "revolute", "continuous": "continuous", "prismatic": "prismatic", "fixed": "fixed"}
+_CAMERA_SENSORS = ("camera", "depth", "depth_camera", "rgbd_camera", "thermal", "thermal_camera", "wideanglecamera")
+_MODEL, _WORLD = "__model__", "world"
+_JOINT_AXES_VERSION = (1, 5)
 """Version from which on an axis is stated in its joint's axes, not in the model's."""
 
 
-def convert(root: etree._Element, place: str) -> tuple[str, list[str]]:
+def convert_sdf(root: etree._Element, place: str) -> tuple[str, list[str]]:
     """Return the model of an SDF as a URDF, and a sentence on what that does not hold.
 
     Raises:
@@ -41,30 +41,31 @@ def convert(root: etree._Element, place: str) -> tuple[str, list[str]]:
         if (nested := model.find(tag)) is not None:
             mend = "put the links and joints of the nested model into this one: 'gz sdf -p' flattens a file"
             raise RigError(f"{place}:{nested.sourceline}", f"nests another model (<{tag}>)", mend)
-    if len(model.findall("*")) + len(model.findall("link/sensor")) > 3 * LINKS:
-        raise RigError(place, f"has over {3 * LINKS} links, joints, frames and sensors", f"give at most {LINKS} links")
+    if len(model.findall("*")) + len(model.findall("link/sensor")) > 3 * MOST_LINKS:
+        what = f"has over {3 * MOST_LINKS} links, joints, frames and sensors"
+        raise RigError(place, what, f"give at most {MOST_LINKS} links")
     version = tuple(map(int, re.findall("[0-9]{1,4}", root.get("version", ""))[:2]))
-    return Converter(model, bool(version) and version < NEW, place).converted()
+    return _Converter(model, bool(version) and version < _JOINT_AXES_VERSION, place).converted()
 
 
-class Converter:
+class _Converter:
     """One model on its way to a URDF."""
 
     def __init__(self, model: etree._Element, old: bool, place: str) -> None:
-        """Look up what has a name; `RigError` where two things share one. `old`: whether it is from before `NEW`."""
+        """Look up what has a name; `RigError` where two things share one. `old`: axes are in the model's."""
         self.model, self.old, self.place = model, old, place
         named = [e for e in model if e.tag in ("link", "joint", "frame")]
-        if twice := repeated(e.get("name", "") for e in named):
+        if twice := find_repeated(e.get("name", "") for e in named):
             raise RigError(place, f"two links, joints or frames are named '{twice[0]}'", "rename one")
         self.named = {e.get("name", ""): e for e in named}
-        self.poses: dict[str, pin.SE3 | None] = {MODEL: pin.SE3.Identity(), WORLD: pin.SE3.Identity()}
+        self.poses: dict[str, pin.SE3 | None] = {_MODEL: pin.SE3.Identity(), _WORLD: pin.SE3.Identity()}
         self.notes: list[str] = []
 
     def converted(self) -> tuple[str, list[str]]:
         """Return the URDF's text and what was left out."""
         joints, links = self.model.findall("joint"), self.model.findall("link")
         moved = {self.text(joint, "child"): joint for joint in joints if self.kind(joint) != "fixed"}
-        frames: dict[str, pin.SE3] = {WORLD: pin.SE3.Identity()}
+        frames: dict[str, pin.SE3] = {_WORLD: pin.SE3.Identity()}
         for link in links:
             name, pose = link.get("name", ""), self.pose_of(link.get("name", ""), link)
             own = moved.get(name)
@@ -79,7 +80,7 @@ class Converter:
             name = link.get("name", "")
             for sensor in link.findall("sensor"):
                 kind = sensor.get("type", "")
-                kind = "camera" if kind in CAMERAS else kind
+                kind = "camera" if kind in _CAMERA_SENSORS else kind
                 if kind in ("camera", "imu"):
                     origin = frames[name].actInv(self.pose_of(name, link) * self.stated(sensor))
                     urdf.add_sensor(out, sensor.get("name", kind), kind, name, origin)
@@ -87,10 +88,10 @@ class Converter:
 
     def kind(self, joint: etree._Element) -> str:
         """Return the type of a joint."""
-        if joint.get("type") not in KINDS:
+        if joint.get("type") not in _JOINT_TYPES:
             what = f"joint '{joint.get('name')}' is of type {joint.get('type')}"
-            raise RigError(self.at(joint), what, f"use one of {', '.join(KINDS)}")
-        return KINDS[joint.get("type")]
+            raise RigError(self.at(joint), what, f"use one of {', '.join(_JOINT_TYPES)}")
+        return _JOINT_TYPES[joint.get("type")]
 
     def add_link(self, out: etree._Element, link: etree._Element, frame: pin.SE3) -> None:
         """Add a link: its inertia and what is seen of it."""
@@ -107,7 +108,7 @@ class Converter:
             raise RigError(self.at(inertial), f"link '{name}' leaves its inertia to Gazebo (auto)", mend)
         origin = shift * self.stated(inertial)
         inertia = np.zeros((3, 3))
-        for entry, row, column in ENTRIES:
+        for entry, row, column in INERTIA_ENTRIES:
             value = self.number(inertial, f"inertia/{entry}", float(row == column))
             inertia[row, column] = inertia[column, row] = value
         turned = origin.rotation @ inertia @ origin.rotation.T
@@ -149,10 +150,10 @@ class Converter:
         way = np.array([0.0, 0.0, 1.0]) if axis is None else self.axis(joint, axis)
         for key in ("lower", "upper", "effort", "velocity"):
             value = self.number(joint, f"axis/limit/{key}", np.inf)
-            unknown = {"lower": -LARGEST, "upper": LARGEST}.get(key, 0.0)
+            unknown = {"lower": -LARGEST_NUMBER, "upper": LARGEST_NUMBER}.get(key, 0.0)
             stated = value if key in ("lower", "upper") else max(value, 0.0)  # -1: none
-            limit[key] = stated if isfinite(value) and abs(value) < LARGEST else unknown
-        unbounded = limit["lower"] == -LARGEST and limit["upper"] == LARGEST
+            limit[key] = stated if isfinite(value) and abs(value) < LARGEST_NUMBER else unknown
+        unbounded = limit["lower"] == -LARGEST_NUMBER and limit["upper"] == LARGEST_NUMBER
         kind = "continuous" if kind == "revolute" and unbounded else kind
         new = urdf.add_joint(out, name, kind, parent, child, origin, frames[child].rotation.T @ way)
         etree.SubElement(new, "limit", {key: f"{value:.17g}" for key, value in limit.items()})
@@ -188,7 +189,7 @@ class Converter:
         self.poses[name] = None
         pose = element.find("pose")
         usual = {"joint": element.findtext("child", "").strip(), "frame": element.get("attached_to", "")}
-        by = ("" if pose is None else pose.get("relative_to", "")) or usual.get(element.tag, "") or MODEL
+        by = ("" if pose is None else pose.get("relative_to", "")) or usual.get(element.tag, "") or _MODEL
         try:
             found = self.pose(by, element) * self.stated(element)
         except RecursionError as error:
@@ -215,9 +216,9 @@ class Converter:
     def numbers(self, element: etree._Element, count: int) -> np.ndarray:
         """Return the numbers in an element; ``inf`` is one."""
         words = (element.text or "").split()
-        values = [float(word) if re.fullmatch("[+-]?inf", word) else decimal(word) for word in words[: count + 1]]
+        values = [float(word) if re.fullmatch("[+-]?inf", word) else parse_decimal(word) for word in words[: count + 1]]
         if len(values) != count or None in values:
-            short = " ".join(words)[:LONGEST]
+            short = " ".join(words)[:LONGEST_NUMBER]
             raise RigError(self.at(element), f"<{element.tag}> holds '{short}'", f"write {count} numbers")
         return np.array(values, dtype=float)
 

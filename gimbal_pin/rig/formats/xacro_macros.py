@@ -17,28 +17,28 @@ from typing import Any
 from lxml import etree
 
 from gimbal_pin.errors import RigError, UsageError
-from gimbal_pin.rig.bounded import Stopped, run
+from gimbal_pin.rig.bounded import ProcessStopped, run_bounded
 
-NAMESPACE = "ros.org/wiki/xacro"
+_NAMESPACE = "ros.org/wiki/xacro"
 
 
 def is_xacro(root: etree._Element, path: Path) -> bool:
     """Whether there is a macro in a file, or its name says so; a URDF that xacro wrote still names it."""
     if root.tag != "robot":
         return False
-    spaced = any(isinstance(e.tag, str) and NAMESPACE in e.tag for e in root.iter())
+    spaced = any(isinstance(e.tag, str) and _NAMESPACE in e.tag for e in root.iter())
     return spaced or path.suffix == ".xacro"
 
 
-def convert(path: Path, arguments: Mapping[str, str]) -> tuple[str, list[str], list[str]]:
+def convert_xacro(path: Path, arguments: Mapping[str, str]) -> tuple[str, list[str], list[str]]:
     """Return the URDF that the macros expand to, with those arguments, no notes, and the files that were read."""
     if find_spec("xacro") is None:
         mend = "install it (pip install 'gimbal_pin[xacro]'), or expand the file to a URDF"
         raise UsageError(str(path), "is a xacro file, which needs the package xacro", mend)
     try:
-        found = run(__name__, str(path.resolve()), json.dumps(dict(arguments)))
+        found = run_bounded(__name__, str(path.resolve()), json.dumps(dict(arguments)))
         return found["text"], [], found["files"]
-    except Stopped as error:
+    except ProcessStopped as error:
         mend = "mend it; arguments are given in the rig's YAML (xacro: {prefix: left_})"
         raise RigError(str(path), f"is a xacro file that does not expand ({error})", mend) from error
 
