@@ -387,8 +387,8 @@ def given(found: Difference) -> Given | None:
 
     def placed(extra: float) -> Array:
         """Change of the payload's ten parameters if it weighs so much more than was found, kg."""
-        propagate_misfit = shifted(inertia, frame, shift.change + extra * per_mass).toDynamicParameters()
-        return np.asarray(propagate_misfit * (whole + extra) / inertia.mass - phi)
+        moved = shifted(inertia, frame, shift.change + extra * per_mass).toDynamicParameters()
+        return np.asarray(moved * (whole + extra) / inertia.mass - phi)
 
     left = replace(found, change=found.change - own @ placed(0.0))
     hidden = own @ (placed(TRIAL * inertia.mass) - placed(0.0))[:, None]  # an unknown mass makes products, too

@@ -25,9 +25,11 @@ from gimbal_pin.regression.samples import (
     Flags,
     Samples,
     Segment,
+    SelectiveFilter,
     compute_decimation,
     compute_settling_time,
     design_row_filter,
+    filter_rows,
     find_moving_base,
     smooth_samples,
     split_segments,
@@ -161,11 +163,11 @@ class RowFilter(NamedTuple):
     few: slice
     rows: slice
     moving: Array
-    low_pass: Callable[[Array], Array]
+    low_pass: SelectiveFilter
 
     def filter_torque(self, tau: Array) -> Array:
         """Mask and filter a decimated torque, (m, n), and return its rows."""
-        return self.low_pass(tau * self.moving)[self.rows].copy()
+        return self.low_pass(tau * self.moving, self.rows).copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,13 +301,13 @@ class Design:
         way, moved = self.build_row_filter(channels, keep, rate), channels if moved is None else moved
         # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
         sections = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
-        smoother = partial(signals.zero_phase, sections=sections)
+        smoother = partial(filter_rows, sections=sections)
         jumping = _filter_columns(self.compute_effect_columns(moved), smoother, way.few)
         channels, moved = channels.select(way.few), moved.select(way.few)
         rigid = self.compute_rigid_columns(moved)
         tau = channels.tau - self.compute_unfitted_torque(moved, rigid) - self.compute_stated_torque(moved)
         A = _filter_columns(np.concatenate([rigid, jumping], axis=2), way.low_pass, way.rows, way.moving)
-        share = np.clip(way.low_pass(way.moving)[way.rows], 0.0, 1.0)
+        share = np.clip(way.low_pass(way.moving, way.rows), 0.0, 1.0)
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
         t, q, v = (x[way.rows].copy() for x in (channels.t, channels.q, channels.v))
         return Block(t, A, way.filter_torque(tau), q, v, share)
@@ -362,9 +364,7 @@ def compute_effect_columns(
     return out
 
 
-def _filter_columns(
-    columns: Array, low_pass: Callable[[Array], Array], keep: slice, mask: Array | None = None
-) -> Array:
+def _filter_columns(columns: Array, low_pass: SelectiveFilter, keep: slice, mask: Array | None = None) -> Array:
     """Run a filter over columns, (m, n, k), and return the samples `keep`, (r, n, k).
 
     Joint by joint, and only those columns that a joint feels: of a long chain's most feel hardly half.
@@ -375,7 +375,7 @@ def _filter_columns(
     for j in range(columns.shape[1]):
         felt = np.flatnonzero(columns[:, j].any(axis=0))
         own = columns[:, j, felt] if mask is None else columns[:, j, felt] * mask[:, [j]]
-        out[:, j, felt] = low_pass(own)[keep]
+        out[:, j, felt] = low_pass(own, keep)
     return out
 
 

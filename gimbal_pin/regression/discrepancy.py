@@ -111,21 +111,26 @@ def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     power = (float(z @ z) + rest) / free
     if not len(z) or power <= 0:
         return Misfit(0.0, float(np.sqrt(power)), np.zeros(X.shape[1]))
-    each = [left[:, group == GROUPS] @ left[:, group == GROUPS].T for group in range(GROUPS.max() + 1)]
+    each = np.stack([left[:, group == GROUPS] @ left[:, group == GROUPS].T for group in range(GROUPS.max() + 1)])
 
-    def cost(sizes: Array) -> tuple[float, float]:
+    def compute_costs(sizes: Array) -> tuple[Array, Array]:
+        """Akaike's criterion and the noise's power of so many choices of the variances, (c, groups): (c,) each."""
         root = np.linalg.cholesky(np.eye(len(z)) + np.tensordot(sizes, each, 1))
-        white = np.linalg.solve(root, z)
-        noise = (float(white @ white) + rest) / free
-        unlikely = free * float(np.log(max(noise, 1e-300))) + 2 * float(np.sum(np.log(np.diag(root))))
-        return unlikely + 2 * int(np.sum(sizes > 0)), noise
+        white = np.linalg.solve(root, z[:, None])[:, :, 0]
+        noise = (np.sum(white**2, axis=1) + rest) / free
+        spread = 2 * np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
+        return free * np.log(np.maximum(noise, 1e-300)) + spread + 2 * np.sum(sizes > 0, axis=1), noise
 
     sizes: Array = np.zeros(len(each))
     for _ in range(SWEEPS):
+        before = sizes
         for group in range(len(each)):
-            tried = [np.where(np.arange(len(sizes)) == group, x, sizes) for x in SIZES]
-            sizes = min(tried, key=lambda one: cost(one)[0])
-    noise = cost(sizes)[1]
+            tried = np.tile(sizes, (len(SIZES), 1))
+            tried[:, group] = SIZES
+            sizes = tried[np.argmin(compute_costs(tried)[0])]
+        if np.array_equal(sizes, before):
+            break
+    noise = float(compute_costs(sizes[None])[1][0])
     return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * sizes[GROUPS])
 
 

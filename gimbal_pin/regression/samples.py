@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
-from scipy.ndimage import gaussian_filter1d
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import signals
@@ -73,12 +72,32 @@ def _compute_gaussian_deviation(cutoff: float) -> float:
     return float(np.sqrt(np.log(2.0) / 2.0) / (np.pi * cutoff))
 
 
-def design_row_filter(filtering: Filtering, rate: float) -> Callable[[Array], Array]:
-    """Return the low-pass along the first axis that makes rows, for samples at `rate` Hz."""
+class SelectiveFilter(Protocol):
+    """A low-pass along the first axis of which only some rows are wanted."""
+
+    def __call__(self, signal: Array, rows: slice) -> Array:
+        """Return these rows of the filtered signal."""
+
+
+def design_row_filter(filtering: Filtering, rate: float) -> SelectiveFilter:
+    """Return the low-pass that makes rows, for samples at `rate` Hz."""
     if not filtering.compact:
-        return partial(signals.zero_phase, sections=signals.lowpass(filtering.cutoff, rate))
-    deviation = _compute_gaussian_deviation(filtering.cutoff) * rate
-    return partial(gaussian_filter1d, sigma=deviation, axis=0, mode="nearest", truncate=GAUSSIAN_REACH)
+        return partial(filter_rows, sections=signals.lowpass(filtering.cutoff, rate))
+    return partial(_smooth_rows, deviation=_compute_gaussian_deviation(filtering.cutoff) * rate)
+
+
+def filter_rows(signal: Array, rows: slice, sections: Array) -> Array:
+    """Return some rows of a signal that was run through sections forwards and backwards."""
+    return signals.zero_phase(signal, sections)[rows]
+
+
+def _smooth_rows(signal: Array, rows: slice, deviation: float) -> Array:
+    """Return some rows of a signal, (m, ...), under a Gaussian of so many samples; its ends are held beyond them."""
+    reach = int(GAUSSIAN_REACH * deviation + 0.5)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
+    padded = np.pad(signal, [(reach, reach), *[(0, 0)] * (signal.ndim - 1)], mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, len(kernel), axis=0)
+    return np.asarray(windows[rows] @ (kernel / kernel.sum()))
 
 
 def compute_decimation(filtering: Filtering, dt: float) -> int:

@@ -16,12 +16,13 @@ from benchmark.figure import Figure
 from benchmark.timing import alternating
 from gimbal_pin.dynamics.model import Model, friction_effects, nominal
 from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import CHUNK_SAMPLES, Block, Design, Filtering, Samples, factor_rows, solve_factors
 from gimbal_pin.rig.rig import Rig
 
-ROUNDS = {60_000: 11, 600_000: 3}
-"""Number of samples → how often each way is timed."""
+ROUNDS = {60_000: (11, 1.3), 600_000: (3, 1.2)}
+"""Number of samples → how often each way is timed, and how many times a bare loop with one QR `identify` may take."""
 Builder = Callable[..., Array]
 
 
@@ -29,17 +30,19 @@ def measure() -> Iterator[Figure]:
     """Yield the figures for every number of samples."""
     model = nominal(Rig.load("thesis"))
     yield from equivalence(model)
-    for count, rounds in ROUNDS.items():
-        yield from compared(model, count, rounds)
+    for count, (rounds, most) in ROUNDS.items():
+        yield from compared(model, count, rounds, most)
     yield from filtering(model, 60_000, 3)
 
 
-def compared(model: Model, count: int, rounds: int) -> Iterator[Figure]:
+def compared(model: Model, count: int, rounds: int, most: float) -> Iterator[Figure]:
     """Yield rates and ratios on `count` samples."""
     motion, tau = samples(model, count)
-    rows = unfiltered(model.rig)
+    rows, log = unfiltered(model.rig), noisy_log(model, count, np.random.default_rng(1))
     ways: dict[str, Callable[[], object]] = {
         "bare": lambda: bare(model.rig, motion),
+        "factored": lambda: factored(model.rig, motion, tau),
+        "identify": lambda: identify(model.rig, [log]),
         "ours": lambda: solution(rows, motion, tau),
     }
     if (build := figaroh()) is not None:
@@ -52,6 +55,7 @@ def compared(model: Model, count: int, rounds: int) -> Iterator[Figure]:
     yield Figure(f"{of}ours, built, factored and solved", rate["ours"], "k/s")
     yield Figure(f"{of}time of ours, solved / bare loop", times.ratio("ours", "bare"), at_most=2.5)
     yield Figure(f"{of}time of ours, solved / FIGAROH, built", times.ratio("ours", "figaroh"), at_most=1.0)
+    yield Figure(f"{of}time of identify / bare loop, one QR", times.ratio("identify", "factored"), at_most=most)
 
 
 def filtering(model: Model, count: int, rounds: int) -> Iterator[Figure]:
@@ -90,6 +94,18 @@ def bare(rig: Rig, motion: Motion) -> None:
     model, data, compute = rig.model, rig.model.createData(), pin.computeJointTorqueRegressor
     for q, v, a in zip(motion.q, motion.v, motion.a):
         compute(model, data, q, v, a)
+
+
+def factored(rig: Rig, motion: Motion, tau: Array) -> Array:
+    """Keep Pinocchio's regressor of every sample with friction's columns and the torque; return the R of one QR."""
+    n, data = rig.n, rig.model.createData()
+    rows = np.zeros((len(motion), n, 12 * n + 1))
+    for row, q, v, a in zip(rows, motion.q, motion.v, motion.a):
+        row[:, : 10 * n] = pin.computeJointTorqueRegressor(rig.model, data, q, v, a)
+    for j in range(n):
+        rows[:, j, 10 * n + j], rows[:, j, 11 * n + j] = np.sign(motion.v[:, j]), motion.v[:, j]
+    rows[:, :, -1] = tau
+    return np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r")
 
 
 def unfiltered(rig: Rig) -> Design:
