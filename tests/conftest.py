@@ -13,7 +13,7 @@ from tests.command_line import Run
 
 # A fixture that lasts a test, such as `tmp_path`, serves all examples of it: none of them reads what another left.
 ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-settings.register_profile("suite", ANY, max_examples=40, derandomize=True, database=None)
+settings.register_profile("suite", ANY, max_examples=12, derandomize=True, database=None)
 settings.register_profile("search", ANY, max_examples=2000)
 settings.load_profile("suite")
 

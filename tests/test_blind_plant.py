@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.blind.calibrate import calibrate, share_of, trial
@@ -160,7 +160,6 @@ def test_a_moving_base_costs_the_torque_that_mujoco_says() -> None:
 # dry friction --------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=200)
 @given(st.integers(0, 2**32 - 1))
 def test_dry_friction_opposes_motion_or_holds(seed: int) -> None:
     rng = np.random.default_rng(seed)

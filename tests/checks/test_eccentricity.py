@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.checks import Eccentricity, eccentricity
@@ -46,7 +46,6 @@ def test_a_pause_of_a_year_costs_nothing() -> None:
     assert found.size == pytest.approx(0.05, abs=4 * found.std)
 
 
-@settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), size=st.floats(0.02, 0.15), phase=st.floats(-3.1, 3.1), offset=st.floats(-0.5, 0.5))
 def test_what_was_planted_is_found_and_mended(seed: int, size: float, phase: float, offset: float) -> None:
     t, q, v = swinging(seed)
@@ -58,7 +57,6 @@ def test_what_was_planted_is_found_and_mended(seed: int, size: float, phase: flo
     assert np.std(error) < 0.1 * np.std(read - q)
 
 
-@settings(max_examples=30)
 @given(seed=st.integers(0, 10**6), scale=st.floats(0.95, 1.05), bias=st.floats(-0.05, 0.05), late=st.integers(0, 3))
 def test_a_rates_own_faults_are_no_eccentricity(seed: int, scale: float, bias: float, late: int) -> None:
     t, q, v = swinging(seed)

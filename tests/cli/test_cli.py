@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,9 @@ import pytest
 from gimbal_pin.cli import VERBS
 from gimbal_pin.cli.holding import Holding
 from gimbal_pin.control import HOLDING, Wish
+from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
+from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError
 from gimbal_pin.log import read_log, write_log
 from gimbal_pin.report.pipeline import tuned
@@ -24,7 +27,6 @@ from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result, whole
 
 ROOT = Path(__file__).parents[2]
-DATA = ROOT.parent / "shared" / "data"
 
 
 @pytest.fixture(scope="module")
@@ -148,20 +150,14 @@ def test_auto_has_both_controllers_the_one_asked_for_first(kind: str) -> None:
         assert wish.robust == (name == kind == "computed-torque")
 
 
-def test_real_double_pendulum(run: Run, tmp_path: Path) -> None:
-    """The longest log leaves no more torque than plain least squares does; `auto` walks through the shortest one."""
-    folder = DATA / "dfki_double_pendulum"
-    if not folder.is_dir():
-        pytest.skip("../shared/data/dfki_double_pendulum is not there")
-    names = [("q", "pos"), ("dq", "vel"), ("tau", "tau")]
-    pairs = [f"{ours}_{joint}={theirs}{k}" for k, joint in ((1, "shoulder"), (2, "elbow")) for ours, theirs in names]
-    mapping = [word for pair in ("t=time", *pairs) for word in ("--map", pair)]
-    long, short = (folder / f"20220812-{when}-PM_measured.csv" for when in ("061157", "060143"))
-    urdf, options = folder / "double_pendulum.urdf", (*mapping, "--cutoff", 15)
-    error = result(run, "identify", urdf, long, *options)["held_out"]["torque_rmse"]
-    assert error["shoulder"] <= 0.195 and error["elbow"] <= 0.122
+def test_auto_walks_from_a_log_to_a_report(
+    run: Run, log_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its diagnosis looks for two causes here, for all of them in README's, which `scripts/docs --run` runs."""
+    few = {name: CAUSES[name] for name in ("cogging", "stribeck")}
+    monkeypatch.setattr("gimbal_pin.report.pipeline.diagnose", partial(diagnose, causes=few))
     out = tmp_path / "out"
-    found = result(run, "auto", urdf, short, *options, "--kind", "pid", "--damping", "0.9", "-o", out)
+    found = result(run, "auto", "turret", log_file, "--kind", "pid", "--damping", "0.9", "-o", out)
     assert (found["tune"]["controller"], found["tune"]["wish"]["damping"]) == ("pid", 0.9)
     whole(out)
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from lxml import etree
 
@@ -106,7 +106,6 @@ def test_a_few_aliases_mean_what_they_stand_for(tmp_path: Path) -> None:
 SPELLED = st.text("ab01.:-,[]{}&*!?|>#'\"% \n\t_enx", max_size=40)
 
 
-@settings(max_examples=100)
 @given(SPELLED.map(str.encode) | st.binary(max_size=60))
 @example(b"\xff\xfea\0")
 @example(b"\xef\xbb\xbfa: 1")
@@ -304,7 +303,6 @@ def mutated(draw: st.DrawFn) -> str:
     return out
 
 
-@settings(max_examples=60)
 @given(mutated())
 def test_a_mutated_urdf_is_a_rig_or_refused_and_nobody_prints(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], text: str
@@ -394,7 +392,6 @@ WRONG = (
 )
 
 
-@settings(max_examples=80)
 @given(st.sampled_from(["model", *KINDS]), st.data())
 def test_a_mutated_model_or_controller_is_read_or_refused(tmp_path: Path, kind: str, data: st.DataObject) -> None:
     content = deepcopy(files()[kind])

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.control import (
@@ -160,7 +160,6 @@ def test_feed_forward_leads_a_ramp_of_acceleration_exactly() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 5.0))
-@settings(max_examples=40, deadline=None)
 def test_torque_never_exceeds_the_limit(seed: int, limit: float) -> None:
     rng, rig = np.random.default_rng(seed), loaded("thesis")
     tight = replace(rig, motors=tuple(replace(motor, tau_max=limit) for motor in rig.motors))
@@ -276,7 +275,6 @@ def test_braking_is_within_what_the_motor_has_at_every_pose(name: str) -> None:
 
 
 @given(st.floats(0.5, 30), st.floats(0.3, 2), st.floats(0, 0.5))
-@settings(deadline=None)
 def test_gains_place_the_poles(hz: float, damping: float, integral: float) -> None:
     w = 2 * np.pi * hz
     wanted = np.polymul([1, 2 * damping * w, w**2], [1, integral * w])
@@ -285,7 +283,6 @@ def test_gains_place_the_poles(hz: float, damping: float, integral: float) -> No
 
 
 @given(st.floats(0.0, 0.0055), st.integers(0, 2**32 - 1))
-@settings(max_examples=30, deadline=None)
 def test_sampled_plant_is_the_delayed_double_integrator(delay: float, seed: int) -> None:
     """Against the closed form of a piecewise constant input, delayed by any share of a sample."""
     u = np.random.default_rng(seed).standard_normal(12)
@@ -307,7 +304,6 @@ BOUNDS = Bounds(alpha=0.3, phi=0.2, inverse=20.0, cross_model=0.0, cross_pid=0.0
 
 
 @given(st.floats(1, 30), st.floats(0.4, 2), st.floats(0.05, 0.5))
-@settings(deadline=None, max_examples=30)
 def test_p_solves_the_lyapunov_equation_and_is_positive(hz: float, damping: float, integral: float) -> None:
     gains = Pid.placed(hz, damping, integral)
     A, Q, P = error_system(gains), weight(gains), lyapunov((gains,))[0]
@@ -398,7 +394,6 @@ def test_inside_the_layer_the_redesign_is_exactly_more_pid() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(deadline=None, max_examples=50)
 def test_w_is_never_longer_than_rho_and_meets_it_outside(seed: int) -> None:
     rng = np.random.default_rng(seed)
     law = Robust(lyapunov((GAINS,) * 3), BOUNDS, 2.0)

@@ -55,7 +55,7 @@ def by_hand(gains: Pid, samples: int) -> float:
 
 
 @given(st.floats(0.3, 1.1), st.integers(0, 6), st.floats(0.8, 1.5), st.floats(0.0, 0.2))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_the_search_is_exact_to_one_per_cent(margin: float, samples: int, damping: float, integral: float) -> None:
     """Against root finding on the margin by hand."""
     found = lowered(inf, Wish(None, damping, samples * DT, DT, integral=integral, disk_margin=margin), (1.0,))
@@ -74,7 +74,7 @@ DRIVES: list[tuple[Signal, ...]] = [
 
 @pytest.mark.parametrize("drive", DRIVES, ids=lambda drive: drive[0].name if drive else "plain")
 @given(st.floats(0.0, 0.006), st.floats(0.2, 1.0), st.floats(1e-6, 0.02), st.floats(1e-6, 0.3))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 def test_more_margin_or_delay_never_gives_more_bandwidth(
     drive: tuple[Signal, ...], delay: float, margin: float, more: float, further: float
 ) -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.control import Tracking, home, metrics, minimum_jerk, track, tune
@@ -26,7 +26,6 @@ METRICS = {"rise_time", "overshoot_percent", "settling_time", "steady_state_erro
 
 
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=4), st.floats(0.2, 2.0))
-@settings(max_examples=25, deadline=None)
 def test_minimum_jerk_rests_moves_and_rests(goal: list[float], move: float) -> None:
     start = np.linspace(-1, 1, len(goal))
     motion = minimum_jerk(start, np.array(goal), dt=0.001, move=move, before=0.1, after=0.2)
@@ -92,7 +91,6 @@ def generous(name: str, payload: str | None = None) -> Rig:
 
 
 @given(st.floats(3, 30), st.floats(0.2, 0.8), st.sampled_from([-0.4, 0.1, 0.5]))
-@settings(max_examples=30, deadline=None)
 def test_metrics_of_a_second_order_step_are_the_textbooks(w: float, damping: float, distance: float) -> None:
     """Overshoot exp(-π ζ/√(1 - ζ²)), settling within the envelope's 4/(ζ ω), error gone at the end."""
     t = np.arange(0, BEFORE + 12 / (damping * w), 1e-3)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -48,7 +48,6 @@ def by_hand(gains: Pid, dt: float, samples: int, omega: Any) -> Any:
 
 
 @given(st.floats(2, 12), st.floats(0.5, 1.5), st.floats(0, 0.3), st.integers(0, 4))
-@settings(max_examples=25, deadline=None)
 def test_margins_are_those_computed_by_hand(hz: float, damping: float, integral: float, samples: int) -> None:
     """Crossings by root finding on the z-transform; the disk margin as the least 2 |1 + L|/|1 - L|."""
     dt, gains = 0.001, Pid.placed(hz, damping, integral)

@@ -11,13 +11,11 @@ from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
 from gimbal_pin.diagnosis import BAND, Problem, State, gather, solved
-from gimbal_pin.diagnosis.uncertainty import beyond, binned, cluster_covariance, clustered, clusters, parameters
+from gimbal_pin.diagnosis.uncertainty import binned, cluster_covariance, parameters
 from gimbal_pin.dynamics import nominal, plant_with, reduce
 from gimbal_pin.effects import AsymmetricFriction, Backlash, CableSpring, Cause, Cogging, Parameter, parse_effect
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
-
-BINS = 10
 
 SEEDS = st.integers(0, 10**6)
 
@@ -50,15 +48,6 @@ def told(state: State) -> dict[str, Parameter]:
     return {p.name: p for cause in state.causes for p in parameters(state, cause)}
 
 
-@given(SEEDS, st.integers(3, 6))
-def test_of_white_noise_every_clustering_is_unbiased(seed: int, groups: int) -> None:
-    rows, width = 24, 2
-    basis, label = orthonormal(seed, rows, width), np.arange(rows) % groups
-    left = np.eye(rows) - basis @ basis.T
-    mean = sum((clustered(basis, row, label, width) for row in left), np.zeros((width, width)))
-    assert mean == pytest.approx(np.eye(width) * groups / (groups - 1), abs=1e-9)
-
-
 @given(SEEDS)
 def test_a_further_clustering_only_adds_doubt_and_the_order_of_rows_says_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -69,21 +58,6 @@ def test_a_further_clustering_only_adds_doubt_and_the_order_of_rows_says_nothing
     turn = rng.permutation(60)
     turned = cluster_covariance(basis[turn], residual[turn], [label[turn] for label in labels], 2)
     assert turned == pytest.approx(every, rel=1e-9)
-
-
-@given(SEEDS)
-def test_what_says_no_more_than_the_first_adds_nothing(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    first = np.cov(rng.normal(size=(3, 20)))
-    assert beyond(0.5 * first, first) == pytest.approx(np.zeros((3, 3)), abs=1e-12)
-    assert beyond(3.0 * first, first) == pytest.approx(2.0 * first, rel=1e-9)
-
-
-@given(SEEDS)
-def test_bins_hold_as_much_each_and_keep_joints_apart(seed: int) -> None:
-    label = binned(np.random.default_rng(seed).normal(size=(200, 2))).reshape(-1, 2)
-    assert np.bincount(label[:, 0]).tolist() == [20] * BINS
-    assert label[:, 1].min() == BINS and label[:, 1].max() == 2 * BINS - 1
 
 
 def test_an_error_that_comes_back_with_the_angle_is_in_the_interval_of_bins_and_not_of_blocks() -> None:
@@ -115,8 +89,3 @@ def test_planted_figures_lie_in_their_intervals_over_several_seeds(log: Log) -> 
 def test_of_two_shapes_of_which_only_the_product_matters_neither_has_a_deviation(log: Log) -> None:
     said = told(fitted(log, Backlash("pan", 0.01, 1e-3, 0.2)))
     assert np.isnan(said["gap"].std) and np.isnan(said["inertia"].std) and said["rotor_share"].std > 0
-
-
-def test_clusters_label_every_row(log: Log) -> None:
-    evidence = fitted(log, COGGING).problem.evidence
-    assert [len(label) for label in clusters(evidence)] == [evidence.rows * RIG.n] * 3

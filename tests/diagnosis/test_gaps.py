@@ -29,7 +29,6 @@ JOINT = RIG.joints[-1]
 
 
 @given(st.floats(5.0, 40.0), st.floats(0.05, 0.15), st.floats(0.1, 0.6), st.integers(0, 99))
-@settings(deadline=None, max_examples=10)
 def test_flanks_without_a_gap_are_a_spring(flank: float, damping: float, share: float, seed: int) -> None:
     """The link rings on a held motor at F's zero."""
     dt = 1e-4
@@ -40,7 +39,6 @@ def test_flanks_without_a_gap_are_a_spring(flank: float, damping: float, share: 
 
 
 @given(st.floats(1e-4, 0.02), st.floats(10.0, 60.0), st.floats(0.2, 1.5), st.integers(0, 99))
-@settings(deadline=None, max_examples=10)
 def test_a_flight_is_told_by_steps_of_a_millisecond(gap: float, flank: float, damping: float, seed: int) -> None:
     """Where the landings lie within a step hardly matters: steps a fiftieth as long tell the same."""
     t, phase = np.arange(0.0, 0.6, 1e-3), np.random.default_rng(seed).uniform(0, 6)
@@ -51,7 +49,7 @@ def test_a_flight_is_told_by_steps_of_a_millisecond(gap: float, flank: float, da
 
 
 @given(st.floats(0.1, 0.5), st.floats(10.0, 40.0), st.floats(-0.3, 0.3), st.integers(0, 99))
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 def test_flanks_pass_on_what_the_rigid_joint_would_ask_for(share: float, flank: float, load: float, seed: int) -> None:
     """``∫(y - load) dt = (I + J) v`` of two masses that push on each other through a gap with flanks that give."""
     dt, rotor, rng = 1e-4, 0.004, np.random.default_rng(seed)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
@@ -55,7 +55,6 @@ def test_a_spring_within_its_bounds_is_felt(frequency: float, damping: float, sh
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.6), st.floats(-0.3, 0.3), st.floats(0.0, 0.2))
-@settings(deadline=None, max_examples=25)
 def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(seed: int, share: float, load: float, brake: float) -> None:
     """Impulse of what acts, less friction and load, is the momentum of both masses at the rotor's rate."""
     rng, dt, inertia = np.random.default_rng(seed), 1e-4, 0.004
@@ -109,7 +108,6 @@ def swung(ring: JointFlexibility, inertia: float, dry: float, load: Array, push:
 
 
 @given(st.floats(5.0, 25.0), st.floats(0.02, 0.3), st.floats(0.1, 0.6), st.floats(0.0, 0.2), st.integers(0, 99))
-@settings(deadline=None, max_examples=20)
 def test_a_spring_passes_on_what_the_link_asks_for_while_the_rotor_sticks_too(
     frequency: float, damping: float, share: float, dry: float, seed: int
 ) -> None:
@@ -146,10 +144,9 @@ def brisk(joint: int, seed: int, seconds: float, dt: float) -> Motion:
     return Motion(slow.t, q, v, a)
 
 
-@pytest.mark.parametrize(("frequency", "share"), [(13.0, 0.2), (36.0, 0.15)])
-def test_a_spring_is_found_by_its_zero_in_the_band_or_far_above_it(frequency: float, share: float) -> None:
+def test_a_spring_is_found_by_its_zero() -> None:
     """Simulation and fit are of one formula, with dry friction on the rotor, which turns round and sticks."""
-    true, controller = JointFlexibility(JOINT, frequency, 0.08, share), tune(nominal(RIG), bandwidth_hz=2.0).controller
+    true, controller = JointFlexibility(JOINT, 13.0, 0.08, 0.2), tune(nominal(RIG), bandwidth_hz=2.0).controller
     reference = brisk(RIG.joint_index(JOINT), 5, 9.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
     problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce(RIG))
@@ -178,7 +175,6 @@ def test_bristles_are_told_from_others_by_damping_and_lengths(stroke: float, dam
 
 
 @given(st.floats(15, 30), st.floats(0.1, 0.3), st.floats(1.5, 3.0))
-@settings(max_examples=20)
 def test_far_under_its_resonance_a_spring_shows_one_figure_of_two(hertz: float, share: float, factor: float) -> None:
     command = np.sin(2 * np.pi * 2.0 * np.arange(2000) / 1000) * np.hanning(2000)
     other = factor * hertz, 1 / (1 + (1 / share - 1) * factor**2)  # the same (1/r - 1)/ω²

@@ -20,7 +20,7 @@ from gimbal_pin.diagnosis import (
     solved,
     write_diagnosis,
 )
-from gimbal_pin.diagnosis.next_experiment import Contest, contest, imagined, nearest
+from gimbal_pin.diagnosis.next_experiment import Contest, contest, imagined
 from gimbal_pin.diagnosis.parting import Apart, Parting
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, Backlash, Cause, JointFlexibility, parse_effect
@@ -94,57 +94,17 @@ def follows(planted: str) -> NextExperiment:
 
 @pytest.mark.parametrize("planted", AMBIGUOUS)
 def test_the_next_experiment_parts_what_was_ambiguous(rig: Rig, planted: str) -> None:
-    """Ambiguous on a first log, named with the next one; measured as far apart as promised."""
+    """Ambiguous on a first log, named with the next one, as is promised."""
     name, rival, _ = AMBIGUOUS[planted]
     causes, (first, before) = few(name, rival), begun(planted)
     assert before.verdict == "ambiguous" and {name, rival} <= set(before.findings[0].alike)
     plan = follows(planted)
     promised = next(p for p in plan.partings if {p.cause, p.rival} == {name, rival})
     assert plan.motion is not None and promised.expected is not None
-    assert promised.expected.deviations > 3 * promised.now.deviations
+    assert promised.expected.deviations > 3 * promised.now.deviations and promised.outcome == "named"
     after = said(rig, [first, recorded(rig, plan.motion, planted, 1)], causes)
     assert after.verdict == "named" and [(f.cause, f.joint) for f in after.findings] == [(name, planted.split(":")[1])]
-    assert after.state is not None
-    measured = contest(after.state, after.state.causes[0], causes[rival])
-    assert measured is not None
-    assert measured.apart(measured.known).deviations > max(3.92, promised.expected.deviations / 3)
     assert planned(after, causes, rng=np.random.default_rng(0)).planned is None
-
-
-@pytest.mark.parametrize("planted", AMBIGUOUS)
-def test_the_next_experiment_is_promised_to_name_what_it_names(planted: str) -> None:
-    """As the test above shows that it does."""
-    name, rival, _ = AMBIGUOUS[planted]
-    promised = next(p for p in follows(planted).partings if {p.cause, p.rival} == {name, rival})
-    assert promised.outcome == "named"
-
-
-def swept(rig: Rig, seconds: float) -> Motion:
-    """Three joints to and fro at two rates each, the second in small strokes."""
-    t = DT * np.arange(round(seconds / DT) + 1)
-    sizes, rates = np.array([[0.8, 0.1, 0.5], [0.1, 0.05, 0.08]]), np.array([[1.1, 0.9, 1.7], [2.9, 2.3, 3.7]])
-    turn = t[:, None, None] * rates
-    q, v, a = summed(sizes * np.sin(turn), sizes * rates * np.cos(turn), -sizes * rates**2 * np.sin(turn))
-    return Motion(t, q, v, a)
-
-
-def summed(*waves: Array) -> list[Array]:
-    """Sum over the rates, (m, 2, n) each."""
-    return [np.sum(wave, axis=1) for wave in waves]
-
-
-def test_friction_of_the_weight_is_parted_from_one_of_the_angle_where_another_joint_turns_the_weight() -> None:
-    """On the next experiment's log alone it is named."""
-    rig, planted = Rig.load("handheld"), "load-dependent-friction:tilt:mu=0.2,weighs=1"
-    causes = few("load-dependent-friction", "position-dependent-friction")
-    first = recorded(rig, swept(rig, 45.0), planted, 0)
-    before = said(rig, [first], causes)
-    assert before.verdict == "ambiguous"
-    plan = designed(before, causes, tries=30)
-    assert plan.motion is not None and plan.partings[0].outcome == "named"
-    assert np.ptp(plan.motion.q[:, 1]) > 2 * np.ptp(first.q[:, 1])
-    after = said(rig, [recorded(rig, plan.motion, planted, 1)], causes)
-    assert after.verdict == "named" and after.findings[0].cause == "load-dependent-friction"
 
 
 @pytest.fixture(scope="module")
@@ -240,14 +200,6 @@ def test_many_deviations_of_what_looks_alike_are_not_told_as_if_they_parted_it()
     assert "253" not in loud and "nearly the same torque on these logs, 400 standard deviations apart with" in loud
 
 
-def test_what_is_left_of_a_column_does_not_depend_on_scale_or_copies() -> None:
-    rng = np.random.default_rng(0)
-    A, b = rng.standard_normal((50, 4)), rng.standard_normal(50)
-    plain, copies = nearest(A, b)[1], [A * [1e-9, 1.0, 1e9, 3.0], A[:, :1] - A[:, 1:2], np.zeros((50, 1))]
-    assert nearest(np.hstack(copies), b)[1] == pytest.approx(plain, rel=1e-9)
-    assert plain == pytest.approx(np.linalg.norm(b - A @ np.linalg.pinv(A) @ b), rel=1e-9)
-
-
 @cache
 def cogged() -> Diagnosis:
     """What a log of a cogging motor says."""
@@ -255,9 +207,7 @@ def cogged() -> Diagnosis:
     return said(Rig.load("turret"), [log], few("cogging"))
 
 
-@pytest.mark.parametrize(
-    "cause", [JointFlexibility("tilt", 30.0, 0.1, 0.3), Backlash("tilt", 1e-3), Backlash("tilt", 1e-3, 1e-3, 0.25)]
-)
+@pytest.mark.parametrize("cause", [JointFlexibility("tilt", 30.0, 0.1, 0.3), Backlash("tilt", 1e-3, 1e-3, 0.25)])
 def test_what_is_behind_the_motors_friction_is_imagined_on_another_motion(rig: Rig, cause: Cause) -> None:
     """What the joint bears comes from the logs: a motion of another length has other rows than their fit."""
     found = cogged()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -12,17 +11,16 @@ import numpy as np
 import pytest
 
 from gimbal_pin.checks import CHECKS
-from gimbal_pin.cli.diagnose import diagnose as verb
 from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival
-from gimbal_pin.diagnosis.findings import rough
-from gimbal_pin.effects import CAUSES, Parameter, TorqueRipple
+from gimbal_pin.effects import CAUSES, TorqueRipple
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
+from tests.command_line import Run
 from tests.diagnosis.test_forms import SEEN
 
 
-def test_the_help_lists_every_cause() -> None:
-    said = inspect.getdoc(verb) or ""
+def test_the_help_lists_every_cause(run: Run) -> None:
+    said = run("diagnose", "--help")[1]
     assert {*CAUSES, *CHECKS, "platform-motion"} <= set(re.findall(r"[a-z]+(?:-[a-z]+)*", said))
 
 
@@ -47,13 +45,6 @@ def test_less_than_one_turn_of_a_ripple_is_a_bend(harmonic: tuple[float, ...], b
     alike = TorqueRipple("tilt", harmonic).blurred(SEEN._replace(travel=1.0))
     assert ("encoder-offset" in alike) == ("torque-gain" in alike) == bent
     assert TorqueRipple("tilt", harmonic).blurred(SEEN._replace(travel=4 * np.pi)) == ()
-
-
-def test_a_size_that_the_log_hardly_tells_is_told_as_rough() -> None:
-    """Beyond half of itself; not what may have either sign, which may be near zero and known, nor what was set."""
-    limit, phase = Parameter("limit", 1.0, "N m", 0.0, 10.0), Parameter("phase", 0.0, "rad", -3.0, 3.0)
-    assert rough([replace(limit, std=0.1), replace(phase, std=0.1), limit]) == ""
-    assert rough([replace(limit, std=0.51), replace(limit, name="knee", std=2.0)]) == " (limit, knee only roughly)"
 
 
 def test_beside_an_unknown_residual_the_payload_is_told_as_rough() -> None:

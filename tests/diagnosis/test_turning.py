@@ -138,6 +138,7 @@ def test_friction_that_builds_up_where_joints_turn_swiftly_is_found(rig: Rig, mo
     assert [(one.cause, one.joint) for one in found.findings] == [("presliding", rig.joints[0])]
 
 
+@pytest.mark.slow
 @pytest.mark.xfail(reason="saturation at the right joint, at 1.769 N m for 1.825 N m", strict=True)
 def test_a_drive_that_saturates_only_where_joints_turn_is_found(rig: Rig, motion: Motion) -> None:
     """Whenever the motor is at its limit, the drive asks for half as much again."""

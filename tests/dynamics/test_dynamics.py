@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from lxml import etree
@@ -109,7 +109,6 @@ def diagonal(rig: Rig) -> Rig:
     return rig.with_phi(np.concatenate([body.toDynamicParameters() for body in bodies]))
 
 
-@settings(max_examples=30)
 @given(THREE)
 def test_pose_of_the_cradle_is_equation_3_24(q: np.ndarray) -> None:
     rig = bundled("thesis")
@@ -128,7 +127,6 @@ def test_pose_of_the_cradle_is_equation_3_24(q: np.ndarray) -> None:
     np.testing.assert_allclose(data.oMi[3].translation, [0, 0, h], atol=1e-15)
 
 
-@settings(max_examples=30)
 @given(THREE)
 def test_jacobians_are_equations_3_32_and_3_33(q: np.ndarray) -> None:
     rig = bundled("thesis")
@@ -140,7 +138,6 @@ def test_jacobians_are_equations_3_32_and_3_33(q: np.ndarray) -> None:
         np.testing.assert_allclose(ours[:3], 0, atol=1e-12)
 
 
-@settings(max_examples=30)
 @given(THREE, THREE, THREE, st.integers(0, 2**32 - 1), st.booleans())
 def test_torque_is_the_thesis_closed_form(
     q: np.ndarray, v: np.ndarray, a: np.ndarray, seed: int, as_thesis: bool

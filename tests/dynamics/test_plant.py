@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 from scipy.integrate import solve_ivp
@@ -110,7 +110,6 @@ def test_energy_is_kept(name: str) -> None:
     assert energy(rig, after.q, after.v) == pytest.approx(energy(rig, state.q, state.v), abs=1e-7)
 
 
-@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([*SMOOTH, "wheel", "sledge"]))
 def test_inverse_undoes_the_plant(seed: int, name: str) -> None:
     """Model.inverse(q, v, a) of the plant's acceleration is the torque that it was given, while all joints slide."""
@@ -146,7 +145,6 @@ FORCE = st.floats(0, 5).map(lambda x: round(x, 3))
 PUSH = st.floats(-5, 5).map(lambda x: round(x, 3))
 
 
-@settings(max_examples=150)
 @given(PUSH, PUSH, FORCE, st.floats(0.01, 3), st.integers(1, 200))
 def test_wheel_slides_stops_and_sticks_as_on_paper(
     v: float, push: float, dry: float, seconds: float, steps: int
@@ -161,7 +159,6 @@ def test_wheel_slides_stops_and_sticks_as_on_paper(
         assert after.v[0] == 0
 
 
-@settings(max_examples=30)
 @given(PUSH, PUSH, st.floats(0, 15).map(lambda x: round(x, 3)), st.floats(0.01, 2))
 def test_sledge_on_a_slope(v: float, push: float, dry: float, seconds: float) -> None:
     """Gravity pulls with m g sin(slope) down the rails; under more dry friction than that, it stays where it is."""
@@ -184,7 +181,6 @@ def test_breakaway_is_sharp(share: float, moves: bool, way: float) -> None:
 # --- several joints -------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SMOOTH))
 def test_below_breakaway_nothing_moves_at_all(seed: int, name: str) -> None:
     rig, rng = known(name), np.random.default_rng(seed)
@@ -195,7 +191,6 @@ def test_below_breakaway_nothing_moves_at_all(seed: int, name: str) -> None:
     np.testing.assert_array_equal(after.v, 0)
 
 
-@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SMOOTH), st.floats(1.01, 3))
 def test_above_breakaway_the_pushed_joint_moves(seed: int, name: str, share: float) -> None:
     rig, rng = known(name), np.random.default_rng(seed)
@@ -219,7 +214,6 @@ def consistent_modes(rig: Rig, q: np.ndarray, tau: np.ndarray, dry: np.ndarray) 
     return out
 
 
-@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["pendulum", "pendulum", *SMOOTH]))
 def test_from_rest_the_joints_slide_in_the_one_consistent_way(seed: int, name: str) -> None:
     """A joint that another one drags may not go the way that it was pushed at first."""
@@ -235,7 +229,6 @@ def test_from_rest_the_joints_slide_in_the_one_consistent_way(seed: int, name: s
     np.testing.assert_allclose(after.v, 1e-5 * a, atol=1e-6 * (1 + np.abs(a).max()) * 1e-2)
 
 
-@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SMOOTH))
 def test_energy_never_grows_without_torque(seed: int, name: str) -> None:
     rig, rng = known(name), np.random.default_rng(seed)

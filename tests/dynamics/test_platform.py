@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 from scipy.spatial.transform import Rotation
@@ -39,7 +39,6 @@ def shaken(seed: int, count: int = 20) -> tuple[Platform, Array, Array]:
 # --- the equation of the motion itself ------------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
 @given(st.lists(st.floats(-1.4, 1.4), min_size=12, max_size=12))
 def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity(numbers: list[float]) -> None:
     """R' = R [w]x and w' = dw along ``e(t) = e0 + e1 sin t + e2 cos 2t``, by five-point differences."""

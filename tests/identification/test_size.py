@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gimbal_pin.dynamics import nominal, reduce
@@ -22,7 +22,6 @@ def counted(samples: int, dt: float, start: float = 0.0) -> Log:
     return Log("counted", ("a",), t, np.arange(samples, dtype=float)[:, None])
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.integers(2, 9), st.floats(2.0, 30.0), st.floats(2.1, 9.0), st.floats(-1e3, 1e3))
 def test_stretches_stand_for_the_whole_log(count: int, used: float, times: float, shift: float) -> None:
     """In order, apart, as long as asked, evenly over the log with both ends, wherever its clock starts."""

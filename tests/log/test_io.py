@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -116,7 +116,6 @@ def logs(draw: st.DrawFn) -> Log:
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".tsv", ".txt", PARQUET])
-@settings(max_examples=25)
 @given(log=logs())
 def test_log_reads_back_exactly(suffix: str, log: Log, rig: Rig, tmp_path: Path) -> None:
     path = tmp_path / f"log{suffix}"
@@ -126,7 +125,6 @@ def test_log_reads_back_exactly(suffix: str, log: Log, rig: Rig, tmp_path: Path)
 
 
 @pytest.mark.parametrize("suffix", [".csv", PARQUET])
-@settings(max_examples=30)
 @given(log=logs(), data=st.data())
 def test_motion_reads_back_exactly(suffix: str, log: Log, data: st.DataObject, rig: Rig, tmp_path: Path) -> None:
     v, a = (data.draw(block(name, *log.q.shape)) for name in ("v", "a"))
@@ -281,7 +279,6 @@ def test_a_log_that_records_no_torque_cannot_answer(rig: Rig, tmp_path: Path) ->
     assert io.read_log(tmp_path / "log.csv", rig, need_tau=False).tau is None
 
 
-@settings(max_examples=25)
 @given(
     row=st.integers(0, 30),
     place=st.integers(0, 4),
@@ -555,7 +552,6 @@ def test_yaml_maps_like_entries(tmp_path: Path) -> None:
     scale=st.floats(1e-3, 1e3),
     data=hnp.arrays(np.float64, (4, 4), elements=st.floats(-100, 100).map(lambda x: round(x, 12))),
 )
-@settings(max_examples=25)
 def test_mapping_scales_columns(scale: float, data: np.ndarray, rig: Rig, tmp_path: Path) -> None:
     columns = dict(zip(("us", "a", "b", "c", "d"), np.vstack([np.arange(4) * 2000.0, data.T])))
     csv.write_csv(columns, tmp_path / "x.csv")
@@ -637,7 +633,6 @@ def test_a_motor_that_is_at_its_limit_most_of_the_time_is_mentioned(rig: Rig, tm
         assert len(events) == count and all(f"{10 * often} %" in event for event in events)
 
 
-@settings(max_examples=20)
 @given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 0.1]))
 def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: float) -> None:
     """However coarse or noisy; in two units, or with t in ms, they are refused, standing joints never."""
@@ -659,7 +654,6 @@ def test_two_channels_of_one_name_are_refused(rig: Rig) -> None:
         columns.resolve_mapping(rig, groups, ())
 
 
-@settings(max_examples=25)
 @given(
     coefficients=hnp.arrays(np.float64, (4, 2), elements=st.floats(-2, 2)),
     drop=st.sampled_from([("a",), ("v", "a"), ("v",)]),
@@ -707,7 +701,6 @@ def test_replacing_leaves_the_old_file_when_the_block_fails(tmp_path: Path) -> N
 
 
 @given(content=st.binary() | st.text(st.characters(exclude_categories=["Cs"])))
-@settings(max_examples=25)
 def test_atomic_write_writes_every_byte(content: str | bytes, tmp_path: Path) -> None:
     files.atomic_write(tmp_path / "x", content)
     assert (tmp_path / "x").read_bytes() == (content.encode() if isinstance(content, str) else content)
@@ -762,7 +755,6 @@ trees = st.recursive(
 
 
 @given(tree=trees)
-@settings(max_examples=25)
 def test_yaml_and_json_round_trip(tree: object, tmp_path: Path) -> None:
     files.write_yaml(tree, tmp_path / "x.yaml")
     assert reading.read_yaml(tmp_path / "x.yaml") == tree

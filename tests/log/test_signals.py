@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -31,7 +31,6 @@ def inside(signal: np.ndarray, cutoff: float, times: float = 2.0) -> np.ndarray:
 # --- the filter -----------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=30)
 @given(SEED, CUTOFF, st.floats(-5, 5), st.floats(-5, 5))
 def test_filter_is_linear(seed: int, cutoff: float, a: float, b: float) -> None:
     x, y, sections = wander(seed), wander(seed + 1), lowpass(cutoff, RATE)
@@ -40,7 +39,6 @@ def test_filter_is_linear(seed: int, cutoff: float, a: float, b: float) -> None:
     np.testing.assert_allclose(mixed, parts, rtol=0, atol=1e-9 * (1 + np.abs(x).max() + np.abs(y).max()))
 
 
-@settings(max_examples=30)
 @given(SEED, CUTOFF)
 def test_filter_takes_each_column_by_itself(seed: int, cutoff: float) -> None:
     x, sections = wander(seed), lowpass(cutoff, RATE)
@@ -48,7 +46,6 @@ def test_filter_takes_each_column_by_itself(seed: int, cutoff: float) -> None:
         np.testing.assert_array_equal(zero_phase(x, sections)[:, j], zero_phase(x[:, [j]], sections)[:, 0])
 
 
-@settings(max_examples=30)
 @given(SEED, st.floats(10, 80))
 def test_filter_does_not_know_which_way_time_runs(seed: int, cutoff: float) -> None:
     x, sections = wander(seed), lowpass(cutoff, RATE)
@@ -56,7 +53,6 @@ def test_filter_does_not_know_which_way_time_runs(seed: int, cutoff: float) -> N
     np.testing.assert_allclose(inside(there, cutoff), inside(back, cutoff), rtol=0, atol=1e-7 * np.abs(x).max())
 
 
-@settings(max_examples=30)
 @given(CUTOFF)
 def test_impulse_response_is_even_and_sums_to_one(cutoff: float) -> None:
     impulse = np.zeros((4001, 1))
@@ -66,14 +62,12 @@ def test_impulse_response_is_even_and_sums_to_one(cutoff: float) -> None:
     assert response.sum() == pytest.approx(1.0, abs=1e-9)
 
 
-@settings(max_examples=30)
 @given(CUTOFF, st.floats(-1e3, 1e3), st.integers(2, 1500))
 def test_constants_pass_whole(cutoff: float, level: float, samples: int) -> None:
     constant = np.full((samples, 2), level)
     np.testing.assert_allclose(zero_phase(constant, lowpass(cutoff, RATE)), constant, rtol=1e-9, atol=1e-9)
 
 
-@settings(max_examples=30)
 @given(st.floats(10, 80), st.floats(-10, 10), st.floats(-100, 100))
 def test_straight_lines_pass_whole_away_from_the_ends(cutoff: float, level: float, slope: float) -> None:
     line = (level + slope * np.arange(1500) / RATE)[:, None]
@@ -81,7 +75,6 @@ def test_straight_lines_pass_whole_away_from_the_ends(cutoff: float, level: floa
     np.testing.assert_allclose(inside(error, cutoff), 0, atol=1e-7 * (1 + abs(slope)))
 
 
-@settings(max_examples=30)
 @given(st.floats(10, 80), st.floats(1, 200))
 def test_gain_of_a_sine_is_butterworths_twice_and_its_phase_none(cutoff: float, frequency: float) -> None:
     """|H|² = 1 / (1 + (tan(πf/r) / tan(πf_c/r))⁶): a half, -6 dB, at the cutoff."""
@@ -110,7 +103,6 @@ def test_a_cutoff_beyond_the_samples_is_held_below_nyquist() -> None:
 # --- derivative and interpolation -----------------------------------------------------------------------------------
 
 
-@settings(max_examples=30)
 @given(COEFFICIENTS, st.floats(1e-3, 0.1), st.integers(5, 40))
 def test_derivative_of_a_quartic_is_exact_inside(coefficients: np.ndarray, dt: float, samples: int) -> None:
     t = dt * np.arange(samples)
@@ -120,7 +112,6 @@ def test_derivative_of_a_quartic_is_exact_inside(coefficients: np.ndarray, dt: f
     np.testing.assert_allclose(slope[2:-2], polynomial.deriv()(t)[2:-2], rtol=0, atol=1e-13 * scale / dt)
 
 
-@settings(max_examples=30)
 @given(COEFFICIENTS, st.floats(1e-3, 0.1), st.integers(3, 40))
 def test_derivative_next_to_the_ends(coefficients: np.ndarray, dt: float, samples: int) -> None:
     """Straight lines to the last sample, parabolas to the last but one."""
@@ -132,7 +123,6 @@ def test_derivative_next_to_the_ends(coefficients: np.ndarray, dt: float, sample
         np.testing.assert_allclose(slope[rows], polynomial.deriv()(t)[rows], rtol=0, atol=1e-13 * scale / dt)
 
 
-@settings(max_examples=30)
 @given(st.floats(1, 40))
 def test_derivative_of_a_sine_errs_as_stated(frequency: float) -> None:
     """By (ω dt)⁴/30 of itself, to leading order."""
@@ -151,7 +141,6 @@ def grids(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
     return t, np.sort(rng.uniform(t[0], t[-1], draw(st.integers(1, 60))))
 
 
-@settings(max_examples=30)
 @given(grids(), COEFFICIENTS)
 def test_interpolation_is_exact_at_the_samples_and_on_parabolas(
     case: tuple[np.ndarray, np.ndarray], coefficients: np.ndarray
@@ -168,7 +157,6 @@ def test_interpolation_is_exact_at_the_samples_and_on_parabolas(
         )
 
 
-@settings(max_examples=30)
 @given(st.floats(-5, 5), st.floats(0.01, 1))
 def test_interpolation_of_a_cubic_errs_by_a_sixtieth_of_its_third_difference(third: float, h: float) -> None:
     """Central slopes err by h² f‴/6, so the curve by h³ f‴/6 · s (1 - s) (1 - 2s): at most 0.016 h³ f‴."""
@@ -202,7 +190,6 @@ def smooth(seed: int, samples: int = 20_000) -> np.ndarray:
     return np.stack([np.sin(2 * np.pi * f * t + p).sum(axis=1) for f, p in zip(frequency, phase)], axis=1)
 
 
-@settings(max_examples=20)
 @given(SEED, st.floats(-5, 1))
 def test_white_noise_on_a_smooth_signal_is_measured(seed: int, exponent: float) -> None:
     std = 10.0**exponent * np.array([1.0, 3.0])
@@ -222,7 +209,6 @@ def test_a_smooth_signal_has_no_noise() -> None:
     np.testing.assert_array_equal(noise_std(np.ones((7, 2))), [0, 0])
 
 
-@settings(max_examples=30)
 @given(SEED, st.floats(1e-3, 1e3), hnp.arrays(float, 3, elements=st.floats(-5, 5)))
 def test_noise_follows_the_unit_and_ignores_parabolas_and_jumps(seed: int, unit: float, curve: np.ndarray) -> None:
     noise = np.random.default_rng(seed).standard_normal((1000, 1))
@@ -233,7 +219,6 @@ def test_noise_follows_the_unit_and_ignores_parabolas_and_jumps(seed: int, unit:
     np.testing.assert_allclose(noise_std(jumping), plain, rtol=0.05)
 
 
-@settings(max_examples=20)
 @given(SEED, st.floats(0.003, 0.05), st.integers(12, 40))
 def test_jumps_of_a_torque_that_chatters_are_none_of_its_noise(seed: int, std: float, every: int) -> None:
     """However often its sign changes; of a torque that does not chatter nothing is left out."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from gimbal_pin.dynamics import friction_effects, nominal, reduce
@@ -91,7 +91,6 @@ def test_decimation_does_not_show(name: str, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @given(v=st.floats(-1.0, 1.0), a=st.floats(-5.0, 5.0), step=st.floats(0.01, 0.5))
-@settings(max_examples=50)
 def test_the_direction_is_the_mean_sign_of_a_straight_rate(v: float, a: float, step: float) -> None:
     assume(v == 0.0 or abs(v) > 1e-9)  # slower is still
     around = (np.arange(20_000) + 0.5) / 20_000 * step - step / 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.errors import UsageError
@@ -22,7 +22,6 @@ def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) ->
     return twins[0], twins[1], theta
 
 
-@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_repeated_readings_do_not_care_which_comes_first(seed: int) -> None:
     first, second, _ = regression(np.random.default_rng(seed), noise=0.3)
@@ -30,7 +29,6 @@ def test_repeated_readings_do_not_care_which_comes_first(seed: int) -> None:
     assert np.allclose(one.theta, other.theta) and np.allclose(one.covariance, other.covariance)
 
 
-@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_the_regressor_as_its_own_instrument_is_least_squares(seed: int) -> None:
     block, _, _ = regression(np.random.default_rng(seed))
@@ -40,7 +38,6 @@ def test_the_regressor_as_its_own_instrument_is_least_squares(seed: int) -> None
         assert np.allclose(found.std, plain.std, rtol=0.05)
 
 
-@settings(max_examples=15)
 @given(st.integers(0, 2**32 - 1))
 def test_with_one_joint_the_regressor_as_instrument_is_ordinary_least_squares(seed: int) -> None:
     block, _, _ = regression(np.random.default_rng(seed))

@@ -59,7 +59,6 @@ def holed(log: Log, pattern: tuple[int, int, float]) -> Log:
 
 
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-5, 1e-2), jitter=st.floats(0.0, 0.3))
-@settings(max_examples=20)
 def test_resolution_is_the_noise_whatever_the_spacing(seed: int, size: float, jitter: float) -> None:
     rng = np.random.default_rng(seed)
     t = DT * (np.arange(4000) + jitter * rng.uniform(-1, 1, 4000))
@@ -70,7 +69,6 @@ def test_resolution_is_the_noise_whatever_the_spacing(seed: int, size: float, ji
 
 
 @given(PATTERN)
-@settings(max_examples=25)
 def test_what_fills_a_hole_is_where_the_joint_was(pattern: tuple[int, int, float]) -> None:
     log = holed(recorded(), pattern)
     whole, closed = filled(log, CUTOFF)
@@ -84,7 +82,6 @@ def test_what_fills_a_hole_is_where_the_joint_was(pattern: tuple[int, int, float
 
 
 @given(PATTERN)
-@settings(max_examples=25)
 def test_holes_that_are_long_or_in_fast_motion_stay(pattern: tuple[int, int, float]) -> None:
     """The true motion's chord misses it by no more than a few times the resolution wherever a hole is closed."""
     log = holed(recorded(), pattern)
@@ -98,7 +95,6 @@ def test_holes_that_are_long_or_in_fast_motion_stay(pattern: tuple[int, int, flo
 
 
 @given(PATTERN)
-@settings(max_examples=10)
 def test_nothing_is_fitted_in_a_hole(pattern: tuple[int, int, float]) -> None:
     log = holed(recorded(), pattern)
     for stretch in split_segments(log, CUTOFF, across=0.05):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.log.log import Array
@@ -18,7 +18,6 @@ def draw_rows(seed: int, rows: int = 120) -> Array:
     return np.concatenate([A * share, b * share, share], axis=2)
 
 
-@settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.lists(st.integers(1, 119), max_size=6))
 def test_rows_in_any_portions_are_the_batch(seed: int, cuts: list[int]) -> None:
     rows, moments = draw_rows(seed), Moments.empty(2, 4)

@@ -38,7 +38,6 @@ def cut(whole: Block, parts: int) -> list[Block]:
     return [Block(*(x[rows] for x in whole)) for rows in np.array_split(np.arange(len(whole.t)), parts)]
 
 
-@settings(max_examples=25, deadline=None)
 @given(SEEDS, st.integers(1, 7))
 def test_the_factor_is_that_of_the_stack_however_it_is_cut(seed: int, parts: int) -> None:
     whole = draw_block(np.random.default_rng(seed))
@@ -47,7 +46,6 @@ def test_the_factor_is_that_of_the_stack_however_it_is_cut(seed: int, parts: int
         assert np.allclose(R.T @ R, rows[:, j].T @ rows[:, j], atol=1e-9)
 
 
-@settings(max_examples=10, deadline=None)
 @given(SEEDS, st.integers(0, 3))
 def test_leaving_a_block_out_is_the_fit_without_it(seed: int, left_out: int) -> None:
     blocks = cut(draw_block(np.random.default_rng(seed)), 4)
@@ -57,7 +55,6 @@ def test_leaving_a_block_out_is_the_fit_without_it(seed: int, left_out: int) -> 
     assert np.allclose(solve_factors(others, ONE).theta, solve_factors(again, ONE).theta, rtol=1e-9)
 
 
-@settings(max_examples=10, deadline=None)
 @given(SEEDS)
 def test_a_stream_of_blocks_is_the_batch(seed: int) -> None:
     blocks = cut(draw_block(np.random.default_rng(seed), 200), 9)
@@ -69,7 +66,6 @@ def test_a_stream_of_blocks_is_the_batch(seed: int) -> None:
     assert np.allclose(stream.information, batch.information, rtol=1e-9)
 
 
-@settings(max_examples=10, deadline=None)
 @given(SEEDS)
 def test_groups_of_columns_are_chosen_without_the_rows(seed: int) -> None:
     block, places = draw_block(np.random.default_rng(seed)), [3, 0, 4]
@@ -97,7 +93,6 @@ def test_a_planted_model_is_recovered_within_its_deviations(fit: object) -> None
     assert found.rows == 400 and np.allclose(found.residual_std, 0.01, rtol=0.1)
 
 
-@settings(max_examples=10, deadline=None)
 @given(SEEDS, st.floats(1e-3, 1e3))
 def test_units_of_parameters_and_the_order_of_joints_do_not_matter(seed: int, unit: float) -> None:
     rng = np.random.default_rng(seed)
@@ -110,7 +105,7 @@ def test_units_of_parameters_and_the_order_of_joints_do_not_matter(seed: int, un
     assert np.allclose(turned.theta, found.theta, rtol=1e-9) and np.allclose(turned.std, found.std, rtol=1e-9)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(SEEDS, st.floats(1e-2, 1e2))
 def test_weighting_does_not_depend_on_a_joints_unit(seed: int, unit: float) -> None:
     """Torque of one joint in another unit: the weights undo it, plain least squares does not."""

@@ -34,7 +34,7 @@ from tests.command_line import heard
 GHOST = "/meshcat/ghost"
 RIG = "/meshcat/rig"
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
+SIGNALS = (signal.SIGTERM, signal.SIGKILL)
 UPGRADE = {"Connection": "Upgrade", "Upgrade": "websocket", "Sec-WebSocket-Version": "13", "Sec-WebSocket-Key": "eA=="}
 
 Viewers = Mapping[signal.Signals, tuple[subprocess.Popen[str], str]]
@@ -135,7 +135,7 @@ def test_every_socket_listens_on_this_machine_alone(viewers: Viewers) -> None:
 
 
 def test_only_who_has_the_address_and_is_no_other_page_gets_the_scene(viewers: Viewers) -> None:
-    _, url = viewers[signal.SIGHUP]
+    _, url = viewers[signal.SIGTERM]
     at = urlsplit(url)
     home = f"127.0.0.1:{at.port}"
     status, page = answer(url)
@@ -154,7 +154,7 @@ def test_only_who_has_the_address_and_is_no_other_page_gets_the_scene(viewers: V
 
 
 def test_what_is_no_request_harms_nothing(viewers: Viewers) -> None:
-    process, url = viewers[signal.SIGINT]
+    process, url = viewers[signal.SIGTERM]
     port, rng = urlsplit(url).port or 0, np.random.default_rng(1)
     good = f"GET {urlsplit(url).path} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
     broken = [

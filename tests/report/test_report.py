@@ -12,7 +12,7 @@ import lxml.html
 import matplotlib
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from markupsafe import Markup
 
@@ -26,7 +26,6 @@ from gimbal_pin.regression import Filtering
 from gimbal_pin.report import (
     FILES,
     Auto,
-    Evaluated,
     Section,
     Table,
     evaluate,
@@ -42,13 +41,10 @@ from gimbal_pin.report import (
     verdict,
 )
 from gimbal_pin.report import format as numbers
-from gimbal_pin.report.evaluation import Part, known
-from gimbal_pin.report.format import PALETTE, joint_colours
-from gimbal_pin.report.html import anchors
+from gimbal_pin.report.evaluation import known
 from gimbal_pin.report.sections.control import tracking
 from gimbal_pin.report.sections.data import data, rig_section
-from gimbal_pin.report.sections.model import broken, parameters, rounded, torque, worst
-from gimbal_pin.report.summary import cautions, outdone
+from gimbal_pin.report.sections.model import parameters, torque
 from gimbal_pin.report.view import record
 from gimbal_pin.rig import Rig, to_sliding
 from tests.browsing import needs_browser, visit, wide
@@ -201,7 +197,6 @@ TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc"
 
 @given(TEXTS)
 @example(EVIL)
-@settings(max_examples=25)
 def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
     card = html.Card(text, text, text)
     parts = join(
@@ -228,19 +223,13 @@ def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
 
 @given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
 def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
-    found = anchors(titles)
+    page = parsed(render("page", [Section(title, Markup("")) for title in titles]))
+    found = page.xpath("//main/section/@id")
     assert len(set(found)) == len(found) == len(titles)
     assert all(re.fullmatch(r"[a-z0-9-]+", anchor) for anchor in found)
 
 
-def test_joints_keep_the_colours_of_the_rigs() -> None:
-    assert joint_colours(("yaw", "roll", "tilt")) == joint_colours(("pan", "roll_joint", "Pitch")) == PALETTE[:3]
-    assert joint_colours(("tilt", "other", "pan")) == (PALETTE[2], PALETTE[1], PALETTE[0])
-    assert len(set(joint_colours([f"j{k}" for k in range(8)]))) == 8
-
-
 @given(st.integers(3, 3000), st.integers(0, 2**32 - 1), st.integers(0, 5))
-@settings(max_examples=30)
 def test_a_thinned_curve_keeps_its_peaks_and_its_gaps(count: int, seed: int, holes: int) -> None:
     rng = np.random.default_rng(seed)
     t, values = np.arange(float(count)), rng.standard_normal(count)
@@ -269,14 +258,6 @@ def test_every_dot_of_a_cloud_is_drawn(order: str) -> None:
     svg = str(plots.drawn(make, "cloud"))
     (path,) = re.findall(r'<path d="([^"]*)"[^>]*stroke: #123456', svg)
     assert path.count("L") == 1200  # a line of no length, whose round caps are the dot
-
-
-def test_no_line_is_drawn_across_a_gap() -> None:
-    t = np.concatenate([np.arange(0, 1, 0.1), np.arange(5, 6, 0.1)])
-    x, y = rounded(t, np.sin(t))
-    inside = (x > 0.95) & (x < 4.95)
-    assert inside.any() and np.isnan(y[inside]).all() and np.isfinite(y[~inside]).sum() > 60
-    assert np.isnan(broken(t, t)).sum() == 1
 
 
 # -- figures -----------------------------------------------------------------------------------------------------------
@@ -322,8 +303,8 @@ def weighted_rms(values: np.ndarray, share: np.ndarray) -> np.ndarray:
     return np.sqrt(np.sum(values**2, axis=0) / np.sum(share**2, axis=0))
 
 
-@pytest.mark.parametrize("holdout", [None, "none", "log:1", "last-third"])
-def test_the_rows_shown_are_the_rows_judged(holdout: str | None) -> None:
+@pytest.mark.parametrize("holdout", ["none", "log:1"])
+def test_the_rows_shown_are_the_rows_judged(holdout: str) -> None:
     rig = Rig.load("turret")
     logs = [bench(rig, seed=1, name="a.csv"), bench(rig, seed=2, name="b.csv")]
     found = identify(rig, logs, holdout=holdout)
@@ -334,7 +315,7 @@ def test_the_rows_shown_are_the_rows_judged(holdout: str | None) -> None:
     apart = (shown.stacked("measured") - shown.stacked("predicted") - shown.stacked("error"))[moving]
     # A row counts as moving with up to a thousandth of it masked, and friction jumps by about the torque's own size.
     assert moving.mean() > 0.3 and np.abs(apart).max() < 3e-3 * np.abs(shown.stacked("measured")).max()
-    assert [part.log for part in shown.parts] == {"log:1": ["a.csv"], None: ["b.csv"]}.get(holdout, ["a.csv", "b.csv"])
+    assert [part.log for part in shown.parts] == ["a.csv", "b.csv"][: 1 if holdout == "log:1" else 2]
 
 
 def test_the_torque_that_a_parameter_moves_is_what_the_model_loses_without_it(walk: Walk) -> None:
@@ -383,28 +364,6 @@ def test_terminal_and_page_show_the_same_cells(rows: list[list[str]]) -> None:
     assert " ".join(lines).split() == [word for row in shown for word in row]
 
 
-def test_the_stretch_shown_is_the_one_with_the_largest_error() -> None:
-    t = np.arange(0, 100, 0.1)
-    error = 0.01 * np.sin(7 * t)[:, None]
-    error[(t > 62) & (t < 64)] += 0.5
-    part, quiet = flat("a", t, error), flat("b", t, 0 * error)
-    found, more = worst(Evaluated(("x",), "last third", (quiet, part), np.ones((1, 1))))
-    assert more and found.log == "a" and found.t[0] <= 62.1 and found.t[-1] >= 63.9 and np.ptp(found.t) <= 15.0
-    two = replace(part, **{name: np.repeat(getattr(part, name), 2, axis=1) for name in ("v", "predicted", "share")})
-    undriven, error = np.hstack([part.measured, 0 * t[:, None]]), np.hstack([part.error, np.sin(t)[:, None]])
-    passive = Evaluated(("x", "y"), "last third", (replace(two, measured=undriven, error=error),), np.ones((2, 1)))
-    assert np.array_equal(worst(passive)[0].t, found.t) and passive.scale[1] == np.inf
-    alone = Evaluated(("x",), "last third", (part.cut(slice(0, 50)),), np.ones((1, 1)))
-    whole, more = worst(alone)
-    assert not more and np.array_equal(whole.t, t[:50])
-
-
-def flat(name: str, t: np.ndarray, error: np.ndarray) -> Part:
-    """Return a trajectory of constant torque."""
-    one = np.ones_like(error)
-    return Part(name, t, one, one + error, one, error, one)
-
-
 def swapped(result: Tracking, joint: str) -> Tracking:
     """Return the tracking as if the two controllers had changed places on one joint."""
     other = {"pid": "computed-torque", "computed-torque": "pid"}
@@ -415,9 +374,15 @@ def swapped(result: Tracking, joint: str) -> Tracking:
     return replace(result, experiments=experiments)
 
 
+def cautions(walk: Walk, tuning: Tuning | None, result: Tracking | None = None) -> list[str]:
+    """Return what the summary warns of, but for that nothing was run on the gimbal."""
+    said = summary(walk.rig, walk.found, tuning, result).doubts
+    return [one for one in said if one != SIMULATED.format("the identified model")]
+
+
 def test_the_axis_on_which_the_model_does_not_help_is_named(walk: Walk) -> None:
-    assert outdone(walk.result) == [] and outdone(swapped(walk.result, "tilt")) == ["tilt"]
-    assert "On tilt, PID follows at least as closely." in cautions(None, swapped(walk.result, "tilt"))
+    assert cautions(walk, None, walk.result) == []
+    assert "On tilt, PID follows at least as closely." in cautions(walk, None, swapped(walk.result, "tilt"))
     assert "unexplained" in verdict(50.0) and "unexplained" in verdict(nan) and "unexplained" not in verdict(99.0)
     assert "not to be run" in verdict(99.0, "", barred=True)
 
@@ -488,7 +453,7 @@ def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(wa
 
 def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
     calm = swapped(walk.result, "pan")
-    assert cautions(None, walk.result) == [] and len(cautions(None, calm)) == 1
+    assert len(cautions(walk, None, calm)) == 1
     stuck = replace(
         calm,
         experiments=tuple(
@@ -496,7 +461,7 @@ def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) 
             for e in calm.experiments
         ),
     )
-    (_, said) = cautions(None, stuck)
+    (_, said) = cautions(walk, None, stuck)
     assert said.startswith("PID is at the torque limit") and "50 %" in said and "no fair rival" in said
     text = parsed(str(summary(walk.rig, walk.found, None, stuck).section.html)).text_content()
     assert said in text
@@ -504,9 +469,9 @@ def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) 
     assert vague is not None
     unsure = Model(walk.rig, walk.found.model.terms, replace(vague, covariance=vague.covariance * 1e8))
     tuning = tune(unsure, dt=0.002)
-    assert any("not to be run" in said for said in cautions(tuning, None))
-    assert not any("is safer" in said for said in cautions(tuning, None))  # by the same model no PID is, either
-    assert any("is safer" in said for said in cautions(replace(tuning, doubts=()), None))
+    assert any("not to be run" in said for said in cautions(walk, tuning))
+    assert not any("is safer" in said for said in cautions(walk, tuning))  # by the same model no PID is, either
+    assert any("is safer" in said for said in cautions(walk, replace(tuning, doubts=())))
 
 
 def test_the_absolute_path_of_a_log_is_nowhere(walk: Walk) -> None:
@@ -608,10 +573,6 @@ def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animati
     for drawing in tree.iter("svg"):
         curves = sum(path.get("d").count("L") > 20 for path in drawing.iter("path"))
         assert drawing.get("aria-label") and curves + len(list(drawing.iter("use"))) > 1
-
-
-def test_the_same_results_give_the_same_report(walk: Walk, animation: str, page: str) -> None:
-    assert whole(walk, animation) == page
 
 
 def test_names_that_would_break_the_page_are_only_text() -> None:

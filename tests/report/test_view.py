@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import umsgpack
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.errors import LogError, UsageError
@@ -199,7 +199,6 @@ def test_solids_stand_where_another_kinematics_puts_them(name: str) -> None:
     assert_same_set(parts(view.record(rig, at(rig, q))), expected(rig, q), 1e-9)
 
 
-@settings(max_examples=15)
 @given(q=st.tuples(st.floats(-4, 4), st.floats(-2, 2), st.floats(-1, 1)))
 def test_links_fixed_to_a_moved_one_or_to_the_base_stand_where_they_belong(lumped: Rig, q: tuple[float, ...]) -> None:
     page = view.record(lumped, at(lumped, np.array(q), q_ref=np.array([q]) / 2))
@@ -209,7 +208,7 @@ def test_links_fixed_to_a_moved_one_or_to_the_base_stand_where_they_belong(lumpe
     assert np.array_equal(ghosts[0], ghosts[1]) and len(ghosts) == 2
 
 
-@pytest.mark.parametrize("name", [*bundled_rigs(), "lumped"])
+@pytest.mark.parametrize("name", ["handheld", "lumped"])
 def test_keyframes_are_forward_kinematics(name: str, lumped: Rig) -> None:
     rig = lumped if name == "lumped" else Rig.load(name)
     log = sweep(rig)
@@ -224,7 +223,7 @@ def test_keyframes_are_forward_kinematics(name: str, lumped: Rig) -> None:
         assert_same_set(parts(page, frame=frame), expected(rig, q), 2e-7)
 
 
-@pytest.mark.parametrize("name", [*bundled_rigs(), "lumped"])
+@pytest.mark.parametrize("name", ["handheld", "lumped"])
 def test_the_line_of_sight_is_plus_x_of_the_camera_frame(name: str, lumped: Rig) -> None:
     import yourdfpy
 

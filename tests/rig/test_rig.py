@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
@@ -365,7 +365,6 @@ LIMIT = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=30)
 @given(MOTOR, LIMIT)
 def test_numbers_in_a_yaml_arrive_as_written(tmp_path: Path, motor: dict[str, float], limit: dict[str, float]) -> None:
     write(tmp_path, TWO)
@@ -577,7 +576,6 @@ def broken(draw: st.DrawFn) -> str:
     return etree.tostring(robot).decode()
 
 
-@settings(max_examples=80)
 @given(broken())
 def test_a_broken_urdf_is_refused_or_is_a_rig_that_can_move(tmp_path: Path, text: str) -> None:
     path = write(tmp_path, text, "broken.urdf")
@@ -604,7 +602,6 @@ VALUE = st.recursive(
 )
 
 
-@settings(max_examples=25)
 @given(st.sampled_from(["motors", "limits", "imus", "noise", "urdf", "payload", "mount", "inertia", "x"]), VALUE)
 def test_any_value_in_a_yaml_is_used_or_refused(tmp_path: Path, key: str, value: object) -> None:
     write(tmp_path, TWO)
@@ -652,7 +649,6 @@ def without_numbers(text: str) -> bytes:
     return etree.tostring(robot, method="c14n")
 
 
-@settings(max_examples=30)
 @given(bodies(), bodies())
 def test_inertials_arrive_and_every_other_tag_stays(
     arm: tuple[float, np.ndarray, np.ndarray], head: tuple[float, np.ndarray, np.ndarray]
@@ -689,7 +685,6 @@ def test_a_link_without_inertial_is_given_one() -> None:
     assert urdf.list_names(urdf.parse(text, "x"), "link") == ["base", "arm", "head"]
 
 
-@settings(max_examples=30)
 @given(st.lists(bodies(), min_size=3, max_size=3))
 def test_other_parameters_make_another_rig_and_leave_this_one(clouds: list[tuple]) -> None:
     rig = bundled("thesis")

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.dynamics import nominal, rnea
@@ -379,7 +379,6 @@ def test_a_mujoco_model_that_no_urdf_can_say_is_refused(old: str, new: str, word
         mjcf.convert_model(model, "g.xml")
 
 
-@settings(max_examples=40)
 @given(st.data())
 def test_a_damaged_sdf_is_a_rig_or_refused(tmp_path: Path, data: st.DataObject) -> None:
     text = SENSORS.format('<pose relative_to="base">0 0 1 0 0 0</pose>')
