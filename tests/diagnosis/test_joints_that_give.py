@@ -147,7 +147,7 @@ def brisk(joint: int, seed: int, seconds: float, dt: float) -> Motion:
 def test_a_spring_is_found_by_its_zero() -> None:
     """Simulation and fit are of one formula, with dry friction on the rotor, which turns round and sticks."""
     true, controller = JointFlexibility(JOINT, 13.0, 0.08, 0.2), tune(nominal(RIG), bandwidth_hz=2.0).controller
-    reference = brisk(RIG.joint_index(JOINT), 5, 9.0, controller.dt)
+    reference = brisk(RIG.joint_index(JOINT), 5, 6.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
     problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce(RIG))
     seen = problem.evidence.seen[RIG.joint_index(JOINT)]

@@ -317,8 +317,8 @@ DT = 0.004
 
 
 def excitation(joints: int) -> Motion:
-    """Sums of three sines per joint, 14 s."""
-    t = DT * np.arange(3500)
+    """Sums of three sines per joint, 10 s."""
+    t = DT * np.arange(2500)
     frequencies = 2 * np.pi * np.array([[0.11, 0.13, 0.16], [0.37, 0.43, 0.31], [0.9, 0.7, 0.8]])[:, :joints]
     sizes = np.array([[0.6, 0.5, 0.4], [0.25, 0.2, 0.2], [0.06, 0.05, 0.07]])[:, :joints]
     phases = np.array([[0.0, 1.0, 2.0], [2.0, 0.5, 1.0], [1.0, 3.0, 0.0]])[:, :joints]

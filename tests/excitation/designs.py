@@ -21,9 +21,9 @@ from gimbal_pin.excitation import (
     excite,
 )
 from gimbal_pin.log import Array
-from gimbal_pin.rig import Rig, bundled_rigs
+from gimbal_pin.rig import Rig
 
-RIGS = bundled_rigs()
+RIGS = ("handheld", "thesis", "turret")
 
 
 def problem(

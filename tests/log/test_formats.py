@@ -121,7 +121,11 @@ def drive_bag(path: Path) -> None:
 
 def test_a_type_of_ones_own_is_read_by_the_bags_definition_and_left_out_without(tmp_path: Path) -> None:
     drive_bag(tmp_path / "bag")
-    log = io.read_log(tmp_path / "bag", TURRET, ["tau_pan=/drive.current", "temp_tilt=/drive.heat[2]"])
+    log = io.read_log(
+        tmp_path / "bag",
+        TURRET,
+        ["tau_pan=/drive.current", *(f"temp_{joint}=/drive.heat[2]" for joint in TURRET.joints)],
+    )
     # Counted from a whole second, which is told; currents that lie between two drive messages are on their line.
     np.testing.assert_allclose(log.t, 0.123456789 + 0.01 * np.arange(1, 20), atol=1e-9)
     np.testing.assert_allclose(log.tau[:, 0], 0.1 * np.arange(1, 20) - 0.05, atol=1e-6)  # type: ignore[index]
