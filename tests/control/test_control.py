@@ -341,7 +341,7 @@ def decay(law: ComputedTorque, plant: Rig, state: tuple[Array, Array, Reference,
     return 2 * float(np.einsum("ij,ijk,ik->", xi, P, slope)), law.robust.gain * float(np.linalg.norm(z)) - rho
 
 
-@pytest.mark.parametrize("name", bundled_rigs())
+@pytest.mark.parametrize("name", ["drone", "turret"])
 def test_v_decreases_outside_the_boundary_layer_of_a_wrong_model(name: str) -> None:
     """The bounds that hold at a state are enough for V to fall there, whatever the error within them."""
     rng = np.random.default_rng(3)

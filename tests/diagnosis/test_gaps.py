@@ -73,7 +73,7 @@ def test_flanks_pass_on_what_the_rigid_joint_would_ask_for(share: float, flank: 
 def test_a_gap_whose_flanks_give_is_told_by_the_log() -> None:
     """Simulation and fit are of one formula, with dry friction on the rotor."""
     true, controller = Backlash(JOINT, 0.013, 2e-3, 0.1, 30.0, 0.7), tune(nominal(RIG), bandwidth_hz=2.0).controller
-    reference = fourier(RIG, 5, 7.0, controller.dt)
+    reference = fourier(RIG, 5, 10.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
     first = plain(log)
     after = consistent(solved(first.problem, (true,), first))
@@ -86,7 +86,7 @@ def test_a_gap_whose_flanks_give_is_told_by_the_log() -> None:
 def test_a_gap_in_which_the_loop_chatters_is_told_by_every_sample() -> None:
     """At 27 Hz and more, far beyond the band: each flight lasts but a few samples, and its jumps are no noise."""
     true, controller = Backlash(RIG.joints[0], 0.012, 0.01), tune(nominal(RIG), bandwidth_hz=8.0).controller
-    reference = fourier(RIG, 3, 5.0, controller.dt)
+    reference = fourier(RIG, 3, 8.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(3), drive=(true,))
     first = plain(replace(log, tau=log.tau + 0.01 * np.random.default_rng(4).normal(size=log.tau.shape)))
     assert np.max(first.fit.dispersion) > 10

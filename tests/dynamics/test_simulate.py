@@ -55,7 +55,7 @@ def rig() -> Rig:
     return Rig.load("turret")
 
 
-def reference(seconds: float = 0.7, dt: float = DT) -> Motion:
+def reference(seconds: float = 1.0, dt: float = DT) -> Motion:
     """Both axes at once, through reversals."""
     t = dt * np.arange(round(seconds / dt))
     w, size = 2 * np.pi * np.array([0.8, 1.1]), np.array([0.25, 0.2])

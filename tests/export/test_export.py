@@ -13,8 +13,7 @@ from gimbal_pin.control import tune
 from gimbal_pin.dynamics import Model, Reference, nominal
 from gimbal_pin.effects import Sample, Term
 from gimbal_pin.errors import ModelError
-from gimbal_pin.export import Chain, Library, number
-from gimbal_pin.export.sources import quoted, state_bytes, written
+from gimbal_pin.export import Chain, Library
 from gimbal_pin.export.symbolic import checked, table, terms
 from gimbal_pin.log import write_yaml
 from gimbal_pin.pointing import WANTED, Course, Measurement, Roster, Shaken, Sight, Station, compete, parse_fault, point
@@ -116,18 +115,6 @@ def test_it_compiles_without_a_warning(compiler: str, which: str, request: pytes
         pytest.skip(f"no {compiler}")
     tested: Twin = request.getfixturevalue(which)
     compile_(tested.folder, COMPILERS[compiler], *STRICTER, "-O1", "-fsyntax-only", *sources(tested.folder), "main.c")
-
-
-def test_values_are_written_as_c_reads_them() -> None:
-    assert [number(x) for x in (1.0, 0.1, 1e-20, -inf)] == ["1.0f", "0.100000001f", "9.99999968e-21f", "-INFINITY"]
-    assert written({"a": [1.0, True], "b": 3}) == "{\n    .a = {1.0f, true},\n    .b = 3,\n}"
-    assert quoted('q??/"\\ä') == r'"q\077\077\057\042\134\303\244"'
-
-
-@compiled_here
-def test_the_state_has_the_size_that_is_told(full: Twin, pid: Twin) -> None:
-    assert full.library.code.gimbal_holding_size() == state_bytes(3, 1, full.pointer.navigator.forecast.due)
-    assert pid.library.code.gimbal_holding_size() == state_bytes(2, 0, pid.pointer.navigator.forecast.due)
 
 
 # --- Torques -------------------------------------------------------------------------------------------------------

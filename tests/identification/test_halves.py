@@ -5,15 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.identification import Identified, identify, refitted
-from gimbal_pin.identification.payload_change import halves, score
-from gimbal_pin.log import Array
-from gimbal_pin.regression import Block, Filtering
+from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
@@ -39,35 +34,6 @@ def test_a_swapped_payload_is_suspected_and_none_where_none_was() -> None:
     assert swapped.to_dict()["halves_apart"] == swapped.parting
     assert swapped.torn and not same.torn
     assert "balance" in text.identified(same) and "balance" not in text.identified(swapped)
-
-
-def test_only_what_a_payload_moves_counts() -> None:
-    """The score is the same in any unit and grows with the square of the difference; across D there is none."""
-    rng = np.random.default_rng(0)
-    root, D = rng.standard_normal((6, 6)), rng.standard_normal((6, 2))
-    P, d = root @ root.T + np.eye(6), D @ [1.0, -2.0]
-
-    def told(difference: Array, unit: Array) -> float:
-        halves = [(unit * x, 0.5 * P * np.outer(unit, unit)) for x in (difference, np.zeros(6))]
-        return score(halves, unit[:, None] * D)
-
-    once = told(d, np.ones(6))
-    assert told(d, 10.0 ** rng.uniform(-3, 3, 6)) == pytest.approx(once, rel=1e-5)
-    assert told(3 * d, np.ones(6)) == pytest.approx(9 * once)
-    across = P @ np.linalg.svd(D.T)[2][2]  # D' P^-1 across = 0
-    assert told(across, np.ones(6)) < 1e-12 and told(d + across, np.ones(6)) == pytest.approx(once)
-
-
-@given(st.lists(st.integers(1, 9), min_size=1, max_size=5))
-def test_a_cut_loses_no_row(sizes: list[int]) -> None:
-    blocks, at = [], 0
-    for size in sizes:
-        t = np.arange(at, at + size, dtype=float)
-        blocks.append(Block(t, t[:, None, None], *4 * (t[:, None],)))
-        at += size
-    first, second = halves(blocks)
-    np.testing.assert_array_equal(np.concatenate([block.t for block in first + second]), np.arange(at))
-    assert sum(len(block.t) for block in first) == at // 2
 
 
 def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() -> None:

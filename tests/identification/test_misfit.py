@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import yaml
 
 from gimbal_pin.control import tune
+from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal, plant_with, reduce
 from gimbal_pin.effects import Cogging, parse_effect
 from gimbal_pin.errors import LogError
@@ -105,13 +107,16 @@ def test_a_joint_that_is_not_explained_is_said_first(turret: Rig) -> None:
     assert found.to_dict()["misfit"]["pan"]["torque_rms"] > 10 * found.to_dict()["misfit"]["tilt"]["torque_rms"]
 
 
-def test_the_urdf_has_the_bodies_of_the_extended_model(run: Run, tmp_path: Path, turret: Rig) -> None:
+def test_the_urdf_has_the_bodies_of_the_extended_model(
+    run: Run, tmp_path: Path, turret: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With the cogging that was found in the equations they are nearer to the truth, by either verb the same."""
     log, folder = tmp_path / "log.csv", tmp_path / "found"
     teeth = parse_effect("cogging:pan:amplitude=0.05,harmonic=7", turret)
     write_log(prescribed(plant_with(nominal(turret), [teeth]).plant, 3, 8.0, torque_noise=0.01, dt=4e-3), log)
     urdfs = [tmp_path / f"{name}.urdf" for name in ("plain", "diagnosed", "extended")]
     still = ("--alignment", "0")
+    monkeypatch.setattr("gimbal_pin.diagnosis.diagnose", partial(diagnose, causes={"cogging": Cogging}))
     assert run("identify", "turret", log, "--urdf", urdfs[0], *still)[0] == 0
     assert run("diagnose", "turret", log, "-o", folder, "--urdf", urdfs[1], *still)[0] == 0
     assert run("identify", "turret", log, "--extended", folder / "extended.yaml", "--urdf", urdfs[2], *still)[0] == 0

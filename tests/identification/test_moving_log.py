@@ -168,7 +168,7 @@ def test_what_the_base_does_is_told_and_what_it_shows_is_found(platform: Platfor
 def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Against a model that stands; a base at rest is none, though its IMU is in the log."""
     rig, rng = bundled("turret"), np.random.default_rng(2)
-    clean = carried(nominal(rig), swaying(times(12.0), size), 12.0)
+    clean = carried(nominal(rig), swaying(times(8.0), size), 8.0)
     assert clean.tau is not None
     log = replace(clean, tau=clean.tau + 1e-3 * rng.normal(size=clean.tau.shape))
     found = diagnose(rig, [log], {"cogging": CAUSES["cogging"]}, rng=rng)
@@ -176,7 +176,7 @@ def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth(size: float, m
     for one in found.findings:
         assert one.gain["torque_rmse_after"] < 0.5 * one.gain["torque_rmse_before"]
         assert one.gain["rollout_rmse_after"] < one.gain["rollout_rmse_before"]
-        rate = np.sqrt(np.mean(np.sum(swaying(times(12.0), size).w[:8_000] ** 2, axis=1)))
+        rate = np.sqrt(np.mean(np.sum(swaying(times(8.0), size).w[:5_333] ** 2, axis=1)))
         assert one.parameters[0].value == pytest.approx(rate, rel=0.05)
     # The model has it from the IMU: nobody is told that it is missing, and nothing is compensated for it.
     assert (found.verdict, found.lacking, found.beside) == ("named" if size else "nothing", (), "nothing")

@@ -125,7 +125,7 @@ def test_intervals_of_bodies_hold_the_truth() -> None:
     rig, trust, rng = Rig.load("turret", "cinema"), 0.1, np.random.default_rng(3)
     mixing, root, hits = map_phi_to_base(rig, reduce(rig)), trust * compute_deformation_root(rig.phi), []
     std = 1e-3 * np.abs(mixing @ rig.phi) + 1e-5
-    for _ in range(25):
+    for _ in range(12):
         true = rig.phi + root @ rng.standard_normal(root.shape[1])
         if min(np.linalg.eigvalsh(pseudo_inertia(body))[0] for body in true.reshape(-1, 10)) <= 0:
             continue
@@ -135,7 +135,7 @@ def test_intervals_of_bodies_hold_the_truth() -> None:
         for body, own in zip(said, true.reshape(-1, 10)):
             every = (body.mass, *body.com, *body.inertia)
             hits += [abs(f.value - x) <= 1.96 * f.std for f, x in zip(every, figures(own)) if f.std > 1e-12]
-    assert len(hits) > 300 and 0.90 < np.mean(hits) < 0.99
+    assert len(hits) > 150 and 0.90 < np.mean(hits) < 0.99
 
 
 def test_what_the_log_shows_is_said_and_what_the_urdf_says_too(found: Identified) -> None:

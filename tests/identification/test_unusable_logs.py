@@ -18,18 +18,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.checks.channel_assignment import agreement, check_assignment, impossible, reordered, trials
-from gimbal_pin.checks.torque_time import misplaced
 from gimbal_pin.diagnosis import Explained, diagnose
 from gimbal_pin.diagnosis.limit_cycle import swing, swung
-from gimbal_pin.dynamics import friction_effects, nominal, reduce
+from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Cause, Cogging, Delay, Saturation
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.identification import identify
 from gimbal_pin.log import REACH, Array, Imu, Log, log_columns, read_log, read_mapping, write_log
 from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.online import Online
-from gimbal_pin.regression import Design, DesignBlocks, Filtering, compute_blocks, fit_weighted
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused
@@ -130,32 +128,6 @@ def test_a_wrong_sign_is_told_of_a_log_that_was_followed_too(kind: str) -> None:
     assert online.identified(right).names == online.rows.names
     with pytest.raises(LogError, match=f"it: {words}"):
         online.identified(wrong)
-
-
-def test_a_joint_that_nothing_drives_is_not_wired_wrongly() -> None:
-    """Its torque is zero, and so is what a turned sign makes of it; the other's is told all the same."""
-    rig = Rig.load("turret")
-    log = recorded(rig, 2)
-    blocks = compute_blocks(Design(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
-    idle = DesignBlocks(blocks.design, tuple(b._replace(A=b.A * [[[1], [0]]], b=b.b * [1, 0]) for b in blocks))
-    check_assignment(idle, fit_weighted(idle))
-    turned = DesignBlocks(blocks.design, tuple(b._replace(b=-b.b) for b in idle))
-    with pytest.raises(LogError, match=r"tau_pan has the wrong sign"):
-        check_assignment(turned, fit_weighted(turned))
-
-
-def test_no_sign_is_turned_that_the_given_rig_agrees_with() -> None:
-    """A command far beyond a limit on one side is mostly not what acts: bodies may fit it better turned round."""
-    rig = Rig.load("thesis")
-    log = recorded(rig, 4)
-    blocks = compute_blocks(Design(rig, reduce(rig), friction_effects(rig.joints), (log,), Filtering()))
-    assert np.all(agreement(blocks) > 0.9)
-    assert not any("sign" in trial.words for trial in trials(blocks))
-    turned = DesignBlocks(blocks.design, tuple(b._replace(b=b.b * [1, -1, 1]) for b in blocks))
-    np.testing.assert_allclose(agreement(turned), agreement(blocks) * [1, -1, 1])
-    assert [trial.words for trial in trials(turned) if "sign" in trial.words] == [
-        "tau_roll has the wrong sign (or the angle has)"
-    ]
 
 
 MEASURED = ("q", "v", "tau")
@@ -321,7 +293,7 @@ def test_where_a_motion_does_not_say_when_its_torque_acts_nothing_is_refused(kin
     tau = nominal(rig).inverse(q, v, a)
     tau += 0.03 * np.std(tau, axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
     log = delayed(Log(kind, rig.joints, t, q + noise(q, 1e-5), v + noise(v, 1e-3), tau), 0.06)
-    assert not misplaced(rig, log, Filtering())
+    identify(rig, [log], holdout="none")
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -421,10 +393,7 @@ def test_joints_that_could_change_places_are_not_said_to_have(tmp_path: Path) ->
     rig = Rig.load(tmp_path / "twins.urdf")
     log = recorded(rig, 5)
     rough = np.asarray(log.tau) + 2 * np.std(log.tau, axis=0) * np.sin(40 * log.q)
-    blocks = compute_blocks(
-        Design(rig, reduce(rig), friction_effects(rig.joints), (replace(log, tau=rough),), Filtering())
-    )
-    assert impossible(blocks, fit_weighted(blocks)) and not list(reordered(blocks))
+    identify(rig, [replace(log, tau=rough)], holdout="none")
 
 
 @pytest.mark.parametrize("verb", ["identify", "diagnose"])

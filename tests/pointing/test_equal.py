@@ -36,7 +36,6 @@ from gimbal_pin.pointing import (
     unbalanced,
 )
 from gimbal_pin.pointing.demand import Swing, swinging
-from gimbal_pin.pointing.roster import distinct
 from gimbal_pin.pointing.verify import missed
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
@@ -121,7 +120,7 @@ def made(torque: Array, t: Array) -> Pointing:
     return Pointing("made", "S", 0, plant().rig.joints, t, zero, zero, torque, level, plant().rig.tau_max)
 
 
-@pytest.mark.parametrize("hz", [5.0, 12.0, 31.0])
+@pytest.mark.parametrize("hz", [5.0, 31.0])
 def test_torque_that_the_motion_asks_for_is_no_swing_and_a_line_on_top_is(hz: float) -> None:
     seconds = 4.0
     ground, t, limit = course(plant(), seconds).ground(0), DT * np.arange(4001), plant().rig.tau_max
@@ -193,17 +192,6 @@ def test_the_budget_names_what_is_compensated_beside_friction() -> None:
     assert alone is not None and both is not None
     assert "friction" in alone.parts and both.parts["friction and cogging"] == alone.parts["friction"]
     assert sum(both.parts.values()) == pytest.approx(1.0)
-
-
-def test_controllers_and_joints_of_the_same_margins_share_a_row() -> None:
-    one, two = Margins(58.0, 15.0, 1.07, 0.006, 25.0), Margins(50.0, 12.0, 1.07, 0.02, 6.0)
-    loops = {"a": (two, one, one), "b": (one, one, one), "c": (two, one, one)}
-    rows = distinct(loops, ("yaw", "roll", "tilt"))
-    assert rows == [
-        (["a", "c"], ["yaw"], two),
-        (["a", "c"], ["roll", "tilt"], one),
-        (["b"], ["yaw", "roll", "tilt"], one),
-    ]
 
 
 def test_the_text_says_who_swings_why_an_observer_costs_and_what_is_not_known() -> None:

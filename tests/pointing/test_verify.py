@@ -8,14 +8,12 @@ from math import degrees, nan
 import numpy as np
 import pytest
 
-from gimbal_pin.control import ComputedTorque, Experiment, JointPid, StepMetrics, Tracking, bench_run, estimate
+from gimbal_pin.control import Experiment, StepMetrics, Tracking, bench_run, estimate
 from gimbal_pin.dynamics import Model, columns, nominal, reduce
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Log, Platform, profile_s
 from gimbal_pin.pointing import (
-    NAMES,
     WANTED,
-    Asked,
     Contest,
     Demand,
     Followed,
@@ -29,8 +27,7 @@ from gimbal_pin.pointing import (
 )
 from gimbal_pin.pointing.demand import least
 from gimbal_pin.pointing.sweep import along, doubtful, heavier
-from gimbal_pin.pointing.targets import STANDING, laws, step_targets
-from gimbal_pin.pointing.verify import grounds
+from gimbal_pin.pointing.targets import step_targets
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
 
@@ -40,19 +37,6 @@ DT = 1e-3
 
 
 # --- Steps -------------------------------------------------------------------------------------------------------
-
-
-def test_the_laws_of_the_steps_share_one_bandwidth() -> None:
-    """They differ by what they know: inertias; the rigid body; its friction, too; and how wrong all that may be."""
-    model = nominal(Rig.load("turret"))
-    found = laws(model, DT, 1)
-    pid, bare, full, robust = found.values()
-    assert set(STANDING) == {*NAMES} - {"with-observer"} and set(STANDING.values()) == set(found)
-    assert isinstance(pid, JointPid) and pid.gains[0].kp == full.gains[0].kp  # type: ignore[union-attr]
-    assert isinstance(bare, ComputedTorque) and isinstance(full, ComputedTorque) and isinstance(robust, ComputedTorque)
-    assert not bare.model.terms and full.model.terms == model.terms and bare.gains == full.gains
-    assert full.robust is None and robust.robust is not None
-    assert full.gains[0].kp == pytest.approx(1.4 * (2 * np.pi * 8.0) ** 2)
 
 
 def metrics(rms: float, overshoot: float, peak: float) -> StepMetrics:
@@ -227,15 +211,3 @@ def test_models_that_are_wrong_on_purpose() -> None:
     for other in rng.standard_normal((50, len(way))):
         other = np.linalg.cholesky(deviation) @ (other / np.linalg.norm(other))
         assert np.mean((Y @ other) ** 2) <= most * (1 + 1e-9)
-
-
-def test_profile_and_recorded_motion_may_both_be_asked_for() -> None:
-    rig = Rig.load("turret")
-    recorded = Platform.still(0.01 * np.arange(301))
-    kinds = [
-        [kind for _, kind, _ in grounds(rig, asked)]
-        for asked in (Asked(), Asked(recorded=recorded), Asked(recorded=recorded, profile=True))
-    ]
-    assert kinds == [["S"], ["log"], ["S", "log"]]
-    ((_, _, seconds),) = grounds(rig, Asked(recorded=recorded))
-    assert 2.99 < seconds < 3.0
