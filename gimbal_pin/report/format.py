@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from gimbal_pin.rig.rig import to_sliding
-
 if TYPE_CHECKING:
     from gimbal_pin.rig.rig import Rig
 
@@ -152,6 +150,8 @@ class Joint:
 
     def in_units(self, unit: str) -> str:
         """Return the unit of a term at it, stated as of one that turns: ``N m s/rad``, ``N s/m`` of one that slides."""
+        from gimbal_pin.rig.rig import to_sliding
+
         return to_sliding(unit) if self.unit == "mm" else unit
 
     @property

@@ -150,14 +150,13 @@ def test_auto_has_both_controllers_the_one_asked_for_first(kind: str) -> None:
         assert wish.robust == (name == kind == "computed-torque")
 
 
-def test_auto_walks_from_a_log_to_a_report(
-    run: Run, log_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_auto_walks_from_a_log_to_a_report(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its diagnosis looks for two causes here, for all of them in README's, which `scripts/docs --run` runs."""
     few = {name: CAUSES[name] for name in ("cogging", "stribeck")}
     monkeypatch.setattr("gimbal_pin.report.pipeline.diagnose", partial(diagnose, causes=few))
-    out = tmp_path / "out"
-    found = result(run, "auto", "turret", log_file, "--kind", "pid", "--damping", "0.9", "-o", out)
+    log, out = tmp_path / "log.csv", tmp_path / "out"
+    write_log(prescribed(nominal(Rig.load("turret")), seconds=6.0, torque_noise=0.01, dt=4e-3), log)
+    found = result(run, "auto", "turret", log, "--kind", "pid", "--damping", "0.9", "-o", out)
     assert (found["tune"]["controller"], found["tune"]["wish"]["damping"]) == ("pid", 0.9)
     whole(out)
 

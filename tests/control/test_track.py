@@ -166,7 +166,7 @@ def wrong(model: Model, inertia: float, friction: float) -> Model:
     return Model(model.rig.with_phi(phi), terms)
 
 
-@pytest.mark.parametrize(("name", "payload"), zip(bundled_rigs(), bundled_payloads()))
+@pytest.mark.parametrize(("name", "payload"), list(zip(bundled_rigs(), bundled_payloads())))
 def test_a_model_beats_pid_on_every_axis_even_if_wrong(name: str, payload: str) -> None:
     """3 % wrong in inertia, 10 % in friction, all axes together: rms error below PID's on every axis, by far."""
     plant = nominal(Rig.load(name, payload))

@@ -148,7 +148,8 @@ def test_what_is_planted_is_found(rig: Rig, motion: Motion, texts: tuple[str, ..
 
 def test_a_difference_that_sets_in_with_the_rate_is_found_and_nothing_beside_it(rig: Rig, motion: Motion) -> None:
     text = "asymmetric-friction:pan:coulomb=0.05,speed=0.3"
-    found = said(rig, recorded(rig, motion, (text,), seed=2), ("asymmetric-friction", "torque-gain"))
+    longer = repeated(motion, 2 * SECONDS, DT)
+    found = said(rig, recorded(rig, longer, (text,), seed=2), ("asymmetric-friction", "torque-gain"))
     assert [(one.joint, "asymmetric-friction" in one.alike) for one in found.findings] == [("pan", True)]
 
 

@@ -75,7 +75,7 @@ SPOILT = {"two payloads": "logs-disagree"}
 """Kinds that the verdict `data` must tell, and by which name."""
 
 
-@pytest.mark.parametrize(("name", "kind"), zip(cycle(PAYLOADS), KINDS))
+@pytest.mark.parametrize(("name", "kind"), list(zip(cycle(PAYLOADS), KINDS)))
 def test_what_cannot_be_answered_is_never_named(run: Run, name: str, kind: str, tmp_path: Path) -> None:
     """Refused with one line that names a log or the logs, or the verdict is data; no finding of physics."""
     files = [tmp_path / f"{k}.csv" for k in range(2)]
