@@ -49,7 +49,7 @@ CEILINGS = {
     "names at the top of more than one module": 352,
     "percent of functions that are one word": 57,
     "upper-case constants": 1038,
-    "distinct deep names imported by the tests": 260,
+    "distinct deep names imported by the tests": 150,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

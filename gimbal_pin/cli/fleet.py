@@ -33,10 +33,10 @@ def fleet(
     json: Json = None,
 ) -> None:
     """Compare many rigs' logs: which unit is not like its siblings, in what, and since when."""
+    from gimbal_pin.fleet import read_manifest
     from gimbal_pin.fleet.engine import write_whole
     from gimbal_pin.fleet.fleet import compare_fleet
     from gimbal_pin.fleet.fleet_page import render_fleet, summarise_fleet
-    from gimbal_pin.fleet.manifest import read_manifest
 
     manifest = read_manifest(logs)
     if workers.scheduler is None:

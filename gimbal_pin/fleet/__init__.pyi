@@ -3,6 +3,10 @@ from .engine import Run as Run
 from .engine import dask_executors as dask_executors
 from .engine import process_pool as process_pool
 from .engine import run_units as run_units
+from .fleet import Fleet as Fleet
+from .fleet import Reason as Reason
+from .fleet import Verdict as Verdict
+from .manifest import read_manifest as read_manifest
 from .montecarlo import MonteCarlo as MonteCarlo
 from .montecarlo import monte_carlo as monte_carlo
 from .population import Comparison as Comparison

@@ -14,6 +14,7 @@ from .inertia import describe_broken_rule as describe_broken_rule
 from .inertia import find_nearest_inertia as find_nearest_inertia
 from .inertia import is_physical as is_physical
 from .inertia import pseudo_inertia as pseudo_inertia
+from .inertia import thicken_flat_body as thicken_flat_body
 from .inertia import to_urdf as to_urdf
 from .meshes import Mesh as Mesh
 from .meshes import encode_stl as encode_stl

@@ -5,14 +5,10 @@ from __future__ import annotations
 import tyro
 
 from estimation.biased import biased
-from estimation.camera import camera
 from estimation.coverage import coverage
-from estimation.pendulum import pendulum
 from estimation.physical import physical
 from estimation.recipe import recipe
-from estimation.swap import swap
 
 if __name__ == "__main__":
-    verbs = {"physical": physical, "biased": biased, "coverage": coverage, "recipe": recipe, "pendulum": pendulum}
-    verbs |= {"camera": camera, "swap": swap}
+    verbs = {"physical": physical, "biased": biased, "coverage": coverage, "recipe": recipe}
     tyro.extras.subcommand_cli_from_dict(verbs)

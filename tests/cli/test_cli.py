@@ -15,13 +15,12 @@ import pytest
 
 from gimbal_pin.cli import VERBS
 from gimbal_pin.cli.holding import Holding
-from gimbal_pin.control import HOLDING, Wish
+from gimbal_pin.control import HOLDING
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError
 from gimbal_pin.log import read_log, write_log
-from gimbal_pin.report.pipeline import tuned
 from gimbal_pin.rig import Rig, bundled_rigs
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result, whole
@@ -137,17 +136,6 @@ def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
     assert code == 0, err
     code, _, err = run("animate", "turret", traj, "-o", page)
     assert code == 0 and page.stat().st_size > 100_000, err
-
-
-@pytest.mark.parametrize("kind", ["pid", "computed-torque"])
-def test_auto_has_both_controllers_the_one_asked_for_first(kind: str) -> None:
-    """At one bandwidth; Lyapunov redesign is the model-based one's alone."""
-    made = tuned(nominal(Rig.load("turret")), Wish(6.0, 0.9, 0.002, kind=kind, robust=kind != "pid"))
-    assert set(made) == {"pid", "computed-torque"} and next(iter(made)) == kind
-    for name, tuning in made.items():
-        wish = tuning.wish
-        assert (wish.kind, wish.damping, wish.delay, tuning.bandwidth_hz) == (name, 0.9, 0.002, (6.0, 6.0))
-        assert wish.robust == (name == kind == "computed-torque")
 
 
 def test_auto_walks_from_a_log_to_a_report(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,11 +28,10 @@ from gimbal_pin.control import (
     poses,
     sampled_loop,
 )
-from gimbal_pin.control.laws.computed_torque import error_system, stiffened, weight
+from gimbal_pin.control.laws.computed_torque import stiffened
 from gimbal_pin.control.laws.design import braking
-from gimbal_pin.control.laws.loop import responses, sampled_plant
 from gimbal_pin.dynamics import Controller, Estimated, Model, Reference, Sensors, State, nominal, reduce, simulate
-from gimbal_pin.effects import ActuatorLag, Coulomb, Delay, Term, Viscous
+from gimbal_pin.effects import Coulomb, Term, Viscous
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.rig import Limits, Motor, Rig, bundled_rigs
@@ -91,13 +90,6 @@ def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Refere
     q, v = rng.uniform(-0.7, 0.7, n), rng.uniform(-2, 2, n)
     reference = Reference(q + 0.05 * rng.standard_normal(n), v + rng.standard_normal(n), 5 * rng.standard_normal(n))
     return q, v, reference, Memory(tuple((0.01 * rng.standard_normal(n)).tolist()))
-
-
-def test_a_response_solves_the_state_equations_at_each_frequency() -> None:
-    loop = sampled_loop(GAINS, DT, 3.3 * DT, drive=(Delay("pan", 0.004), ActuatorLag("pan", 0.002)) * 5)
-    omega = np.geomspace(0.1, 0.99 * np.pi / DT, 50)
-    solved = [loop.C @ np.linalg.solve(np.exp(1j * w * DT) * np.eye(loop.nstates) - loop.A, loop.B) for w in omega]
-    assert np.allclose(responses(loop, omega), np.ravel(solved), rtol=1e-9)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
@@ -282,42 +274,9 @@ def test_gains_place_the_poles(hz: float, damping: float, integral: float) -> No
     np.testing.assert_allclose([1, gains.kd, gains.kp, gains.ki], wanted, rtol=1e-12, atol=1e-9)
 
 
-@given(st.floats(0.0, 0.0055), st.integers(0, 2**32 - 1))
-def test_sampled_plant_is_the_delayed_double_integrator(delay: float, seed: int) -> None:
-    """Against the closed form of a piecewise constant input, delayed by any share of a sample."""
-    u = np.random.default_rng(seed).standard_normal(12)
-    A, B = sampled_plant(DT, delay)
-    state = np.zeros(len(A))
-    for value in u:
-        state = A @ state + B[:, 0] * value
-    end, edges = DT * len(u), DT * np.arange(len(u) + 1) + delay
-    begin, stop = np.minimum(edges[:-1], end), np.minimum(edges[1:], end)
-    rate = float(u @ (stop - begin))
-    angle = float(u @ ((end - begin) ** 2 - (end - stop) ** 2)) / 2
-    # A delay under a billionth of a sample counts as none.
-    np.testing.assert_allclose(state[:2], [angle, rate], rtol=1e-9, atol=1e-11)
-
-
 # --- Lyapunov redesign -------------------------------------------------------------------------------------------
 
 BOUNDS = Bounds(alpha=0.3, phi=0.2, inverse=20.0, cross_model=0.0, cross_pid=0.0, source="stated")
-
-
-@given(st.floats(1, 30), st.floats(0.4, 2), st.floats(0.05, 0.5))
-def test_p_solves_the_lyapunov_equation_and_is_positive(hz: float, damping: float, integral: float) -> None:
-    gains = Pid.placed(hz, damping, integral)
-    A, Q, P = error_system(gains), weight(gains), lyapunov((gains,))[0]
-    scale = np.sqrt(np.outer(np.diag(Q), np.diag(Q)))
-    np.testing.assert_allclose((A.T @ P + P @ A + Q) / scale, 0, atol=1e-8)
-    assert np.linalg.eigvalsh(P / scale**0.5).min() > 0
-
-
-def test_without_integral_action_p_is_that_of_the_second_order_system() -> None:
-    gains = Pid.placed(5.0, 0.8, 0.0)
-    P = lyapunov((gains,))[0]
-    A, Q = error_system(gains)[1:, 1:], weight(gains)[1:, 1:]
-    np.testing.assert_allclose(A.T @ P[1:, 1:] + P[1:, 1:] @ A, -Q, rtol=1e-9, atol=1e-6)
-    assert not P[0].any() and not P[:, 0].any()
 
 
 def perturbed(rig: Rig, rng: np.random.Generator) -> Rig:

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 from gimbal_pin.dynamics import Carrier, Model, Plant, State, columns, nominal, reduce, regressor, rnea, scan, stacked
 from gimbal_pin.effects import BaseTilt, Coulomb, Term
 from gimbal_pin.log import Array, Imu, Platform, profile_s
-from gimbal_pin.log.platform import integrate_attitude
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE
 from gimbal_pin.rig import GRAVITY, Rig, bundled_rigs
 from tests.dynamics.test_reduction import subspace
@@ -56,13 +55,6 @@ def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity
     np.testing.assert_allclose(R[2] @ moving.f[2], a + UP, atol=1e-12)
     w, *xyz = moving.quat[2] if moving.quat is not None else ()
     np.testing.assert_allclose(pin.Quaternion(np.array([*xyz, w])).toRotationMatrix(), R[2], atol=1e-12)
-
-
-def test_attitude_is_the_integral_of_the_rate() -> None:
-    t = 5e-4 * np.arange(8000)
-    moving = profile_s(t, np.random.default_rng(3))
-    assert moving.quat is not None
-    np.testing.assert_allclose(integrate_attitude(moving.w, 5e-4, moving.quat[0]), moving.quat, atol=1e-5)
 
 
 def test_profile_s_is_what_control_says_of_it_whatever_the_sampling() -> None:

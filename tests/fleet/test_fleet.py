@@ -18,9 +18,7 @@ from gimbal_pin import Log, Rig, compare_fleet, nominal, write_log
 from gimbal_pin.dynamics import Model, plant_with
 from gimbal_pin.effects import parse_effect
 from gimbal_pin.errors import UsageError
-from gimbal_pin.fleet import DeviationKind, RigDesign, Variation, Vary
-from gimbal_pin.fleet.fleet import Fleet, Reason, Verdict
-from gimbal_pin.fleet.manifest import read_manifest
+from gimbal_pin.fleet import DeviationKind, Fleet, Reason, RigDesign, Variation, Vary, Verdict, read_manifest
 from gimbal_pin.fleet.units import LogStudy
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result

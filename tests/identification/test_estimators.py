@@ -18,8 +18,7 @@ from gimbal_pin.identification import (
     given_beta,
     greatest_base_motion,
 )
-from gimbal_pin.identification.bias_test import BiasCheck, check_bias, compute_noise_share
-from gimbal_pin.identification.output_error import run_log
+from gimbal_pin.identification.bias_test import BiasCheck, check_bias
 from gimbal_pin.log import Array, Log
 from gimbal_pin.regression import (
     DesignBlocks,
@@ -113,20 +112,6 @@ def test_a_difference_that_noise_cannot_make_is_the_models() -> None:
 def test_columns_that_are_their_own_instruments_say_nothing_else(coarse: DesignBlocks) -> None:
     found = compare_with_instruments(coarse, [block.A for block in coarse])
     assert found.p_value == 1.0 and found.change < 1e-9
-
-
-def test_noise_share_goes_with_the_encoders_step(turret: Rig, log: Log) -> None:
-    blocks = compute_blocks(rows_of(turret, log))
-    fine, rough = (compute_noise_share(quantised(log, bits), EXACT, blocks) for bits in (16, 12))
-    assert rough / fine == pytest.approx(16.0, rel=0.2)
-
-
-def test_a_true_model_follows_its_log(turret: Rig) -> None:
-    """In the loop the model of a log without noise stays within a thousandth of what the rig moved."""
-    log = prescribed(nominal(turret), 1, 8.0)
-    (run,) = run_log(rows_of(turret, log), nominal(turret), log, calm=False)
-    inner = run.error[len(run.t) // 10 : -len(run.t) // 10]
-    assert np.abs(inner).max() < 1e-3 * np.ptp(log.q)
 
 
 @pytest.mark.parametrize("bits", [11, 24])

@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from gimbal_pin.control import bounds
 from gimbal_pin.dynamics import nominal, reduce
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.identification import Bootstrap, Identified, identify
-from gimbal_pin.identification.bodies import believed, bodies, figures, slopes
+from gimbal_pin.identification.bodies import bodies, figures
 from gimbal_pin.log import Array
 from gimbal_pin.regression import (
     Block,
@@ -92,32 +90,6 @@ def test_figures_are_pinocchios(name: str) -> None:
         own, body = figures(phi), pin.Inertia.FromDynamicParameters(phi)
         assert own[0] == pytest.approx(body.mass) and np.allclose(own[1:4], body.lever)
         assert np.allclose(own[4:], body.inertia[np.tril_indices(3)], atol=1e-12)
-
-
-CARRIED = Rig.load("turret", "cinema").phi[:10]
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_slopes_are_those_of_the_figures(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    phi, step = CARRIED, 1e-7 * rng.standard_normal(10)
-    change = figures(phi + step) - figures(phi - step)
-    assert np.allclose(slopes(phi) @ (2 * step), change, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", bundled_rigs())
-@pytest.mark.parametrize("trust", [0.01, 1.0])
-def test_bodies_deviate_as_the_log_and_the_urdf_together_say(name: str, trust: float) -> None:
-    """``K C Kᵀ = (P⁻¹ + (K G Kᵀ)⁻¹)⁻¹``, by Woodbury ``P - P (P + K G Kᵀ)⁻¹ P``: never wider than either alone."""
-    rig = Rig.load(name, "cinema")
-    mixing = map_phi_to_base(rig, reduce(rig))
-    rng = np.random.default_rng(0)
-    root = rng.standard_normal((len(mixing), len(mixing))) * 10.0 ** rng.uniform(-6, -2, len(mixing))[:, None]
-    P, prior = root @ root.T, trust * mixing @ compute_deformation_root(rig.phi)
-    through = mixing @ believed(rig.phi, mixing, mixing @ rig.phi, P, trust)[1]
-    size = np.sqrt(np.diag(P))
-    expected = P - P @ np.linalg.solve(P + prior @ prior.T, P)
-    assert np.allclose(through @ through.T / np.outer(size, size), expected / np.outer(size, size), atol=1e-6)
 
 
 def test_intervals_of_bodies_hold_the_truth() -> None:

@@ -20,7 +20,6 @@ from gimbal_pin.control import (
     CarriedTorque,
     Equal,
     JointPid,
-    Margins,
     Observer,
     Pid,
     margins,
@@ -62,7 +61,6 @@ from gimbal_pin.pointing import (
     unbalanced,
 )
 from gimbal_pin.pointing.navigator import Fused
-from gimbal_pin.pointing.roster import slack, without_hidden
 from gimbal_pin.pointing.sight import holding, inverted, lost_turn
 from gimbal_pin.pointing.verify import planted_once
 from gimbal_pin.rig import Noise, Rig
@@ -451,16 +449,6 @@ def test_the_observer_finds_a_constant_disturbance() -> None:
     assert held.disturbance == memory.disturbance
 
 
-def test_what_only_a_moving_base_shows_can_be_dropped() -> None:
-    """The torques on a fixed base stay, those on a moving one do not."""
-    model, rng = nominal(rig_of("thesis")), np.random.default_rng(0)
-    q, v, a = rng.uniform(-0.5, 0.5, (3, 5, 3))
-    least = without_hidden(model)
-    np.testing.assert_allclose(rnea(least.rig, q, v, a), rnea(model.rig, q, v, a), atol=1e-9)
-    base = profile_s(DT * np.arange(5), np.random.default_rng(0))
-    assert np.abs(rnea(least.rig, q, v, a, base) - rnea(model.rig, q, v, a, base)).max() > 0.05
-
-
 def test_a_model_that_knows_nothing_is_not_trusted() -> None:
     from gimbal_pin.dynamics import reduce
 
@@ -499,13 +487,6 @@ def test_the_budget_adds_up(sizes: list[float]) -> None:
     assert list(parted.parts) == ["base motion to hidden parameters", "friction to foreknowledge", "the oracle's own"]
     assert parted.size("the oracle's own") == pytest.approx(sizes[2]) == parted.left
     assert bool(parted.note) == (min(parted.parts.values()) < 0)  # and then alone one is more than all
-
-
-@given(st.lists(st.floats(0.01, 10.0), min_size=2, max_size=2))
-def test_who_crosses_below_what_counts_as_jitter_does_not_hold_the_camera(crossovers: list[float]) -> None:
-    loops = {"tuned": tuple(Margins(60.0, 10.0, 1.0, 0.01, hz) for hz in crossovers)}
-    said = " ".join(slack(loops, ("pan", "tilt")))
-    assert [joint in said for joint in ("pan", "tilt")] == [hz < 0.2 for hz in crossovers]
 
 
 def test_a_target_knows_which_way_is_up() -> None:

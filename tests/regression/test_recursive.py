@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.log.log import Array
+from gimbal_pin.log import Array
 from gimbal_pin.regression import Block, Known, Moments, fit_weighted, loosen_prior, solve_recursive
 
 

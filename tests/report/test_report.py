@@ -41,7 +41,6 @@ from gimbal_pin.report import (
     verdict,
 )
 from gimbal_pin.report import format as numbers
-from gimbal_pin.report.evaluation import known
 from gimbal_pin.report.sections.control import tracking
 from gimbal_pin.report.sections.data import data, rig_section
 from gimbal_pin.report.sections.model import parameters, torque
@@ -316,16 +315,6 @@ def test_the_rows_shown_are_the_rows_judged(holdout: str) -> None:
     # A row counts as moving with up to a thousandth of it masked, and friction jumps by about the torque's own size.
     assert moving.mean() > 0.3 and np.abs(apart).max() < 3e-3 * np.abs(shown.stacked("measured")).max()
     assert [part.log for part in shown.parts] == ["a.csv", "b.csv"][: 1 if holdout == "log:1" else 2]
-
-
-def test_the_torque_that_a_parameter_moves_is_what_the_model_loses_without_it(walk: Walk) -> None:
-    shown = evaluate(walk.found, walk.logs)
-    for k, one in enumerate(known(walk.found, shown)):
-        theta = walk.found.estimate.theta.copy()
-        theta[k] = 0.0
-        without = evaluate(replace(walk.found, estimate=replace(walk.found.estimate, theta=theta)), walk.logs)
-        lost = weighted_rms(shown.stacked("error") - without.stacked("error"), shown.stacked("share"))
-        assert one.moved == pytest.approx(lost.max(), rel=1e-6)
 
 
 def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:

@@ -188,10 +188,6 @@ def assert_same_set(have: list[np.ndarray], want: list[np.ndarray], tolerance: f
 # -- where things are --------------------------------------------------------------------------------------------------
 
 
-def test_cylinders_stand_on_z() -> None:
-    assert np.allclose(Y_TO_Z @ [0, 1, 0, 0], [0, 0, 1, 0]) and np.linalg.det(Y_TO_Z) == pytest.approx(1)
-
-
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_solids_stand_where_another_kinematics_puts_them(name: str) -> None:
     rig = Rig.load(name)

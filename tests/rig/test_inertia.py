@@ -12,8 +12,7 @@ from gimbal_pin.control import perturbed
 from gimbal_pin.dynamics import reduce
 from gimbal_pin.errors import ModelError
 from gimbal_pin.regression import find_nearest_bodies, map_phi_to_base
-from gimbal_pin.rig import Rig, bundled_rigs, is_physical, to_pinocchio, to_urdf, urdf
-from gimbal_pin.rig.inertia import thicken_flat_body
+from gimbal_pin.rig import Rig, bundled_rigs, is_physical, thicken_flat_body, to_pinocchio, to_urdf, urdf
 from tests.rigs import COMBINATIONS, taken_by_all
 
 
