@@ -86,17 +86,13 @@ def test_a_fault_is_found_by_its_own_check_alone(turret: tuple[Rig, Log], plante
 
 SIZES: list[tuple[str, dict[str, Any]]] = [
     ("commanded-torque", {}),
-    ("clock", {"jitter": 0.15}),
     ("clock", {"jitter": 0.0, "holes": 6}),
     ("clock", {"jitter": 0.0, "stale": 0.15}),
     ("stuck-channel", {"channel": "q", "seconds": 0.5}),
-    ("stuck-channel", {"channel": "v", "seconds": 0.5}),
     ("stuck-channel", {"channel": "v", "rail": 0.85}),
     ("stuck-channel", {"channel": "tau", "rail": 0.85}),
     ("outliers", {"channel": "q", "share": 0.0005, "size": 4.0}),
-    ("outliers", {"channel": "v", "share": 0.005}),
     ("outliers", {"channel": "tau", "seconds": 1.0}),
-    ("filtered-velocity", {"corner": 25.0}),
     ("filtered-velocity", {"corner": 5.0, "order": 2}),
     ("acceleration-noise", {"angle": 0.005, "rate": 0.3}),
 ]
@@ -140,7 +136,7 @@ DIRTY: dict[str, Callable[[Log, np.random.Generator], Log]] = {
 }
 
 
-@pytest.mark.parametrize(("name", "dirt"), [*zip(BENCH, ["as recorded"] * 2), *zip(cycle(reversed(BENCH)), DIRTY)])
+@pytest.mark.parametrize(("name", "dirt"), list(zip(cycle(reversed(BENCH)), DIRTY)))
 def test_clean_logs_are_reliable_however_dirty_the_sensors(name: str, dirt: str) -> None:
     rig, log = bench(name)
     found = audit(rig, DIRTY[dirt](log, np.random.default_rng(3)))
@@ -348,8 +344,7 @@ def test_a_coarse_encoder_is_told_with_its_step() -> None:
     assert figures(found["acceleration-noise"])["noise_share"] > 1
 
 
-@pytest.mark.parametrize("name", ["turret", "thesis", "handheld"])
-@pytest.mark.parametrize("speed", [1.0, 0.1])
+@pytest.mark.parametrize(("name", "speed"), [("turret", 1.0), ("thesis", 0.1)])
 def test_a_plants_own_torque_is_no_formula_and_a_speed_loops_is(name: str, speed: float) -> None:
     """Slow or fast, with friction, a bias and a spring, whatever the motion: a passive plant is silent."""
     rig = Rig.load(name)
@@ -369,8 +364,7 @@ def test_a_plants_own_torque_is_no_formula_and_a_speed_loops_is(name: str, speed
             assert check(rig, corrupted(log, "controller-formula", delay=delay), FILTER) is not None
 
 
-@pytest.mark.parametrize("name", ["turret", "thesis", "handheld", "drone", "ptu"])
-@pytest.mark.parametrize("speed", [1.0, 0.1])
+@pytest.mark.parametrize(("name", "speed"), [("turret", 1.0), ("thesis", 0.1), ("ptu", 1.0), ("drone", 0.1)])
 def test_a_torque_that_only_cancels_gravity_is_a_formula_and_a_plants_own_is_none(name: str, speed: float) -> None:
     """A hand moves the joint; beside it a plant, slow or fast, hardly any friction, a spring and cogging."""
     rig, check, rng = Rig.load(name), CHECKS["controller-formula"], np.random.default_rng(3)
