@@ -43,7 +43,7 @@ def test_a_far_shift_is_found_where_a_direction_hardly_shows() -> None:
 
 def test_what_no_body_makes_is_not_laid_on_further_ones() -> None:
     """A change of the base parameters that no body explains, thirty deviations in each: the shift stays alone."""
-    rig = Rig.load("thesis")
+    rig = Rig.load("turret")
     apart = difference(rig, recorded(rig, "payload-shift:x=0.01,y=0.005,z=-0.004"))
     strange = np.linalg.solve(apart.whitener, 30.0 * RNG(0).normal(size=len(apart.change)))
     found = Bodies(replace(apart, change=apart.change + strange), BODIES).selected()
@@ -51,11 +51,11 @@ def test_what_no_body_makes_is_not_laid_on_further_ones() -> None:
 
 
 def test_causes_that_hide_each_other_are_found_together() -> None:
-    """Products of two links and a shift that change the model alike, hundreds of deviations each."""
-    rig, rng = Rig.load("thesis"), RNG(0)
+    """A link's products and a shift that change the model alike, hundreds of deviations each."""
+    rig, rng = Rig.load("turret"), RNG(0)
     apart = difference(rig, recorded(rig))
     bodies = Bodies(apart, BODIES)
-    ways = [dict(zip(("Ixy", "Ixz", "Iyz"), way)) for way in 1e-4 * rng.normal(size=(2, 3))]
+    ways = [dict(zip(("Ixy", "Ixz", "Iyz"), way)) for way in 1e-4 * rng.normal(size=(rig.n - 1, 3))]
     kinds = [OffDiagonalInertia(joint, **way) for joint, way in zip(rig.joints[1:], ways)]
     kinds += [PayloadShift(*(1e-4 * rng.normal(size=3)))]
     sized = []

@@ -74,7 +74,6 @@ def designed(found: Diagnosis, causes: Mapping[str, type[Cause]], tries: int = 1
 
 AMBIGUOUS = {
     "cogging:pan:amplitude=0.05,harmonic=3": ("cogging", "cable-spring", 0.4),
-    "load-dependent-friction:tilt:mu=0.1": ("load-dependent-friction", "position-dependent-friction", 0.3),
 }
 
 
