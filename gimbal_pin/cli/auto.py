@@ -49,6 +49,7 @@ def auto(
     import numpy as np
 
     from gimbal_pin.identification import ESTIMATORS
+    from gimbal_pin.regression import Method
     from gimbal_pin.report.pipeline import auto as run
 
     loaded, read = load_logs(rig, payload, logs, map)
@@ -57,7 +58,7 @@ def auto(
         read,
         output,
         rng=np.random.default_rng(seed),
-        estimator=ESTIMATORS[estimator],
+        estimator=ESTIMATORS[Method(estimator)],
         holdout=holdout,
         filtering=filtering(cutoff, alignment),
         wish=gains.wish,

@@ -164,10 +164,10 @@ def write(
 def estimator_of(name: EstimatorName, trust: float, bootstrap: int, seed: int) -> Estimator:
     """Return the estimator of a name, its deviations by repetition if so many are asked for."""
     from gimbal_pin.identification import ESTIMATORS, Bootstrap
-    from gimbal_pin.regression import check_trust, fit_ridge
+    from gimbal_pin.regression import Method, check_trust, fit_ridge
 
     check_trust(trust)
-    chosen = partial(fit_ridge, trust=trust) if name == "ridge" else ESTIMATORS[name]
+    chosen = partial(fit_ridge, trust=trust) if Method(name) is Method.RIDGE else ESTIMATORS[Method(name)]
     if bootstrap == 0:
         return chosen
     import numpy as np

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from scipy.special import chdtrc
 
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification.output_error import build_instruments
@@ -16,9 +17,11 @@ from gimbal_pin.regression import (
     Block,
     DesignBlocks,
     Filtering,
+    Method,
     compute_blocks,
     compute_moments,
     compute_score_covariance,
+    compute_targets,
     fit_instrumental,
     fit_physical,
     fit_residual_noise,
@@ -36,8 +39,6 @@ RANK = 1e-6
 """Directions of less than this share of the largest variance, in units of each parameter's own, are not judged."""
 NOISY = 0.03
 """Noise of the acceleration, as a share of it, from which the test is worth its time: bias goes with its square."""
-UNBIASED = ("instrumental", "output-error")
-"""Estimators that noise in the motion does not bias."""
 LEAST = 0.1
 """Least share of what the rates show that is taken for motion, where nearly all of it is noise."""
 BEYOND = 10.0
@@ -69,25 +70,6 @@ class Hausman:
         """Whether least squares is biased, at the `LEVEL`."""
         return self.p_value < LEVEL
 
-    @property
-    def finding(self) -> str:
-        """What it says."""
-        chance = f"p = {self.p_value:.2g}" if self.p_value > 1e-12 else "p < 1e-12"
-        if not self.biased:
-            return f"least squares shows no bias on this log ({chance})"
-        shift = f"{100 * self.change:.2g} % of the torque"
-        return f"least squares is biased on this log by noise in the motion ({chance}, {shift})"
-
-    @property
-    def sentence(self) -> str:
-        """What it says, and what to use instead."""
-        mend = ": use --estimator output-error or instrumental, or a lower cutoff" if self.biased else ""
-        return self.finding + mend
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds."""
-        return {**asdict(self), "level": LEVEL, "biased": self.biased, "sentence": self.sentence}
-
 
 def compare_with_instruments(blocks: Sequence[Block], instruments: Sequence[Array]) -> Hausman:
     """Test ``E Aᵀe = 0`` by what instruments say instead (Durbin 1954; Wu 1973; Hausman 1978).
@@ -101,38 +83,26 @@ def compare_with_instruments(blocks: Sequence[Block], instruments: Sequence[Arra
 
     `instruments`: per block its Z, (m, n, k).
     """
-    found = fit_instrumental(blocks, instruments)
-    weight = weigh_joints(found.residual_std**2) ** 2
-    gains, thetas = [], []
-    for columns in (instruments, [block.A for block in blocks]):
-        target = sum((np.einsum("tjk,j,tj->k", z, weight, block.b) for z, block in zip(columns, blocks)), 0.0)
-        theta, gain, _ = solve_moments(
-            compute_moments([(z, b.A) for z, b in zip(columns, blocks)], weight), np.asarray(target)
-        )
-        gains.append(gain)
-        thetas.append(theta)
-    noise = fit_residual_noise(blocks, instruments, thetas[0], gains[0], weight).processes
-    apart = [z @ gains[0].T - block.A @ gains[1].T for z, block in zip(instruments, blocks)]
-    score = compute_score_covariance([block.A for block in join_blocks(blocks)], noise, weight).sum(axis=0)
+    weight = weigh_joints(fit_instrumental(blocks, instruments).residual_std ** 2) ** 2
+    plain = [block.A for block in blocks]
+    (theta, gain), (shrunk, plain_gain) = (
+        solve_moments(compute_moments(list(zip(z, plain)), weight), compute_targets(blocks, z, weight))[:2]
+        for z in (instruments, plain)
+    )
+    noise = fit_residual_noise(blocks, instruments, theta, gain, weight).processes
+    apart = [z @ gain.T - A @ plain_gain.T for z, A in zip(instruments, plain)]
+    score = compute_score_covariance(join_columns(blocks, plain), noise, weight).sum(axis=0)
     spread = compute_score_covariance(join_columns(blocks, apart), noise, weight).sum(axis=0)
-    spread = spread + ADMISSIBLE**2 * gains[1] @ score @ gains[1].T
-    return _test_difference(thetas[0] - thetas[1], spread, blocks)
-
-
-def _test_difference(difference: Array, spread: Array, blocks: Sequence[Block]) -> Hausman:
-    """Return the test of a difference, (k,), with its covariance, (k, k)."""
-    from scipy.stats import chi2
-
-    std = np.sqrt(np.diag(spread))
+    spread = spread + ADMISSIBLE**2 * plain_gain @ score @ plain_gain.T
+    std, difference = np.sqrt(np.diag(spread)), theta - shrunk
     unit = np.where(std > 0, std, 1.0)
-    values, vectors = np.linalg.eigh(spread / np.outer(unit, unit))
-    kept = values > RANK * values[-1]
-    statistic = float(np.sum((vectors[:, kept].T @ (difference / unit)) ** 2 / values[kept])) if std.any() else 0.0
-    freedom = int(np.sum(kept)) if std.any() else 0
-    moved = np.sum([np.sum((block.A @ difference) ** 2, axis=0) for block in blocks], axis=0)
+    correlation, z = spread / np.outer(unit, unit), difference / unit
+    statistic = float(z @ np.linalg.pinv(correlation, rcond=RANK, hermitian=True) @ z)
+    freedom = int(np.linalg.matrix_rank(correlation, rtol=RANK, hermitian=True))
+    moved = np.sum([np.sum((A @ difference) ** 2, axis=0) for A in plain], axis=0)
     torque = np.sum([np.sum(block.b**2, axis=0) for block in blocks], axis=0)
     share = np.sqrt(moved / np.where(torque > 1e-6 * torque.max(), torque, np.inf))
-    return Hausman(statistic, freedom, float(chi2.sf(statistic, freedom)) if freedom else 1.0, float(share.max()))
+    return Hausman(statistic, freedom, float(chdtrc(freedom, statistic)) if freedom else 1.0, float(share.max()))
 
 
 WhenTested = Literal["never", "noisy", "always"]
@@ -153,7 +123,7 @@ class BiasCheck:
     noise: float
     test: Hausman | None
     why: str = ""
-    method: str = ""
+    method: Method | None = None
 
     @property
     def by_noise(self) -> bool:
@@ -165,24 +135,30 @@ class BiasCheck:
         """What is known, and what to use instead."""
         if self.test is None:
             return self.why
-        if self.test.biased and self.by_noise and self.method in UNBIASED:
-            return f"{self.test.finding}: {self.method}, which was used, is not"
-        if not self.test.biased or self.by_noise:
-            return self.test.sentence
-        shift, little = f"{100 * self.test.change:.2g} % of the torque", f"{100 * self.noise:.2g} % of the acceleration"
-        return (
-            f"least squares and instrumental variables disagree by {shift}, more than the sensors' noise ({little}) "
-            "explains: the model misses something, see 'gimbal-pin diagnose'"
-        )
+        chance = f"p = {self.test.p_value:.2g}" if self.test.p_value > 1e-12 else "p < 1e-12"
+        shift = f"{100 * self.test.change:.2g} % of the torque"
+        if not self.test.biased:
+            return f"least squares shows no bias on this log ({chance})"
+        if not self.by_noise:
+            return (
+                f"least squares and instrumental variables disagree by {shift}, more than the sensors' noise "
+                f"({100 * self.noise:.2g} % of the acceleration) explains: the model misses something, see "
+                "'gimbal-pin diagnose'"
+            )
+        found = f"least squares is biased on this log by noise in the motion ({chance}, {shift})"
+        if self.method is not None and self.method.is_simulating:
+            return f"{found}: {self.method}, which was used, is not"
+        return f"{found}: use --estimator output-error or instrumental, or a lower cutoff"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds; `biased` is null where the test was not run."""
-        empty = dict.fromkeys(("statistic", "freedom", "p_value", "change", "level", "biased"))
-        said = empty if self.test is None else self.test.to_dict()
-        return {"noise_share": self.noise, **said, "by_noise": self.by_noise, "sentence": self.sentence}
+        figures: dict[str, Any] = dict.fromkeys(("statistic", "freedom", "p_value", "change", "level", "biased"))
+        if self.test is not None:
+            figures = {**asdict(self.test), "level": LEVEL, "biased": self.test.biased}
+        return {"noise_share": self.noise, **figures, "by_noise": self.by_noise, "sentence": self.sentence}
 
 
-def check_bias(blocks: DesignBlocks, asked: WhenTested, method: str = "") -> BiasCheck | None:
+def check_bias(blocks: DesignBlocks, asked: WhenTested, method: Method | None = None) -> BiasCheck | None:
     """Test least squares if asked to; None for "never".
 
     The instruments are simulated with bodies fitted to the same rows.
@@ -191,13 +167,15 @@ def check_bias(blocks: DesignBlocks, asked: WhenTested, method: str = "") -> Bia
     """
     if asked == "never":
         return None
-    rows, first = blocks.design, blocks.design.logs[0]
-    noise = compute_noise_share(first, rows.filtering, blocks)
+    design, first = blocks.design, blocks.design.logs[0]
+    noise = compute_noise_share(first, design.filtering, blocks)
     if asked == "noisy" and noise < NOISY:
         little = f"the sensors' noise is {100 * noise:.2g} % of the motion's acceleration, too little to bias"
         return BiasCheck(noise, None, f"{little} least squares (--bias tests it all the same)", method)
     some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + EXAMINED))))
-    judged = blocks if len(rows.logs) == 1 and len(some) == len(first) else compute_blocks(replace(rows, logs=(some,)))
+    judged = (
+        blocks if len(design.logs) == 1 and len(some) == len(first) else compute_blocks(replace(design, logs=(some,)))
+    )
     try:
         test = compare_with_instruments(judged, build_instruments(judged, fit_physical(judged)))
         return BiasCheck(noise, test, method=method)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,69 +60,50 @@ class Bootstrap:
     def __call__(self, blocks: Sequence[Block]) -> Estimate:
         """Estimate theta; the covariance is that of the repetitions."""
         found = self.estimator(blocks)
-        if found.method in ("instrumental", "output-error"):
+        if found.method.is_simulating:
             what = f"draws rows anew, and {found.method} simulates the log they come from"
             raise UsageError("the bootstrap", what, "use it with another estimator, or that one's own deviations")
-        runs = range(self.count)
-        bar = tqdm(runs, desc="bootstrap", unit="estimate", disable=None, leave=False, delay=2)
-        drawn = ResidualBlocks.of(blocks, found.theta, self.seconds)
-        thetas = np.array([self.estimator(drawn.again(blocks, found.theta, self.rng)).theta for _ in bar])
+        starts, length, step = self.place_blocks(blocks)
+        residual, count = _scale_residuals(blocks, found.theta), sum(len(block.t) for block in blocks)
+        ends, thetas = np.cumsum([len(block.t) for block in blocks])[:-1], []
+        for _ in tqdm(range(self.count), "bootstrap", unit="estimate", disable=None, leave=False, delay=2):
+            first = self.rng.choice(starts, -(-count // length))
+            drawn = residual[(first[:, None] + np.arange(length)).ravel()[:count]]
+            made = tuple(
+                block._replace(b=block.A @ found.theta + own * block.share)
+                for block, own in zip(blocks, np.split(drawn, ends))
+            )
+            again = DesignBlocks(blocks.design, made) if isinstance(blocks, DesignBlocks) else made
+            thetas.append(self.estimator(again).theta)
         blind = ~np.isfinite(np.diag(found.covariance))
-        covariance = np.atleast_2d(np.cov(thetas.T))
+        covariance = np.atleast_2d(np.cov(np.transpose(thetas)))
         covariance[blind, blind] = np.inf
-        return replace(found, covariance=covariance, uncertainty=f"bootstrap, {self.count} of {drawn.seconds:.2g} s")
+        return replace(found, covariance=covariance, uncertainty=f"bootstrap, {self.count} of {length * step:.2g} s")
 
-
-@dataclass(frozen=True, eq=False)
-class ResidualBlocks:
-    """Residuals of unmasked rows, and the places where a block of them may start.
-
-    Attributes:
-        residual: Residual per unmasked row, N m, (m, n); as large in total as what the fit left, and what it took.
-        starts: Rows at which a block may start, (s,).
-        length: Rows of a block.
-        seconds: The same, s.
-    """
-
-    residual: Array
-    starts: Array
-    length: int
-    seconds: float
-
-    @staticmethod
-    def of(blocks: Sequence[Block], theta: Array, seconds: float | None) -> ResidualBlocks:
-        """Take the residuals of an estimate; `DataError` if too few blocks fit in."""
+    def place_blocks(self, blocks: Sequence[Block]) -> tuple[Array, int, float]:
+        """Return the rows at which a block may start, its rows, and their interval, s; `DataError` if few fit in."""
         whole = join_blocks(blocks)
         step = min((float(np.median(np.diff(part.t))) for part in whole if len(part.t) > 1), default=np.inf)
-        rows = sum(len(part.t) for part in whole)
-        length = max(1, min(round(LONGEST / step), rows // FEWEST) if seconds is None else round(seconds / step))
         edges = np.cumsum([0, *(len(part.t) for part in whole)])
+        rows = int(edges[-1])
+        length = max(
+            1, min(round(LONGEST / step), rows // FEWEST) if self.seconds is None else round(self.seconds / step)
+        )
         starts = np.concatenate([np.arange(a, max(b - length + 1, a)) for a, b in itertools.pairwise(edges)])
         if rows < FEWEST * length or not len(starts):
             what = f"holds fewer than {FEWEST} blocks of {length * step:.2g} s"
             raise DataError("the log", what, "record more, or draw shorter blocks")
-        error, share = (
-            np.concatenate(x) for x in zip(*((compute_residuals(part, theta), part.share) for part in whole))
-        )
-        usable = share >= LEAST_SHARE
-        residual = np.where(usable, error / np.where(usable, share, 1.0), 0.0)
-        count = count_effective_rows(blocks)
-        free = np.sum(error**2, axis=0) / np.maximum(count - len(theta) / len(count), 1.0)
-        size = np.mean(residual**2, axis=0)
-        return ResidualBlocks(residual * np.sqrt(free / np.where(size > 0, size, 1.0)), starts, length, length * step)
+        return starts, length, step
 
-    def again(self, blocks: Sequence[Block], theta: Array, rng: np.random.Generator) -> Sequence[Block]:
-        """Return the blocks with other residuals."""
-        made = tuple(self.filled(blocks, theta, rng))
-        return DesignBlocks(blocks.design, made) if isinstance(blocks, DesignBlocks) else made
 
-    def filled(self, blocks: Sequence[Block], theta: Array, rng: np.random.Generator) -> Iterator[Block]:
-        """Yield blocks whose torque is the fit's and residuals from other times."""
-        total = sum(len(block.t) for block in blocks)
-        first = rng.choice(self.starts, -(-total // self.length))
-        picked = (first[:, None] + np.arange(self.length)).ravel()
-        at = 0
-        for block in blocks:
-            own = self.residual[picked[at : at + len(block.t)]]
-            yield block._replace(b=block.A @ theta + own * block.share)
-            at += len(block.t)
+def _scale_residuals(blocks: Sequence[Block], theta: Array) -> Array:
+    """Residual per unmasked row, N m, (m, n): as large in total as what the fit left, and what it took."""
+    error, share = (
+        np.concatenate(x) for x in zip(*((compute_residuals(block, theta), block.share) for block in blocks))
+    )
+    usable = share >= LEAST_SHARE
+    residual = np.where(usable, error / np.where(usable, share, 1.0), 0.0)
+    count = count_effective_rows(blocks)
+    free = np.sum(error**2, axis=0) / np.maximum(count - len(theta) / len(count), 1.0)
+    size = np.mean(residual**2, axis=0)
+    return np.asarray(residual * np.sqrt(free / np.where(size > 0, size, 1.0)))

@@ -231,7 +231,7 @@ class Identified:
             "rig": self.model.rig.name,
             "payload": self.model.rig.payload,
             "logs": list(self.logs),
-            "estimator": self.estimate.method,
+            "estimator": self.estimate.method.value,
             "uncertainty": self.estimate.uncertainty,
             "samples": self.estimate.rows,
             "condition_number": self.estimate.condition_number,

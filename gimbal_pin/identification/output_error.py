@@ -23,6 +23,7 @@ from gimbal_pin.regression import (
     Block,
     Design,
     Estimate,
+    Method,
     Samples,
     Segment,
     compute_residuals,
@@ -193,7 +194,7 @@ def fit_output_error(blocks: Sequence[Block]) -> Estimate:
             break
         before, now, found = found.theta, after, fit_weighted(after.blocks)
     left = np.concatenate([compute_residuals(block, found.theta) for block in now.blocks])
-    return replace(found, residual_std=np.sqrt(np.mean(left**2, axis=0)), method="output-error")
+    return replace(found, residual_std=np.sqrt(np.mean(left**2, axis=0)), method=Method.OUTPUT_ERROR)
 
 
 class Followed(NamedTuple):

@@ -62,6 +62,7 @@ from gimbal_pin.regression import (
     Estimate,
     Filtering,
     Known,
+    Method,
     Prior,
     compute_settling_time,
     loosen_prior,
@@ -320,7 +321,7 @@ def prior_of(rows: Design, directions: Array, model: Model) -> Prior:
     if known.names != rows.names:
         raise UsageError("the known model", "holds other parameters than this rig", f"identify {rows.rig.name} once")
     silent = np.zeros((LAGS + 1, rows.rig.n))
-    estimate = Estimate(known.theta, known.covariance, silent[0], inf, 0, "known")
+    estimate = Estimate(known.theta, known.covariance, silent[0], inf, 0, Method.KNOWN)
     return replace(loosen_prior(Known(estimate, silent), directions), count=0.0)
 
 

@@ -41,6 +41,7 @@ from gimbal_pin.regression.discrepancy import build_discrepancy_columns as build
 from gimbal_pin.regression.discrepancy import fit_misfit as fit_misfit
 from gimbal_pin.regression.discrepancy import propagate_misfit as propagate_misfit
 from gimbal_pin.regression.instrumental import compute_moments as compute_moments
+from gimbal_pin.regression.instrumental import compute_targets as compute_targets
 from gimbal_pin.regression.instrumental import fit_instrumental as fit_instrumental
 from gimbal_pin.regression.instrumental import fit_repeated as fit_repeated
 from gimbal_pin.regression.instrumental import solve_moments as solve_moments
@@ -91,6 +92,7 @@ from gimbal_pin.regression.selection import select_groups as select_groups
 from gimbal_pin.regression.solve import RANK as RANK
 from gimbal_pin.regression.solve import Estimate as Estimate
 from gimbal_pin.regression.solve import Estimator as Estimator
+from gimbal_pin.regression.solve import Method as Method
 from gimbal_pin.regression.solve import choose_columns as choose_columns
 from gimbal_pin.regression.solve import compute_residual_power as compute_residual_power
 from gimbal_pin.regression.solve import compute_residuals as compute_residuals

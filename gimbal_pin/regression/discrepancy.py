@@ -20,6 +20,7 @@ from gimbal_pin.regression.design import Block
 from gimbal_pin.regression.solve import (
     RANK,
     Estimate,
+    Method,
     count_effective_rows,
     factor_rows,
     solve_factors,
@@ -151,7 +152,7 @@ def propagate_misfit(gain: Array, A: Array, X: Array, missed: Misfit) -> Array:
 def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) -> tuple[Estimate, tuple[Misfit, ...]]:
     """Return the estimate with deviations that hold what the model misses, and that at each joint.
 
-    The rows weigh as they do in `solve`, or alike where the estimator is `ols`. With several cameras on one gimbal
+    The rows weigh as they do in `solve`, or alike by ordinary least squares. With several cameras on one gimbal
     δ may be the gimbal's, the same with each, or each camera's own, or in part both: the sum bounds them all.
 
     Args:
@@ -160,7 +161,7 @@ def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) ->
         cameras: Of how many cameras the joints are, one's after another's.
     """
     found, columns = _fit_misfits(blocks)
-    weight = np.ones(len(found)) if estimate.method == "ols" else weigh_joints(estimate.residual_std**2)
+    weight = np.ones(len(found)) if estimate.method is Method.ORDINARY else weigh_joints(estimate.residual_std**2)
     gain = solve_factors(factor_rows(blocks), weight).gain
     moved = np.zeros((len(found), len(gain), len(GROUPS)))
     for j, one in enumerate(found):

@@ -13,6 +13,7 @@ from gimbal_pin.regression.design import Block
 from gimbal_pin.regression.solve import (
     RANK,
     Estimate,
+    Method,
     compute_residuals,
     count_effective_rows,
     weigh_joints,
@@ -74,8 +75,7 @@ def _solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[A
     weight: Array = np.ones(blocks[0].b.shape[1])
     for _ in range(PASSES):
         moment = compute_moments(pairs, weight) - compute_moments([(D, D) for D in noise], weight, width)
-        target = sum((np.einsum("tjk,j,tj->k", Z, weight, block.b) for (Z, _), block in zip(pairs, blocks)), 0.0)
-        theta, inverse, condition = solve_moments(moment, np.asarray(target))
+        theta, inverse, condition = solve_moments(moment, compute_targets(blocks, [Z for Z, _ in pairs], weight))
         squares = sum(np.sum(compute_residuals(block, theta) ** 2, axis=0) for block in blocks)
         power = squares / np.maximum(rows - len(theta) / len(rows), 1.0)
         weight = weigh_joints(power) ** 2
@@ -83,7 +83,9 @@ def _solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[A
     spread = spread + inverse @ _compute_product_covariance(noise, theta, weight) @ inverse.T
     blind = ~np.any(inverse != 0.0, axis=1)
     spread[blind, blind] = np.inf
-    return Estimate(theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), "instrumental")
+    return Estimate(
+        theta, spread, np.sqrt(power), condition, sum(len(block.t) for block in blocks), Method.INSTRUMENTAL
+    )
 
 
 def _compute_product_covariance(noise: Sequence[Array], theta: Array, weight: Array) -> Array:
@@ -111,6 +113,11 @@ def compute_moments(pairs: Pairs, weight: Array, width: int = 0) -> Array:
     """``Σ ZᵀWA``, (k, k); zeros of `width` where there is no pair."""
     parts = [np.einsum("tjk,j,tjl->kl", Z, weight, A, optimize=True) for Z, A in pairs]
     return np.sum(parts, axis=0) if parts else np.zeros((width, width))
+
+
+def compute_targets(blocks: Sequence[Block], instruments: Sequence[Array], weight: Array) -> Array:
+    """``Σ ZᵀWb``, (k,)."""
+    return np.sum([np.einsum("tjk,j,tj->k", Z, weight, block.b) for Z, block in zip(instruments, blocks)], axis=0)
 
 
 def solve_moments(moment: Array, target: Array) -> tuple[Array, Array, float]:

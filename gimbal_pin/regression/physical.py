@@ -15,6 +15,7 @@ from gimbal_pin.regression.design import Block, Design, find_base_columns, get_d
 from gimbal_pin.regression.solve import (
     RANK,
     Estimate,
+    Method,
     compute_covariance,
     compute_residual_power,
     count_effective_rows,
@@ -60,7 +61,7 @@ def fit_physical(blocks: Sequence[Block]) -> Estimate:
     found = solve_factors(factors, scale)._replace(theta=theta)
     deviations = compute_covariance(blocks, found, scale)
     length = sum(len(block.t) for block in blocks)
-    return Estimate(theta, deviations, np.sqrt(power), found.condition, length, "physical", phi)
+    return Estimate(theta, deviations, np.sqrt(power), found.condition, length, Method.PHYSICAL, phi)
 
 
 def fit_ridge(blocks: Sequence[Block], trust: float = TRUST) -> Estimate:
@@ -74,7 +75,7 @@ def fit_ridge(blocks: Sequence[Block], trust: float = TRUST) -> Estimate:
         trust: Relative standard deviation of the URDF's masses; lengths to half of that.
     """
     check_trust(trust)
-    return solve(blocks, build_urdf_prior(get_design(blocks), trust), method="ridge")
+    return solve(blocks, build_urdf_prior(get_design(blocks), trust), method=Method.RIDGE)
 
 
 def check_trust(trust: float) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.design import Block
-from gimbal_pin.regression.solve import Estimate, Solution, weigh_and_solve
+from gimbal_pin.regression.solve import Estimate, Method, Solution, weigh_and_solve
 from gimbal_pin.rig.brief import brief
 
 LAGS = 8
@@ -161,7 +161,7 @@ def solve_recursive(moments: Moments, prior: Prior | None = None) -> Known:
         # Few rows can have an autocovariance that is none, each lag being divided by its own number of pairs.
         if (np.diag(covariance) > 0).all():
             break
-    return Known(Estimate(theta, covariance, np.sqrt(power), found.condition, moments.rows, "recursive"), positive)
+    return Known(Estimate(theta, covariance, np.sqrt(power), found.condition, moments.rows, Method.RECURSIVE), positive)
 
 
 def _sum_lagged_residuals(moments: Moments, theta: Array, prior: Prior | None) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import Enum
 from itertools import repeat
 from typing import NamedTuple, Protocol
 
@@ -26,6 +27,27 @@ HUBER = 1.345
 HUBER_PASSES = 10
 
 
+class Method(str, Enum):
+    """How an estimate was made, by the names that the command line and files know."""
+
+    ORDINARY = "ols"
+    WEIGHTED = "weighted"
+    ROBUST = "robust"
+    INSTRUMENTAL = "instrumental"
+    OUTPUT_ERROR = "output-error"
+    RIDGE = "ridge"
+    PHYSICAL = "physical"
+    RECURSIVE = "recursive"
+    KNOWN = "known"
+
+    __str__ = str.__str__
+
+    @property
+    def is_simulating(self) -> bool:
+        """Whether the model is simulated along the log: noise in the measured motion biases nothing then."""
+        return self in (Method.INSTRUMENTAL, Method.OUTPUT_ERROR)
+
+
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """Parameters from data, with what is known of their uncertainty.
@@ -38,7 +60,7 @@ class Estimate:
         residual_std: Root mean square of each joint's residual, N m, (n,).
         condition_number: Of the factor with columns scaled to unit norm.
         rows: Rows per joint.
-        method: The estimator's name.
+        method: The estimator.
         phi: The bodies whose base parameters theta holds, (10 n,), where it was fitted through them; else None.
         uncertainty: What the covariance stands on.
     """
@@ -48,7 +70,7 @@ class Estimate:
     residual_std: Array
     condition_number: float
     rows: int
-    method: str
+    method: Method
     phi: Array | None = None
     uncertainty: str = "coloured residuals"
 
@@ -233,7 +255,7 @@ def compute_covariance(blocks: Sequence[Block], solution: Solution, scale: Array
 
 
 def solve(
-    blocks: Sequence[Block], prior: Array | None = None, scale: Array | None = None, method: str = "weighted"
+    blocks: Sequence[Block], prior: Array | None = None, scale: Array | None = None, method: Method = Method.WEIGHTED
 ) -> Estimate:
     """``theta = argmin Σ_j ‖b_j - A_j theta‖² / σ_j² + ‖U theta - z‖²`` by triangular factors.
 
@@ -243,7 +265,7 @@ def solve(
         scale: ``1 / σ_j``, (n,); None: from the residuals, iterated (Gautier 1997). A lightly loaded axis has small
             torques and small errors; equal weights would let the heavy axes' errors drown what only that axis shows.
             The factors are computed once; every pass only reweights them.
-        method: Name of the estimator.
+        method: The estimator.
     """
     factors, count = factor_rows(blocks), count_effective_rows(blocks)
     if scale is None:
@@ -258,7 +280,7 @@ def solve(
 
 def fit_ordinary(blocks: Sequence[Block]) -> Estimate:
     """``theta = argmin Σ ‖b - A theta‖²`` over all joints alike."""
-    return solve(blocks, scale=np.ones(blocks[0].b.shape[1]), method="ols")
+    return solve(blocks, scale=np.ones(blocks[0].b.shape[1]), method=Method.ORDINARY)
 
 
 def fit_weighted(blocks: Sequence[Block]) -> Estimate:
@@ -285,4 +307,4 @@ def fit_robust(blocks: Sequence[Block]) -> Estimate:
         for block, weight in zip(blocks, weights)
     ]
     power = compute_residual_power(factors, theta, count_effective_rows(blocks))
-    return replace(solve(weighted, scale=1.0 / sigma, method="robust"), residual_std=np.sqrt(power))
+    return replace(solve(weighted, scale=1.0 / sigma, method=Method.ROBUST), residual_std=np.sqrt(power))

@@ -158,10 +158,11 @@ def identified(found: Identified, apart: Given | None = None) -> str:
 
 def described(found: Identified) -> list[str]:
     """Parameters with uncertainty, accuracy, and the nearest bodies."""
+    from gimbal_pin.regression import Method
     from gimbal_pin.report.evaluation import known
 
     method = found.estimate.method
-    trusted = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method == "ridge" else ""
+    trusted = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method is Method.RIDGE else ""
     bound, force = None if found.bound is None else found.bound.tolist(), found.model.rig.force
     lines = [f"{len(found.names)} parameters by {method}{trusted}; deviations by {found.estimate.uncertainty}"]
     lines += [str(tables.parameters(known(found), bound)), *at_best(found)]

@@ -12,7 +12,7 @@ import numpy as np
 from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
 from gimbal_pin.identification import ESTIMATORS, Bootstrap, identify
-from gimbal_pin.regression import Filtering
+from gimbal_pin.regression import Filtering, Method
 from tests.bench_logs import true_theta
 
 NORMAL = 1.959964
@@ -25,7 +25,7 @@ def one(estimator: str, bootstrap: int, seconds: float, noise: float, seed: int)
     rig, plant, rng = drawn(seed)
     corner = float(np.exp(rng.uniform(*np.log(CORNERS))))
     log = noisy(plant, rng, seconds, noise, corner)[0]
-    method = ESTIMATORS[estimator]
+    method = ESTIMATORS[Method(estimator)]
     method = Bootstrap(method, rng, bootstrap) if bootstrap else method
     found = identify(rig, [log], estimator=method, holdout="none", filtering=Filtering(alignment=0.0))
     return {"corner": corner, "z": ((found.estimate.theta - true_theta(plant.rig)) / found.estimate.std).tolist()}

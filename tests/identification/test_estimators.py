@@ -23,6 +23,7 @@ from gimbal_pin.log import Array, Log
 from gimbal_pin.regression import (
     DesignBlocks,
     Filtering,
+    Method,
     compute_blocks,
     fit_ridge,
     fit_weighted,
@@ -104,7 +105,7 @@ def test_a_difference_that_noise_cannot_make_is_the_models() -> None:
     test = Hausman(900.0, 12, 0.0, 0.04)
     noisy, quiet = BiasCheck(0.2, test), BiasCheck(0.02, test)
     assert noisy.by_noise and "use --estimator output-error" in noisy.sentence
-    used = BiasCheck(0.2, test, method="output-error").sentence
+    used = BiasCheck(0.2, test, method=Method.OUTPUT_ERROR).sentence
     assert "biased" in used and "use --estimator" not in used
     assert not quiet.by_noise and "diagnose" in quiet.sentence and "output-error" not in quiet.sentence
 
@@ -138,8 +139,8 @@ def test_trust_leads_from_the_data_to_the_urdf(turret: Rig, quiet: DesignBlocks)
     assert np.all(fit_ridge(blocks, 0.1).std <= 1.05 * free.std) and np.all(tight.std[:width] < free.std[:width])
 
 
-@pytest.mark.parametrize("name", ["instrumental", "output-error", "ridge", "physical"])
-def test_rows_mixed_from_several_rigs_are_refused(name: str, quiet: DesignBlocks) -> None:
+@pytest.mark.parametrize("name", [Method.INSTRUMENTAL, Method.OUTPUT_ERROR, Method.RIDGE, Method.PHYSICAL])
+def test_rows_mixed_from_several_rigs_are_refused(name: Method, quiet: DesignBlocks) -> None:
     with pytest.raises(UsageError, match="several payloads"):
         ESTIMATORS[name](list(quiet))
 

@@ -18,6 +18,7 @@ from gimbal_pin.log import Array
 from gimbal_pin.regression import (
     Block,
     Estimate,
+    Method,
     compute_blocks,
     compute_deformation_root,
     find_likeliest_bodies,
@@ -78,7 +79,7 @@ def test_repetition_works_through_bodies_and_refuses_what_it_cannot_do() -> None
 
 
 def simulating(blocks: object) -> Estimate:
-    return Estimate(np.zeros(1), np.eye(1), np.ones(1), 1.0, 1, "output-error")
+    return Estimate(np.zeros(1), np.eye(1), np.ones(1), 1.0, 1, Method.OUTPUT_ERROR)
 
 
 # --- bodies -----------------------------------------------------------------------------------------------------------

@@ -35,6 +35,7 @@ from gimbal_pin.regression import (
     Estimate,
     Filtering,
     Known,
+    Method,
     fit_weighted,
 )
 from gimbal_pin.rig import Rig
@@ -263,7 +264,7 @@ def test_what_lasts_under_seven_rows_leaves_no_trace_in_a_score(rows: int) -> No
     """However large and wherever it is; what lasts is told by the rows that stay."""
     rng = np.random.default_rng(rows)
     A = rng.standard_normal((LOOK, 2, 3))
-    known = Known(Estimate(np.zeros(3), 1e-6 * np.eye(3), np.ones(2), 1.0, 99, "x"), np.eye(9, 1) * np.ones(2))
+    known = Known(Estimate(np.zeros(3), 1e-6 * np.eye(3), np.ones(2), 1.0, 99, Method.KNOWN), np.eye(9, 1) * np.ones(2))
     watch = Watch.of(known, np.eye(3), np.zeros(3))
     noise = rng.standard_normal((LOOK, 2))
     quiet = scores_without_transient(np.dstack([A, noise, np.ones_like(noise)]), watch)
