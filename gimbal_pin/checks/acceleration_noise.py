@@ -8,8 +8,9 @@ from functools import partial
 
 import numpy as np
 
-from gimbal_pin.checks.base import Examined, Fault, angle_noise, bits, local_noise, quantum
 from gimbal_pin.checks.harm import MATERIAL, build_design
+from gimbal_pin.checks.record import Examined, Fault
+from gimbal_pin.checks.series import angle_noise, bits, local_noise, quantum
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log import signals
@@ -70,7 +71,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         Parameter("cutoff", filtering.cutoff, "Hz"),
     )
     found = answer(log, made, rows, crossed)
-    return Examined(fault_of(rig, log, int(np.argmax(drowned)), figures, found), log)
+    return Examined(fault_of(rig, log, int(np.argmax(drowned)), figures, found))
 
 
 def take_half(segment: Segment, first: int) -> Segment:

@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.checks.eccentricity import Eccentricity, centred, eccentricities
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.rig.rig import Rig
@@ -27,6 +26,9 @@ _PASSES = 4
 """Linear steps to the misalignments: the third no longer changes them."""
 _CONTRADICTION = (0.3, 0.02)
 """A gyro is left out whose difference is above this share of its rate, and above this, rad/s rms."""
+_SIGNIFICANT = 4.0
+"""Deviations from zero from which readings are corrected: of three IMUs' eighteen parameters one of those that are zero
+is so far off in one log of 900."""
 _SHORTEST = 50
 """Fewest samples that are compared."""
 
@@ -55,6 +57,11 @@ class Mounting:
     def contradicts(self) -> bool:
         """Whether it shows another motion than base and encoders do."""
         return self.after > max(_CONTRADICTION[0] * self.rate, _CONTRADICTION[1])
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether any of its six parameters is surely not zero."""
+        return bool(np.any(np.abs([*self.misalignment, *self.bias]) > _SIGNIFICANT * self.std))
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data, SI units."""
@@ -204,35 +211,22 @@ def estimate_joint_rates(rig: Rig, log: Log) -> Array | None:
     return np.asarray(np.linalg.solve(normal, right[:, :, None])[:, :, 0])
 
 
-class Rectified(NamedTuple):
-    """A log whose IMUs, encoders and rates agree, and what it took.
+def correct_imus(rig: Rig, log: Log) -> tuple[list[tuple[str, Log]], dict[str, Mounting]]:
+    """Leave out gyros that contradict the encoders, however they are turned; turn the others into their links' axes.
 
-    Attributes:
-        log: The log; what contradicted the encoders is left out, and an event of it says so.
-        mountings: Link → its IMU's misalignment and gyro bias.
-        encoders: Joint → how far its encoder sits off the joint's centre, where the rates show it.
+    An IMU stays as it is where what is estimated of it may as well be zero.
+
+    Returns:
+        The log after each step, with its cause; and how the IMUs that are left sit on their links.
     """
-
-    log: Log
-    mountings: Mapping[str, Mounting]
-    encoders: Mapping[str, Eccentricity]
-
-
-def rectified(rig: Rig, log: Log) -> Rectified:
-    """Turn a log's IMUs into their links' axes and take their gyros' biases off.
-
-    A gyro that contradicts the encoders, however it is turned, is left out. Where the log holds no joint rates, they
-    come from the gyros, if these show them all. Angles of encoders that sit off their centre are mended by the rates.
-    """
-    found = estimate_mountings(rig, log)
-    wrong = [link for link, mounting in found.items() if mounting.contradicts]
-    if wrong:
+    found, steps = estimate_mountings(rig, log), list[tuple[str, Log]]()
+    while wrong := [link for link, mounting in found.items() if mounting.contradicts]:
         worst = max(wrong, key=lambda link: found[link].after / found[link].rate)
-        said = f"the gyro of {worst} is off by {found[worst].after:.2g} rad/s rms, however it is turned: it is not used"
-        kept = {link: imu for link, imu in log.imus.items() if link != worst}
-        return rectified(rig, replace(log, imus=kept, events=(*log.events, f"{log.name}: {said}")))
-    imus = {link: found[link].corrected(imu) if link in found else imu for link, imu in log.imus.items()}
-    out = replace(log, imus=imus)
-    out = out if out.v is not None else replace(out, v=estimate_joint_rates(rig, out))
-    encoders = eccentricities(out)
-    return Rectified(centred(out, encoders), found, encoders)
+        log = replace(log, imus={link: imu for link, imu in log.imus.items() if link != worst})
+        steps.append(("contradicting-gyro", log))
+        found = estimate_mountings(rig, log)
+    if any(one.is_significant for one in found.values()):
+        each = ((link, imu, found.get(link)) for link, imu in log.imus.items())
+        imus = {link: one.corrected(imu) if one is not None and one.is_significant else imu for link, imu, one in each}
+        steps.append(("imu-mounting", replace(log, imus=imus)))
+    return steps, found

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks.base import Fault
+from gimbal_pin.checks.record import Fault
 from gimbal_pin.dynamics.configurations import spread
 from gimbal_pin.dynamics.model import friction_effects
 from gimbal_pin.dynamics.reduction import reduce

@@ -1,8 +1,8 @@
-"""What is wrong with a log, before any physics: one file per cause, each with the fault it finds."""
+"""The one function that may alter a log's data between its reading and its samples."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -15,11 +15,13 @@ from gimbal_pin.checks import (
     outliers,
     stuck_channel,
 )
-from gimbal_pin.checks.base import Check
-from gimbal_pin.checks.base import Fault as Fault
-from gimbal_pin.errors import DataError
+from gimbal_pin.checks.calibration import Mounting, correct_imus, estimate_joint_rates
+from gimbal_pin.checks.eccentricity import Eccentricity, correct_angles
+from gimbal_pin.checks.record import Alteration, Check, Fault, compare_logs
+from gimbal_pin.checks.refusals import refuse_unusable
 from gimbal_pin.log.log import Log
-from gimbal_pin.regression import Filtering
+from gimbal_pin.regression import Filtering, subsample_log
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 IN_ORDER = (
@@ -40,59 +42,106 @@ CHECKS: Mapping[str, Check] = MappingProxyType({module.NAME: module.examine for 
 
 FATAL = frozenset({controller_formula.NAME, stuck_channel.NAME})
 """Faults that leave no physics in a log: its torque is a formula of its motion, or is none."""
+HARMLESS = frozenset({controller_formula.NAME, acceleration_noise.NAME})
+"""Checks that mend nothing: who asks for repairs alone is spared them."""
 
 
 @dataclass(frozen=True, eq=False)
-class Audit:
-    """What the audit of one log found.
+class CheckedLog:
+    """A log to go on with, what was altered in it, and what is wrong with it.
 
     Attributes:
-        log: The log to go on with: mended as far as the faults found can be.
-        faults: What is wrong, in the order of the checks.
+        log: The log, mended as far as the faults found can be; the very log that was given where nothing was altered.
+        alterations: What was altered, in the order in which it was done.
+        faults: What is wrong with the log as it was recorded, in the order of the checks.
+        mountings: Link → its IMU's misalignment and gyro bias.
+        encoders: Joint → how far its encoder sits off the joint's centre, where the rates show it.
     """
 
     log: Log
+    alterations: tuple[Alteration, ...]
     faults: tuple[Fault, ...]
+    mountings: Mapping[str, Mounting]
+    encoders: Mapping[str, Eccentricity]
+
+    __repr__ = brief
 
     @property
-    def reliable(self) -> bool:
+    def is_reliable(self) -> bool:
         """Whether a fit of the log as it was recorded shows physics."""
         return not any(fault.makes_physics_unreliable for fault in self.faults)
 
     @property
-    def usable(self) -> bool:
+    def is_usable(self) -> bool:
         """Whether the mended log may show some physics, though not all of it: noisy inertias spoil no cogging map."""
         return not any(fault.makes_physics_unreliable and fault.cause in FATAL for fault in self.faults)
-
-    @property
-    def spared(self) -> Audit:
-        """The audit of a log that is only judged and never fitted: that its true samples lie far apart is no harm."""
-        faults = tuple(replace(f, makes_physics_unreliable=False) if f.sparse else f for f in self.faults)
-        return replace(self, faults=faults)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences about what does no harm."""
         return tuple(fault.sentence for fault in self.faults if not fault.makes_physics_unreliable)
 
+    def judged_only(self) -> CheckedLog:
+        """Return it for a log that is never fitted: that its true samples lie far apart is no harm."""
+        faults = tuple(replace(f, makes_physics_unreliable=False) if f.sparse else f for f in self.faults)
+        return replace(self, faults=faults)
 
-def audit(rig: Rig, log: Log, *, filtering: Filtering | None = None) -> Audit:
-    """Examine a log with every check, each on what the checks before it have mended.
+
+def collect_alterations(checked: Sequence[CheckedLog]) -> dict[str, tuple[Alteration, ...]]:
+    """Return log → what was altered in it, for those where something was."""
+    return {one.log.name: one.alterations for one in checked if one.alterations}
+
+
+def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs_only: bool = False) -> CheckedLog:
+    """Refuse a log that nothing can be made of; mend what is wrong with another, and say what was altered and why.
+
+    Nothing else alters data between the reading of a log and its samples. First the sensors are made to agree: IMUs are
+    turned into their links' axes, rates that are missing come from the gyros, and angles of eccentric encoders are
+    mended by the rates. Then `CHECKS` follow, each on what those before it have mended. Of a long log they see an
+    excerpt first, and the whole only where that has something to mend.
+
+    A log that was returned is returned as it is.
 
     Args:
         rig: The rig.
         log: One trajectory with torque.
-        filtering: The filter of the fit that faults are judged by; None: the default.
+        filtering: The filter that will be run over the log; None: the default.
+        repairs_only: Leave out the checks that alter nothing.
 
     Raises:
-        DataError: It has one sample.
+        DataError: It has one sample or no torque, or a joint moves without any.
+        LogError: It lacks a joint of the rig, a torque is in another unit, or samples lie too far apart.
+        UsageError: The filter's cutoff leaves nothing to remove.
     """
-    if len(log) < 2:
-        raise DataError(log.name, "has one sample, which shows no motion", "record at least 10 s of motion")
-    faults = []
-    for check in CHECKS.values():
-        examined = check(rig, log, filtering or Filtering())
+    log = log.ordered(rig)
+    refuse_unusable(rig, log, filtering or Filtering())
+    imus, mountings = correct_imus(rig, log)
+    steps = [*imus]
+    latest = steps[-1][1] if steps else log
+    if latest.v is None and (rates := estimate_joint_rates(rig, latest)) is not None:
+        latest = replace(latest, v=rates)
+        steps.append(("rates-from-gyros", latest))
+    latest, encoders = correct_angles(latest)
+    steps += [("eccentric-encoder", latest)] if encoders else []
+    faults, repairs = _examine(rig, subsample_log(latest).log, repairs_only)
+    if repairs and subsample_log(latest).log is not latest:
+        faults, repairs = _examine(rig, latest, repairs_only)
+    steps += repairs
+    before, alterations = log, list[Alteration]()
+    for cause, after in steps:
+        alterations += compare_logs(rig, cause, before, after)
+        before = after
+    return CheckedLog(before, tuple(alterations), faults, mountings, encoders)
+
+
+def _examine(rig: Rig, log: Log, repairs_only: bool) -> tuple[tuple[Fault, ...], list[tuple[str, Log]]]:
+    """Return the faults that the checks find, and the log after each repair with the check that asks for it."""
+    faults, repairs = list[Fault](), list[tuple[str, Log]]()
+    for name, check in CHECKS.items():
+        if repairs_only and name in HARMLESS:
+            continue
+        examined = check(rig, repairs[-1][1] if repairs else log, Filtering())
         if examined is not None:
             faults.append(examined.fault.in_units(rig))
-            log = examined.log
-    return Audit(log, tuple(faults))
+            repairs += [(name, repaired) for repaired in examined.repairs]
+    return tuple(faults), repairs

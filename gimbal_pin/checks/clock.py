@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from gimbal_pin.checks.base import Examined, Fault, channels, left_out, noted
 from gimbal_pin.checks.harm import spoils_torque
+from gimbal_pin.checks.record import Examined, Fault
+from gimbal_pin.checks.series import channels, left_out
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import PAUSE, Array, Log
@@ -27,8 +28,6 @@ HOLE, HOLE_SAMPLES = 0.015, 4
 """And a hole of so many seconds and samples."""
 SPREAD, SLACK = 4.5, 0.3
 """Where stamps jitter, a long interval is a lost sample only beyond so many median deviations, less so many periods."""
-CERTAIN = 4.0
-"""Deviations by which the stamps must be worse than counting samples."""
 STEPS = 8.0
 """Steps of its resolution by which a channel must change over four samples to be moving."""
 USABLE = 0.5
@@ -70,14 +69,14 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     beyond = [figure.value / limit for figure, limit in zip(figures, (JITTER, LOST, hole, STALE))]
     if max(beyond) <= 1.0:
         return None
-    mended = log
+    repairs = list[Log]()
     if beyond[0] > 1.0 and false_stamps(log, seen.steady):
-        mended = noted(replace(log, t=seen.steady), "time stamps were evened")
+        repairs.append(replace(log, t=seen.steady))
     if beyond[3] > 1.0:
-        mended = noted(mended.part(np.flatnonzero(~old)), "repeated rows were left out")
-    harmful = mended is not log and spoils_torque(rig, log, mended, filtering)
+        repairs.append((repairs[-1] if repairs else log).part(np.flatnonzero(~old)))
+    harmful = bool(repairs) and spoils_torque(rig, log, repairs[-1], filtering)
     sparse = not harmful and scattered(log, filtering)
-    return Examined(fault_of(figures, beyond, harmful, sparse), mended)
+    return Examined(fault_of(figures, beyond, harmful, sparse), tuple(repairs))
 
 
 def ticks(t: Array) -> Ticks:
@@ -105,12 +104,12 @@ def smoothed(even: Array) -> Array:
     return np.asarray(out)
 
 
-def false_stamps(log: Log, steady: Array) -> bool:
-    """Whether the angles are smoother over an even clock than over the stamps; spikes are left out."""
+def false_stamps(log: Log, steady: Array, certain: float = 4.0) -> bool:
+    """Whether the angles are smoother over an even clock than over the stamps, but for their spikes."""
     for stamped, even in zip((left_out(log.t, log.q) ** 2).T, (left_out(steady, log.q) ** 2).T):
         largest = np.maximum(stamped, even)
         worse = (stamped - even)[largest <= np.quantile(largest, 0.98)]
-        if worse.mean() > CERTAIN * max(float(np.std(worse)) / np.sqrt(len(worse)), 1e-300):
+        if worse.mean() > certain * max(float(np.std(worse)) / np.sqrt(len(worse)), 1e-300):
             return True
     return False
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.checks.base import Examined, Fault, noted
+from gimbal_pin.checks.record import Examined, Fault
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log import signals
@@ -58,9 +58,8 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     strength = QUIET / max(float(share[worst]), 1e-12)
     fault = fault_of(rig.joints[worst], int(formula.sum()), figures, strength)
     if not over.any():
-        return Examined(fault, log)
-    clipped = replace(log, tau=np.clip(log.tau, -rig.tau_max, rig.tau_max))
-    return Examined(fault, noted(clipped, "the commanded torque was clipped at the motors' limits"))
+        return Examined(fault)
+    return Examined(fault, (replace(log, tau=np.clip(log.tau, -rig.tau_max, rig.tau_max)),))
 
 
 def unexplained(log: Log, j: int, everything: Array) -> float:

@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks.base import Examined, Fault, Indices
+from gimbal_pin.checks.record import Examined, Fault
+from gimbal_pin.checks.series import Indices
 from gimbal_pin.dynamics.regressor import columns, regressor, rnea, weight
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
@@ -85,7 +86,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
     if plant[worst] < WORSE * found[worst].left:
         return of_angles(rig, log, filtering)
-    return Examined(fault_of(rig.joints[worst], found[worst], plant[worst], float(power[worst]), log.dt), log)
+    return Examined(fault_of(rig.joints[worst], found[worst], plant[worst], float(power[worst]), log.dt))
 
 
 def of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
@@ -138,7 +139,7 @@ def of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         f"friction nor inertia"
     )
     mend = "let the motor move the joint (gimbal-pin excite), with no hand on it, and record again"
-    return Examined(Fault(NAME, rig.joints[worst], sentence, figures, float(ratio[worst]) / INERT, True, mend), log)
+    return Examined(Fault(NAME, rig.joints[worst], sentence, figures, float(ratio[worst]) / INERT, True, mend))
 
 
 def around(q: Array, v: Array, dt: float) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,14 +60,6 @@ class Eccentricity:
         return q
 
 
-def eccentricities(log: Log) -> Mapping[str, Eccentricity]:
-    """Joint → eccentricity of its encoder, where the log's rates show one."""
-    if log.v is None:
-        return {}
-    each = {joint: eccentricity(log.t, log.q[:, j], log.v[:, j]) for j, joint in enumerate(log.joints)}
-    return {joint: one for joint, one in each.items() if one is not None}
-
-
 def eccentricity(t: Array, q: Array, v: Array) -> Eccentricity | None:
     """Fit ``Δq_read - ∫v dt = a Δcos q + b Δsin q + c Δt + d Δq + e Δv`` over windows; None where a, b may be zero.
 
@@ -113,14 +104,13 @@ def _fit_by_blocks(A: Array, b: Array) -> tuple[Array, Array]:
     return x, inverse @ (scores.T @ scores) @ inverse
 
 
-def centred(log: Log, found: Mapping[str, Eccentricity]) -> Log:
-    """Return the log with the angles of these joints mended; an event says so."""
+def correct_angles(log: Log) -> tuple[Log, dict[str, Eccentricity]]:
+    """Return the log with the angles mended of the joints whose encoders its rates show to be eccentric, and these."""
+    if log.v is None:
+        return log, {}
+    each = {joint: eccentricity(log.t, log.q[:, j], log.v[:, j]) for j, joint in enumerate(log.joints)}
+    found = {joint: one for joint, one in each.items() if one is not None}
     if not found:
-        return log
-    q = np.array(log.q)
-    for joint, one in found.items():
-        j = log.joints.index(joint)
-        q[:, j] = one.mended(q[:, j])
-    said = ", ".join(f"{joint}'s by {np.degrees(one.size):.3g}°" for joint, one in found.items())
-    event = f"{log.name}: encoders mounted off their centre read wrong once per turn, {said}: mended by the rates"
-    return replace(log, q=q, events=(*log.events, event))
+        return log, {}
+    q = [found[joint].mended(x) if joint in found else x for joint, x in zip(log.joints, log.q.T)]
+    return replace(log, q=np.stack(q, axis=1)), found

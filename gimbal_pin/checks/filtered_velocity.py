@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks.base import Examined, Fault, noted
 from gimbal_pin.checks.harm import spoils_torque
+from gimbal_pin.checks.record import Examined, Fault
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log import signals
@@ -75,12 +75,12 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     worst = max(found, key=lambda j: found[j].change)
     delays = {j: lag.cause for j, lag in found.items() if not isinstance(lag.cause, LowPass)}
     if len(delays) == len(found):
-        mended = noted(in_time(log, delays), "the late rate was moved to its time")
+        mended = in_time(log, delays)
     else:
         worst = max(found.keys() - delays.keys(), key=lambda j: found[j].change)
-        mended = noted(replace(log, v=None), "the filtered rate was left out")
+        mended = replace(log, v=None)
     unreliable = spoils_torque(rig, log, mended, filtering)
-    return Examined(fault_of(rig.joints[worst], found[worst], len(found), unreliable), mended)
+    return Examined(fault_of(rig.joints[worst], found[worst], len(found), unreliable), (mended,))
 
 
 def in_time(log: Log, delays: Mapping[int, float]) -> Log:

@@ -8,18 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks.base import (
-    WORDS,
-    Examined,
-    Fault,
-    channels,
-    edges,
-    left_out,
-    level,
-    medians,
-    noted,
-)
 from gimbal_pin.checks.harm import spoils_torque
+from gimbal_pin.checks.record import Examined, Fault
+from gimbal_pin.checks.series import WORDS, channels, edges, left_out, level, medians
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array, Log
@@ -72,11 +63,11 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if not found and not bad:
         return None
     rows = np.any([wild.rows for wild in bad], axis=0) if bad else np.zeros(len(log), bool)
-    mended = noted(smooth.part(np.flatnonzero(~rows)), "outliers were interpolated or cut out")
+    mended = smooth.part(np.flatnonzero(~rows))
     harmful = spoils_torque(rig, log, mended, filtering)
     if not bad and not harmful and max(wild.size for wild in found) < GROSS:
         return None
-    return Examined(fault_of(log, found, bad, harmful or bool(bad)), mended)
+    return Examined(fault_of(log, found, bad, harmful or bool(bad)), (mended,))
 
 
 def spikes(log: Log) -> list[Wild]:

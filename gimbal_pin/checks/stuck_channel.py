@@ -8,18 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks.base import (
-    CHANNELS,
-    WORDS,
-    Examined,
-    Fault,
-    channels,
-    edges,
-    level,
-    noted,
-    quantum,
-)
 from gimbal_pin.checks.harm import build_design
+from gimbal_pin.checks.record import Examined, Fault
+from gimbal_pin.checks.series import CHANNELS, WORDS, channels, edges, level, quantum
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array, Log
@@ -39,10 +30,6 @@ SHARE = 0.05
 """And this share of the channel's own spread."""
 STEPS = 4.0
 """Steps of its encoder by which an angle must have moved on unseen."""
-FEW = 200
-"""Windows, at most, that show how far angle and rate differ elsewhere."""
-FREE = 0.8
-"""Share of such a window in which the channel must not be held."""
 
 
 class Held(NamedTuple):
@@ -70,8 +57,8 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     bad = dilate_flags(np.any([held.rows for held in found], axis=0)[:, None], 2)[:, 0]
     fault = fault_of(rig, log, worst, len(found))
     if bad.mean() > 0.5:
-        return Examined(fault, log)
-    return Examined(fault, noted(log.part(np.flatnonzero(~bad)), "rows of a stuck channel were cut out"))
+        return Examined(fault)
+    return Examined(fault, (log.part(np.flatnonzero(~bad)),))
 
 
 def candidates(rig: Rig, log: Log, filtering: Filtering) -> Iterator[Held]:
@@ -134,12 +121,15 @@ def contradicted(log: Log, j: int, column: Array, rows: Flags) -> tuple[Flags, f
 
 
 def usual_travel(apart: Array, free: Flags, begin: int, end: int) -> float:
-    """Travel over free windows as long as this one: the median of all, or the most of those nearby if that is more."""
+    """Travel over windows as long as this one: the median of 200 of them, or the most of those nearby if that is more.
+
+    In a fifth of such a window at most the channel may be held.
+    """
     length = end - begin
-    everywhere = range(0, max(len(apart) - length, 1), max(length, len(apart) // FEW))
+    everywhere = range(0, max(len(apart) - length, 1), max(length, len(apart) // 200))
     nearby = (begin + k * length for k in (-3, -2, -1, 1, 2, 3) if 0 <= begin + k * length <= len(apart) - length)
     far, near = (
-        [float(np.ptp(apart[k : k + length])) for k in starts if free[k : k + length].mean() > FREE]
+        [float(np.ptp(apart[k : k + length])) for k in starts if free[k : k + length].mean() > 0.8]
         for starts in (everywhere, nearby)
     )
     return max(float(np.median(far)) if far else 0.0, max(near, default=0.0))

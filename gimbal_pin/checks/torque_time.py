@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks.base import Fault
 from gimbal_pin.checks.clock import NAME
 from gimbal_pin.checks.harm import build_design
+from gimbal_pin.checks.record import Fault
 from gimbal_pin.effects.delay import SLOWEST
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError, digits

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
 from gimbal_pin.cli.inputs import load_rig
 from gimbal_pin.cli.options import Json, Logs, optional
 from gimbal_pin.cli.paths import Reads, Writes, plot_suffixes, rigs
-from gimbal_pin.cli.present import present
-from gimbal_pin.errors import UsageError
+from gimbal_pin.cli.present import noted, present
+from gimbal_pin.errors import GimbalPinError, UsageError
 from gimbal_pin.report import text
+
+if TYPE_CHECKING:
+    from gimbal_pin.checks import Alteration
+    from gimbal_pin.log.io.inspection import Inspected
+    from gimbal_pin.rig.rig import Rig
 
 
 def inspect(
@@ -56,5 +61,23 @@ def inspect(
 
         with replacing(output) as temporary:
             draw(found[0], temporary)
-    result = {"schema": 1, "rig": None if loaded is None else loaded.name, "files": [one.to_dict() for one in found]}
-    present("\n\n".join(map(text.inspected, found)), result, json)
+    altered = [() if loaded is None else find_alterations(loaded, one) for one in found]
+    described = [
+        {**one.to_dict(), "altered": [change.to_dict() for change in each]} for one, each in zip(found, altered)
+    ]
+    result = {"schema": 1, "rig": None if loaded is None else loaded.name, "files": described}
+    present("\n\n".join(map(text.inspected, found, altered)), result, json)
+
+
+def find_alterations(rig: Rig, found: Inspected) -> tuple[Alteration, ...]:
+    """Return what the verbs would alter in a file that they read with the proposed mapping; none where they cannot."""
+    from gimbal_pin.checks import check_log
+    from gimbal_pin.log.io import read_log
+    from gimbal_pin.log.mapping import expression
+
+    entries = [f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()]
+    try:
+        return check_log(rig, read_log(found.name, rig, entries), repairs_only=True).alterations
+    except GimbalPinError as error:
+        noted([f"not checked: {error}"])
+        return ()

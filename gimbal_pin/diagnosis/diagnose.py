@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks import Audit, Fault, audit, rectified
+from gimbal_pin.checks import CheckedLog, Fault, check_log
 from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
 from gimbal_pin.checks.torque_time import misplaced, mistimed, told
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.band import alternate, usual
-from gimbal_pin.diagnosis.counterfactual import Encoders, off_centre, ridden
+from gimbal_pin.diagnosis.counterfactual import off_centre, ridden
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
@@ -27,7 +27,7 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import check_log, greatest_base_motion, split
+from gimbal_pin.identification import greatest_base_motion, split
 from gimbal_pin.log.io.columns import MOVED, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, subsample_log
@@ -89,48 +89,42 @@ def examined(
         DataError: The logs are too short, or a joint never moved.
         LogError: A log lacks a joint of the rig.
     """
-    for log in logs:
-        check_log(log, filtering)
-    calibrated = [rectified(rig, log) for log in logs]
-    encoders = {one.log.name: one.encoders for one in calibrated}
-    audits = [audit(rig, one.log) for one in calibrated]
+    checked = [check_log(rig, log, filtering=filtering) for log in logs]
     whole = holdout is None and len(logs) == 1  # its blocks are parted
-    audited = [found.log for found in audits]
-    train, test = (audited, ()) if whole else split(audited, holdout, filtering)[:2]
+    mended = [one.log for one in checked]
+    train, test = (mended, ()) if whole else split(mended, holdout, filtering)[:2]
     fitted = {log.name for log in train}
-    audits = [found if found.log.name in fitted else found.spared for found in audits]
-    reliable = all(found.reliable for found in audits)
-    shifts = [(log, misplaced(rig, log, filtering)) for log in audited]
+    checked = [one if one.log.name in fitted else one.judged_only() for one in checked]
+    reliable = all(one.is_reliable for one in checked)
+    shifts = [(log, misplaced(rig, log, filtering)) for log in mended]
     late = next((fault for log, found in shifts if (fault := mistimed(log, found)) is not None), None)
-    if late is not None or not all(found.usable for found in audits):
-        return spoilt(rig, logs, audits if late is None else with_fault(audits, late), filtering)
+    if late is not None or not all(one.is_usable for one in checked):
+        return spoilt(rig, logs, checked if late is None else with_fault(checked, late), filtering)
     noticed = tuple(note for log, found in shifts for note in told(log, found))
     try:
-        said = searched(rig, logs, causes, rng, filtering, Parted(audits, train, test, whole, encoders))
+        said = searched(rig, logs, causes, rng, filtering, Parted(checked, train, test, whole))
     except DataError:
         if reliable:
             raise
-        return spoilt(rig, logs, audits, filtering)
+        return spoilt(rig, logs, checked, filtering)
     said = replace(said, notes=(*said.notes, *noticed))
     return said if reliable else replace(said, verdict="data")
 
 
 class Parted(NamedTuple):
-    """Audited logs, and what of them is fitted.
+    """Checked logs, and what of them is fitted.
 
     Attributes:
-        audits: Of each log.
+        checked: Every log.
         train: Logs, or parts of them, that are fitted.
         test: What is reported on.
         whole: Whether alternate blocks of the one log are parted instead.
-        encoders: What of the angles was mended.
     """
 
-    audits: Sequence[Audit]
+    checked: Sequence[CheckedLog]
     train: Sequence[Log]
     test: Sequence[Log]
     whole: bool
-    encoders: Encoders
 
 
 def searched(
@@ -141,24 +135,24 @@ def searched(
     filtering: Filtering,
     parted: Parted,
 ) -> Diagnosis:
-    """Diagnose logs that were audited and mended; arguments and errors as in `examined`."""
-    audits, train, test, whole, encoders = parted
+    """Diagnose logs that were checked and mended; arguments and errors as in `examined`."""
+    checked, train, test, whole = parted
     origins = {log.name: float(log.t[0]) for log in logs}
     evidence = gather(rig, train, filtering, origins)
     check_moved(evidence, train[0].name)
     base = greatest_base_motion(rig, train)
     exchanged = check_assignment_of_logs(rig, train, base, Filtering())
     if exchanged is not None:
-        return spoilt(rig, logs, with_fault(audits, exchanged), filtering)
-    held = judged(rig, test, filtering, origins, {one.log.name: one.log for one in audits}) if test else evidence
+        return spoilt(rig, logs, with_fault(checked, exchanged), filtering)
+    held = judged(rig, test, filtering, origins, {one.log.name: one.log for one in checked}) if test else evidence
     if np.all(held.used() < LIVELY):
         raise DataError(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
         )
-    each = alone(rig, [one.log for one in audits], filtering)
+    each = alone(rig, [one.log for one in checked], filtering)
     apart = outright(rig, each)
     if apart is not None:
-        return spoilt(rig, logs, with_fault(audits, apart), filtering)
+        return spoilt(rig, logs, with_fault(checked, apart), filtering)
     reduction = reduce(rig, base=base)
     gliding = solved(Problem.of(alternate(evidence, filtering)[0] if whole else evidence, reduction), ())
     evidence, held = (opened(one, gliding, filtering) for one in (evidence, held))
@@ -168,13 +162,15 @@ def searched(
     resting = check_driven(found, find_joints_asked_to_rest(train))
     apart = agreement(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
     if apart is not None:
-        return spoilt(rig, logs, with_fault(audits, apart), filtering)
+        return spoilt(rig, logs, with_fault(checked, apart), filtering)
     held = retimed(held, found.alignment)
-    said = reported(found, held, audits, hold(logs[0], filtering), rng)
+    said = reported(found, held, checked, hold(logs[0], filtering), rng)
     said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
     moving = ridden(found.final, held, train, test, filtering)
     said = said if moving is None else with_motion(said, moving)
-    return compared(beside(said, off_centre(found.final, held, train, test, filtering, encoders)), found.final, causes)
+    encoders = {one.log.name: one.encoders for one in checked}
+    said = beside(said, off_centre(found.final, held, train, test, filtering, encoders))
+    return compared(said, found.final, causes)
 
 
 def of_refitted(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:
@@ -182,9 +178,9 @@ def of_refitted(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:
     return {name: kind for name, kind in causes.items() if not kind.of_given_model}
 
 
-def with_fault(audits: Sequence[Audit], fault: Fault) -> list[Audit]:
+def with_fault(checked: Sequence[CheckedLog], fault: Fault) -> list[CheckedLog]:
     """Put a fault of all logs before those of the first."""
-    return [replace(audits[0], faults=(fault, *audits[0].faults)), *audits[1:]]
+    return [replace(checked[0], faults=(fault, *checked[0].faults)), *checked[1:]]
 
 
 def unjudged(held: Evidence) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.checks import Audit
+from gimbal_pin.checks import CheckedLog, collect_alterations
 from gimbal_pin.diagnosis.counterfactual import Ridden, joined
 from gimbal_pin.diagnosis.engine.criterion import criterion, fitted, matters, rows
 from gimbal_pin.diagnosis.engine.discrepancy import place
@@ -30,14 +30,14 @@ from gimbal_pin.rig.rig import Rig
 
 
 def reported(
-    found: Explained, held: Evidence, audits: Sequence[Audit], hold: float, rng: np.random.Generator
+    found: Explained, held: Evidence, checked: Sequence[CheckedLog], hold: float, rng: np.random.Generator
 ) -> Diagnosis:
     """Measure the gain on the reporting part, which drops nothing and moves nothing, and put it all together.
 
     Args:
         found: The model of the training part.
         held: The reporting part, its torques at the same time.
-        audits: Of each log.
+        checked: The logs.
         hold: By how much later than its stamp the torque was taken to act, s.
         rng: For bootstraps and simulated sensors.
     """
@@ -47,10 +47,11 @@ def reported(
     residual = residuals(found)
     return Diagnosis(
         rig=held.rig.name,
-        logs=tuple(one.log.name for one in audits),
+        logs=tuple(one.log.name for one in checked),
+        faults=tuple(fault for one in checked for fault in one.faults),
+        notes=tuple(note for one in checked for note in one.notes),
+        altered=collect_alterations(checked),
         verdict=overall([one.status for one in each], tuple(residual.values())),
-        faults=tuple(fault for one in audits for fault in one.faults),
-        notes=tuple(note for one in audits for note in one.notes),
         findings=each,
         residual=residual,
         immaterial=immaterial(found),
@@ -131,7 +132,7 @@ def with_motion(said: Diagnosis, moving: Ridden) -> Diagnosis:
     return replace(beside(said, [moving.finding]), baseline=moving.baseline)
 
 
-def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Filtering) -> Diagnosis:
+def spoilt(rig: Rig, logs: Sequence[Log], checked: Sequence[CheckedLog], filtering: Filtering) -> Diagnosis:
     """The verdict *data*: the logs say nothing about physics that could be relied on."""
     given = Extended(nominal(rig))
     figures: Figures = {}
@@ -139,16 +140,17 @@ def spoilt(rig: Rig, logs: Sequence[Log], audits: Sequence[Audit], filtering: Fi
         figures = measured(gather(rig, logs, filtering, {log.name: float(log.t[0]) for log in logs}), given)
     return Diagnosis(
         rig=rig.name,
-        logs=tuple(one.log.name for one in audits),
+        logs=tuple(one.log.name for one in checked),
+        faults=tuple(fault for one in checked for fault in one.faults),
+        notes=tuple(note for one in checked for note in one.notes),
+        altered=collect_alterations(checked),
         verdict="data",
-        faults=tuple(fault for one in audits for fault in one.faults),
-        notes=tuple(note for one in audits for note in one.notes),
         findings=(),
         residual={},
         immaterial=(),
         untestable=(),
         detection_limit={},
-        alignment=hold(audits[0].log, filtering),
+        alignment=hold(checked[0].log, filtering),
         baseline=figures,
         extended=figures,
         before=given,

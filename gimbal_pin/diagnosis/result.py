@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from typing import Any
 
-from gimbal_pin.checks import Fault
+from gimbal_pin.checks import Alteration, Fault, list_alterations
 from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
@@ -209,6 +209,7 @@ class Diagnosis:
         likeness: For every finding, which other causes look like it on these logs.
         instead: Causes that were fitted in the findings' places.
         seed: Repeats it as `rng`; None where a generator was given.
+        altered: Log → what was altered in it before anything was fitted, see `checks.check_log`.
     """
 
     rig: str
@@ -234,6 +235,7 @@ class Diagnosis:
     likeness: tuple[Likeness, ...] = ()
     instead: tuple[Cause, ...] = ()
     seed: int | None = None
+    altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -304,6 +306,7 @@ class Diagnosis:
             + [each.to_dict() for each in self.findings]
             + [each.to_dict() for each in self.faults if not (each.makes_physics_unreliable or each.slight)],
             "notes": list(self.notes),
+            "altered": list_alterations(self.altered),
             "given_model": {} if self.given is None else self.given.to_dict(),
             "residual": {joint: asdict(left) for joint, left in self.residual.items()},
             "immaterial": [asdict(slight) for slight in self.immaterial],

@@ -13,7 +13,7 @@ from .fitting import refitted as refitted
 from .fitting import split as split
 from .fitting import to_model as to_model
 from .identified import Identified as Identified
-from .identified import faults as faults
+from .identified import describe_faults as describe_faults
 from .model_file import read_known as read_known
 from .model_file import read_model as read_model
 from .model_file import write_extended as write_extended
@@ -24,10 +24,7 @@ from .payloads import Several as Several
 from .payloads import identify_new as identify_new
 from .payloads import identify_several as identify_several
 from .requirements import LEAST_MOVING as LEAST_MOVING
-from .requirements import check_driven as check_driven
 from .requirements import check_enough as check_enough
-from .requirements import check_log as check_log
-from .requirements import check_sampling as check_sampling
 from .requirements import check_seen as check_seen
 from .requirements import unseen as unseen
 from .validation import Accuracy as Accuracy

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks import check_assignment, check_time, rectified
+from gimbal_pin.checks import check_assignment, check_log, check_time, collect_alterations
 from gimbal_pin.dynamics.model import Doubt, Estimated, Model, friction_effects, rotors
 from gimbal_pin.dynamics.reduction import Reduction, reduce
 from gimbal_pin.dynamics.regressor import columns
@@ -18,8 +18,8 @@ from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification import payload_change
 from gimbal_pin.identification.bias_test import WhenTested, check_bias
-from gimbal_pin.identification.identified import Identified, faults
-from gimbal_pin.identification.requirements import check_enough, check_log, check_seen, check_unit, unseen
+from gimbal_pin.identification.identified import Identified, describe_faults
+from gimbal_pin.identification.requirements import check_enough, check_seen, unseen
 from gimbal_pin.identification.validation import Validation, accuracy
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import MOTIONS, BaseMotion
@@ -177,8 +177,8 @@ def identify(
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
 
     Where a log holds the base's IMU and that says that the base moved or leant, its motion is part of the equations,
-    and the parameters that only such a motion shows are estimated, too. Gyros on several links are first turned into
-    their links' axes, see `calibration.rectified`.
+    and the parameters that only such a motion shows are estimated, too. The logs are first checked, and
+    mended where something is wrong with their data, see `checks.check_log`.
 
     Args:
         rig: The rig.
@@ -188,8 +188,8 @@ def identify(
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns, see `usual_filter`.
         examined: Whether to test if least squares is biased on these logs, see `check_bias`, and, unless "never",
-            what the audit finds, whether the halves are of one rig, see `payload_change.compare_halves`, and the least
-            deviations that logs of a base that turned allow.
+            what is wrong with the data beside what is mended, whether the halves are of one rig, see
+            `payload_change.compare_halves`, and the least deviations that logs of a base that turned allow.
         trust: Relative standard deviation of the URDF's masses, see `bodies`.
 
     Raises:
@@ -198,15 +198,10 @@ def identify(
         LogError: A log lacks a joint of the rig, a torque has the wrong sign, or two have changed places, see
             `channel_assignment.check_assignment`; or one acts too early or late, see `torque_time.check_time`.
     """
-    logs = [log.ordered(rig) for log in logs]
-    for log in logs:
-        check_log(log, filtering or Filtering())
-        check_unit(rig, log)
-    calibrated = [rectified(rig, log) for log in logs]
-    notes = tuple(said for log, one in zip(logs, calibrated) for said in one.log.events if said not in log.events)
-    logs = [one.log for one in calibrated]
+    checked = [check_log(rig, log, filtering=filtering, repairs_only=examined == "never") for log in logs]
+    logs = [one.log for one in checked]
     filters = filtering or usual_filter(logs, greatest_base_motion(rig, logs))
-    notes += check_time(rig, logs, filters)
+    notes = check_time(rig, logs, filters)
     train, test, how = split(logs, holdout, filters)
     everything = friction_effects(rig.joints) + tuple(effects)
     base = greatest_base_motion(rig, train)
@@ -219,7 +214,7 @@ def identify(
     unused = [log.name for log in test if any(log is one for one in logs)]
     notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
     found = assembled(blocks.design, blocks, estimate, tested, how, trust)
-    mountings = {one.log.name: one.mountings for one in calibrated if one.mountings}
+    mountings = {one.log.name: one.mountings for one in checked if one.mountings}
     judged = check_bias(blocks, examined, estimate.method)
     parting = None
     if examined != "never":
@@ -240,7 +235,8 @@ def identify(
         bias=judged,
         parting=parting,
         missed=dict(zip(rig.joints, missed)),
-        faults=() if examined == "never" else faults(rig, logs),
+        faults=() if examined == "never" else describe_faults(checked),
+        altered=collect_alterations(checked),
         bound=None if examined == "never" or base != "rotating" else least_deviations(wide_fit, filters, found.names),
     )
 

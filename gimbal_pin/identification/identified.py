@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.checks import Mounting, audit
+from gimbal_pin.checks import Alteration, CheckedLog, Mounting, list_alterations
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import columns
@@ -18,12 +18,11 @@ from gimbal_pin.identification import payload_change
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, bodies
 from gimbal_pin.identification.validation import EXPLAINED, Accuracy
-from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base, subsample_log
+from gimbal_pin.log.log import Array
+from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base
 from gimbal_pin.regression.consistency import Consistent
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.inertia import to_urdf
-from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.urdf import replace_friction
 
 NEGATIVE_FROM = 3.0
@@ -36,13 +35,13 @@ MIXED = 1e-9
 """Share of a body's parameter in a base parameter under which that knows nothing of it."""
 
 
-def faults(rig: Rig, logs: Sequence[Log]) -> tuple[str, ...]:
-    """Audit rectified logs as `diagnose` does, worst fault first; of long ones an `excerpt`."""
-    found = [(log.name, fault) for log in logs for fault in audit(rig, subsample_log(log).log).faults]
+def describe_faults(checked: Sequence[CheckedLog]) -> tuple[str, ...]:
+    """Say what is wrong with logs, worst fault first."""
+    found = [(one.log.name, fault) for one in checked for fault in one.faults]
     worst_first = sorted(found, key=lambda each: not each[1].makes_physics_unreliable)
     serious = [(name, fault) for name, fault in worst_first if not fault.slight]
     return tuple(
-        f"{name + ': ' if len(logs) > 1 else ''}{fault.sentence}"
+        f"{name + ': ' if len(checked) > 1 else ''}{fault.sentence}"
         + (f"; {fault.next_experiment}" if fault.makes_physics_unreliable else "")
         for name, fault in serious
     )
@@ -126,7 +125,8 @@ class Identified:
         bound: Least standard deviations that any unbiased estimate from the training rows has, (k,), see
             `regression.bound_deviations`; None where the base did not turn, or where not computed.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
-        faults: What the audit of the logs found, in sentences, see `faults`.
+        faults: What is wrong with the logs as they were recorded, in sentences, see `describe_faults`.
+        altered: Log → what was altered in it before it was fitted, see `checks.check_log`.
         missed: Joint → what of its torque the model misses, see `regression.fit_misfit`.
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
     """
@@ -152,6 +152,7 @@ class Identified:
     swapped: bool = False
     missed: Mapping[str, Misfit] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
+    altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
 
     __repr__ = brief
 
@@ -164,6 +165,7 @@ class Identified:
         )
         parts = [str(part) for part in (self.train, self.held_out) if part is not None]
         notes = [*(f"warning: {said}" for said in self.warnings), *(f"note: {said}" for said in self.notes)]
+        notes += [f"altered: {log}: {one}" for log, each in self.altered.items() for one in each]
         return "\n".join(
             [head, *parts, *notes, "names, estimate, bodies, model, to_dict() and to_urdf() hold the rest"]
         )
@@ -243,6 +245,7 @@ class Identified:
             },
             "warnings": list(self.warnings),
             "notes": list(self.notes),
+            "altered": list_alterations(self.altered),
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
             "base_parameters": [

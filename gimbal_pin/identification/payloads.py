@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.checks import check_assignment, check_time
+from gimbal_pin.checks import check_assignment, check_log, check_time, collect_alterations
 from gimbal_pin.dynamics.model import Estimated, Model, friction_effects, rotors
 from gimbal_pin.dynamics.reduction import Reduction, reduce, scan, stacked, units
 from gimbal_pin.dynamics.regressor import SCAN
@@ -18,9 +18,9 @@ from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification.balance import reported
 from gimbal_pin.identification.fitting import assembled, refitted, split
-from gimbal_pin.identification.identified import Identified, faults
+from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.known_gimbal import contradiction, limit, update
-from gimbal_pin.identification.requirements import check_enough, check_log, check_seen, check_unit
+from gimbal_pin.identification.requirements import check_enough, check_seen
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     TRUST,
@@ -147,9 +147,6 @@ def parted(
     """Return training rows, held-out blocks, and how they were parted: every log at two thirds."""
     if holdout not in (None, "none", "last-third"):
         raise UsageError("--holdout", f"cannot be '{holdout}' for several payloads", "use last-third or none")
-    for log in logs:
-        check_log(log, filters)
-        check_unit(rig, log)
     train, test, how = split(logs, holdout or "last-third", filters)
     rows = Design(rig, reduction, tuple(effects), train, filters)
     return rows, compute_blocks(replace(rows, logs=test)) if test else None, how
@@ -286,7 +283,8 @@ def identify_several(
         LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`; or
             one is in another unit, or acts too early or late, see `torque_time.check_time`.
     """
-    logs = {name: [log.ordered(rigs[name]) for log in each] for name, each in logs.items()}
+    checked = {name: [check_log(rigs[name], log, filtering=filtering) for log in each] for name, each in logs.items()}
+    logs = {name: [one.log for one in each] for name, each in checked.items()}
     filters = filtering or Filtering()
     reference = BARE if BARE in rigs else next(iter(rigs))
     order = (reference, *(name for name in rigs if name != reference))
@@ -316,7 +314,8 @@ def identify_several(
             assembled(rows, blocks[name], one, tested, how),
             missed=dict(zip(rows.rig.joints, missed[mine])),
             notes=notes[name],
-            faults=(*vague, *faults(rigs[name], logs[name])),
+            faults=(*vague, *describe_faults(checked[name])),
+            altered=collect_alterations(checked[name]),
         )
     for part in blocks.values():  # by itself: in the sum with the others' a wrong sign may hide
         check_assignment(part, fit_weighted(part))
@@ -368,7 +367,8 @@ def identify_new(
         LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`; or
             one is in another unit, or acts too early or late, see `torque_time.check_time`.
     """
-    logs = [log.ordered(rig) for log in logs]
+    checked = [check_log(rig, log, filtering=filtering) for log in logs]
+    logs = [one.log for one in checked]
     rig, before = standing(rig, known), estimated(known)
     filters, reduction = filtering or Filtering(), reduce(rig)
     effects = [term.effect for term in known.terms if term not in rotors(known.rig)]
@@ -396,8 +396,9 @@ def identify_new(
     given[10 * own.body : 10 * own.body + 10] += stated(known.rig) - stated(rig)
     one = camera(own, known.rig, rig, joint, pick)
     one, vague = hedged(one, own, mounted, given, rows.mixing, (before.theta, before.covariance))
-    said = (*contradiction(found, before), *vague, *faults(rig, logs))
+    said = (*contradiction(found, before), *vague, *describe_faults(checked))
     identified = replace(identified, missed=dict(zip(rig.joints, missed)), notes=notes, faults=said)
+    identified = replace(identified, altered=collect_alterations(checked))
     return Several({name: identified}, {name: one}, mounted)
 
 

@@ -1,4 +1,4 @@
-"""What is refused: too little data, and parameters that leave no trace in it."""
+"""What is refused of rows: too few of them, and parameters that leave no trace in it."""
 
 from __future__ import annotations
 
@@ -6,88 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.errors import DataError, LogError, UsageError
-from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Block, Design, Estimate, Filtering, Flags, compute_settling_time
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.checks.refusals import FAINT, check_driven
+from gimbal_pin.errors import DataError
+from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Block, Design, Estimate, compute_settling_time
 
-LONGEST_INTERVAL = 0.2
-"""Longest sampling interval of a rig's log, s; beyond, milliseconds were taken for seconds."""
-SHORTEST_INTERVAL = 2e-5
-"""Shortest, s: drives' current loops run at 50 kHz at most; below, t has another unit."""
-WRONG_UNIT = 20.0
-"""Times the motor's limit, rms, that no torque is: a motor's short-time torque is some five times what it holds, and a
-torque in thousandths of its unit is a thousand times too large."""
-FAINT = 1e-12
-"""A torque of less, N m, is none: a millionth of a gram weighs as much a tenth of a millimetre beside its axis."""
 LEAST_MOVING = 0.1
 """Share of a joint's samples under which the error says that the others were masked out."""
-
-
-def check_log(log: Log, filters: Filtering) -> None:
-    """Raise what tells that no filter of these can be run over a log.
-
-    Raises:
-        DataError: It has no torque.
-        LogError: Its samples lie too far apart.
-        UsageError: The cutoff leaves nothing to remove.
-    """
-    if log.tau is not None:
-        torque = np.abs(log.tau).max(axis=0)
-        check_driven(log.name, log.joints, torque, np.full(len(torque), torque.max() < FAINT))
-    if len(log) > 1:
-        check_sampling(log.name, log.dt, filters.cutoff)
-
-
-def check_driven(place: str, joints: Sequence[str], torque: Array, moving: Flags) -> None:
-    """Raise `DataError` if a joint's torque is none while it moves: parameters of zero would explain it perfectly.
-
-    Args:
-        place: What the error names.
-        joints: Names of the joints.
-        torque: Largest torque of each, N m, (n,).
-        moving: Whether it moves, (n,).
-    """
-    silent = torque < FAINT
-    if (moving & silent).any():
-        name = joints[int(np.argmax(moving & silent))]
-        one = f"tau_{name} is zero all along, while {name} moves"
-        what = "its torques are zero at every joint" if silent.all() else one
-        raise DataError(place, what, "log what the drives report or were commanded, in N m")
-
-
-def check_unit(rig: Rig, log: Log) -> None:
-    """Raise `LogError` if a torque is so many times its motor's limit that it can only be in another unit."""
-    if log.tau is None:
-        return
-    ratio = np.sqrt(np.mean(log.tau**2, axis=0)) / rig.tau_max
-    if not np.any(ratio > WRONG_UNIT):
-        return
-    wrong = np.flatnonzero(ratio > 1.0).tolist()  # beside such a one, what no motor holds has that unit, too
-    names = [f"tau_{rig.joints[j]}" for j in wrong]
-    # A column that is mapped with a factor has its torque constant in it.
-    raw = [name not in log.sources or abs(log.sources[name].factor) == 1.0 for name in names]
-    constants = [rig.motors[j].torque_constant if bare else 1.0 for j, bare in zip(wrong, raw)]
-    maps = log.remapped({name: (name, 1e-3 * constant) for name, constant in zip(names, constants)})
-    most, limit = float(ratio.max()), float(rig.tau_max[ratio.argmax()])
-    what = f"is {most:.2g} times the motor's {limit:.3g} N m, rms: another unit, mA or mN m say"
-    joint = rig.joints[int(ratio.argmax())]
-    unit = "from mA, *1e-3 from mN m" if set(constants) != {1.0} else "from mN m, times KT from mA"
-    mend = f"map it: {maps} {rig.in_units(joint, unit)}"
-    raise LogError(f"{log.name}: {', '.join(names)}", rig.in_units(joint, what), mend)
-
-
-def check_sampling(name: str, dt: float, cutoff: float) -> None:
-    """Raise what `check_log` raises, for a sampling interval, s, and a cutoff, Hz."""
-    if dt > LONGEST_INTERVAL:
-        mend = "if t is in ms, map it: --map t=COLUMN*1e-3; else record twenty samples a second or more"
-        raise LogError(name, f"has {dt:.3g} s between two samples, too long to see a rig move", mend)
-    if dt < SHORTEST_INTERVAL:
-        mend = "if t has another unit, map it: --map t=COLUMN*FACTOR; else keep every tenth sample or fewer"
-        raise LogError(name, f"has {dt:.3g} s between two samples, too short for a drive", mend)
-    if cutoff * dt > 0.2:
-        what = f"of {cutoff:g} Hz is too high for {1 / dt:.0f} samples a second"
-        raise UsageError(f"{name}: the cutoff", what, f"give at most {0.2 / dt:.3g} Hz")
 
 
 def check_enough(rows: Design, blocks: Sequence[Block]) -> None:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtri
 
+from gimbal_pin.checks.refusals import FAINT
 from gimbal_pin.dynamics.model import Doubt
 from gimbal_pin.errors import DataError, digits
-from gimbal_pin.identification.requirements import FAINT
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Block, compute_autocovariance, count_independent_rows, join_blocks
 from gimbal_pin.rig.brief import brief

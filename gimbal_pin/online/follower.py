@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks import check_assignment
+from gimbal_pin.checks import check_assignment, check_driven, check_sampling
 from gimbal_pin.dynamics.model import Model, friction_effects
 from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.effects import Effect
@@ -20,8 +20,6 @@ from gimbal_pin.identification import (
     Identified,
     accuracy,
     assembled,
-    check_driven,
-    check_sampling,
     to_model,
 )
 from gimbal_pin.identification.payload_change import payload_directions

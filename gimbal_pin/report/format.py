@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from math import degrees, floor, inf, isfinite, isnan, log10, pi
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 if TYPE_CHECKING:
+    from gimbal_pin.checks import Alteration
     from gimbal_pin.rig.rig import Rig
 
 DASH = "–"
@@ -26,6 +27,11 @@ NOTHING = 1e-6
 """Angle of the line of sight, °, under which there is none: rounding errors of a simulation, and no camera's pixel."""
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def list_altered(found: Mapping[str, Sequence[Alteration]]) -> list[str]:
+    """Say what was altered in which log before anything was made of it, and why."""
+    return [f"altered: {log}: {one}" for log, each in found.items() for one in each]
 
 
 def figures(value: float | None, digits: int = 3) -> str:

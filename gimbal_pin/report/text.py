@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import degrees, floor, inf, isnan, log10
 from pathlib import Path
 from statistics import median
@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from gimbal_pin.errors import digits
 from gimbal_pin.report import tables
-from gimbal_pin.report.format import angle, controller_name, figures, joint_shown, joints_of, listed
+from gimbal_pin.report.format import angle, controller_name, figures, joint_shown, joints_of, list_altered, listed
 from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
-    from gimbal_pin.checks import Mounting
+    from gimbal_pin.checks import Alteration, Mounting
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis
@@ -130,14 +130,14 @@ def excitation(found: Excitation) -> str:
     return "\n".join(lines if found.finished else [*lines, "interrupted: this is the best it had found"])
 
 
-def inspected(found: Inspected) -> str:
-    """A file's streams and channels, and the mapping that is proposed."""
+def inspected(found: Inspected, altered: Sequence[Alteration] = ()) -> str:
+    """A file's streams and channels, what the verbs would alter in it, and the mapping that is proposed."""
     from gimbal_pin.log.io.inspection import summarize_stream
 
     lines = [found.name]
     for stream in found.streams:
         lines += [*summarize_stream(stream), str(tables.channels(stream.channels)), ""]
-    lines += [f"note  {note}" for note in found.notes]
+    lines += [f"note  {note}" for note in found.notes] + [f"would be altered  {one}" for one in altered]
     return "\n".join(lines + ([found.yaml] if found.rig is not None else [])).rstrip("\n")
 
 
@@ -168,7 +168,7 @@ def described(found: Identified) -> list[str]:
     lines += [str(tables.parameters(known(found), bound)), *at_best(found)]
     lines += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
     lines += ["", accuracy(found)]
-    lines += [f"note: {said}" for said in found.notes]
+    lines += [f"note: {said}" for said in found.notes] + list_altered(found.altered)
     lines += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
     change = max(found.torque_change.values())
     lines += [f"nearest physical parameters: {figures(change, 2)} {force} rms away in predicted torque, at most", ""]
@@ -283,7 +283,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     lines += tracking_gain(found)
     if found.given is not None and found.after.model.rig.aims:
         lines += [f"given model{caveats(found)}: {line}" for line in found.given.lines]
-    lines += [f"note: {note}" for note in found.notes]
+    lines += [f"note: {note}" for note in found.notes] + list_altered(found.altered)
     for one in found.immaterial:
         lines.append(f"too small to matter: {one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)")
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.checks import estimate_joint_rates, estimate_mountings, rectified
+from gimbal_pin.checks import check_log, estimate_joint_rates, estimate_mountings
 from gimbal_pin.dynamics import noisy, nominal, readings
 from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.log import Array, Imu, Log, Platform, profile_s
@@ -106,11 +106,12 @@ def test_a_gyro_of_another_motion_is_left_out_and_an_event_says_so() -> None:
     spine = log.imus["spine"]
     assert spine.gyro is not None and log.v is not None
     broken = replace(log, v=None, imus={**log.imus, "spine": Imu(spine.gyro[::-1], spine.accel)})
-    found = rectified(rig, broken)
-    assert set(found.log.imus) == {"head", "cradle"} and len(found.log.events) == 1
-    assert found.log.events[0].startswith("log: the gyro of spine is off by")
+    found = check_log(rig, broken)
+    assert set(found.log.imus) == {"head", "cradle"}
+    gone = [one for one in found.alterations if one.cause == "contradicting-gyro"]
+    assert [(one.kind, one.channel) for one in gone] == [("channel-left-out", f"{x}_spine") for x in ("gyro", "accel")]
     told = identify(rig, [replace(broken, v=log.v)], filtering=Filtering(alignment=0.0), holdout="none")
-    assert told.notes == found.log.events and set(told.mountings["log"]) == {"head", "cradle"}
+    assert gone[0] in told.altered["log"] and set(told.mountings["log"]) == {"head", "cradle"}
     assert found.log.v is not None
     clear = np.abs(np.cos(log.q[:, 1])) > 0.3  # with the roll at a quarter turn the cradle's gyro alone hides a rate
     assert np.abs(found.log.v - log.v)[clear].max() < 0.05
@@ -120,5 +121,5 @@ def test_a_log_without_imus_on_its_links_is_left_as_it_is() -> None:
     log = true_log("turret")
     for imus in ({}, {"base": log.imus["base"]}):
         bare = replace(log, v=None, imus=imus)
-        found = rectified(bundled("turret"), bare)
-        assert not found.mountings and found.log.v is None and set(found.log.imus) == set(imus)
+        found = check_log(bundled("turret"), bare)
+        assert not found.mountings and found.log is bare

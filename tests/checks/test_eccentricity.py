@@ -102,4 +102,6 @@ def test_an_eccentric_encoder_is_one_finding_with_its_size(rig: Rig, off: Log) -
 
 def test_identify_mends_it_and_says_so(rig: Rig, off: Log) -> None:
     found = identify(rig, [off])
-    assert any("off their centre" in note for note in found.notes)
+    (one,) = found.altered[off.name]
+    assert (one.cause, one.channel) == ("eccentric-encoder", f"q_{rig.joints[-1]}")
+    assert one.size == pytest.approx(0.05, abs=0.003)

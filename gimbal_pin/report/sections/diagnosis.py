@@ -20,7 +20,7 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import DASH, Joint, figures, forces, joints_of, listed, torque_unit, units
+from gimbal_pin.report.format import DASH, Joint, figures, forces, joints_of, list_altered, listed, torque_unit, units
 from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.summary import unconfirmed
 from gimbal_pin.report.table import Content, join
@@ -76,6 +76,7 @@ def diagnosis(found: Diagnosis) -> Section:
     small = [f"{one.cause} at {one.joint or 'the rig'} ({digits(100 * one.share, 2)} %)" for one in found.immaterial]
     notes = [*found.notes, *([f"Significant, and too small to matter: {listed(small)}."] if small else [])]
     notes += [f"This log cannot show {listed(hidden)}: rigid model and friction would take it up."] if hidden else []
+    notes += list_altered(found.altered)
     parts += [folded("Notes", bullets(notes))] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
     return Section(WRONG, join(parts), f"Held-out errors are of the part of the log that no choice has seen{band}.")

@@ -1,92 +1,20 @@
-"""What a check of the audit returns, and what checks look at: samples, noise, resolution."""
+"""What checks look at in a log's channels: noise, roughness, runs, resolution."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from math import isfinite, log2, pi
-from typing import Any, NamedTuple
+from math import log2, pi
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, Flags
-from gimbal_pin.rig.rig import Rig
+from gimbal_pin.regression import Flags
 
 CHANNELS = ("q", "v", "tau")
 """The measured channels of the joints, by their names in `Log`."""
 WORDS = {"q": "angle", "v": "rate", "tau": "torque"}
-
-
-@dataclass(frozen=True)
-class Fault:
-    """One thing that is wrong with a log.
-
-    Attributes:
-        cause: Name in CONTRACT.md, group *data*.
-        joint: The joint concerned most; None for the whole log.
-        sentence: What is wrong, for one who builds rigs.
-        parameters: What was measured, with deviations and units.
-        strength: How far beyond what is admissible: over one is found.
-        makes_physics_unreliable: Whether a fit of the log as it was recorded would show the wrong physics.
-        next_experiment: What to record or to change.
-        sparse: Whether the fault is only that samples lie too far apart to be fitted: each of them is true.
-        slight: Whether it is worth a note only: it does this log no harm, though it might another.
-        answer: Base parameters and friction estimated in spite of the fault, where there is such an estimate.
-    """
-
-    cause: str
-    joint: str | None
-    sentence: str
-    parameters: tuple[Parameter, ...]
-    strength: float
-    makes_physics_unreliable: bool
-    next_experiment: str
-    answer: tuple[Parameter, ...] = ()
-    sparse: bool = False
-    slight: bool = False
-
-    def in_units(self, rig: Rig) -> Fault:
-        """Return it in the units of its joint: see `Rig.in_units`."""
-        shown = tuple(replace(p, unit=rig.in_units(self.joint, p.unit)) for p in self.parameters)
-        return replace(self, sentence=rig.in_units(self.joint, self.sentence), parameters=shown)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds of a data finding; CONTRACT's figures of physical findings are null."""
-        physical = ("gain", "p_value", "selection_frequency", "explained_share", "visible_fraction")
-        return {
-            "cause": self.cause,
-            "joint": self.joint,
-            "status": "data",
-            "class": [self.cause],
-            "parameters": as_json(self.parameters),
-            **dict.fromkeys(physical),
-            "rivals": [],
-            "sentence": self.sentence,
-            "next_experiment": self.next_experiment,
-            "strength": self.strength,
-            "makes_physics_unreliable": self.makes_physics_unreliable,
-            "answer": as_json(self.answer),
-        }
-
-
-class Examined(NamedTuple):
-    """A fault, and the log to go on with."""
-
-    fault: Fault
-    log: Log
-
-
-Check = Callable[[Rig, Log, Filtering], "Examined | None"]
-"""Examines one trajectory for one cause."""
-
-
-def as_json(parameters: tuple[Parameter, ...]) -> dict[str, dict[str, Any]]:
-    """Return ``{name: {"value": .., "std": .., "unit": ..}}``; a deviation that was not estimated is null."""
-    return {p.name: {"value": p.value, "std": p.std if isfinite(p.std) else None, "unit": p.unit} for p in parameters}
 
 
 Indices = NDArray[np.integer[Any]]
@@ -145,11 +73,6 @@ def edges(flags: Flags) -> list[tuple[int, int]]:
     """First and one past the last index of every run of true flags."""
     ends = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return list(zip(ends[::2].tolist(), ends[1::2].tolist()))
-
-
-def noted(log: Log, event: str) -> Log:
-    """Return the log with one more event."""
-    return replace(log, events=(*log.events, event))
 
 
 def quantum(column: Array) -> float:
