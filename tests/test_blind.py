@@ -19,7 +19,7 @@ from tests.blind.judge import Judged, confident, false_alarm, judge, near
 
 SEED = 2026
 SECONDS = 15.0
-STRATA = {"clean": 1, "single": 1, "outside": 1}
+STRATA = {"clean": 1, "single": 1}
 
 
 def small(plan: draw.Plan) -> draw.Plan:

@@ -146,11 +146,8 @@ def test_a_signal_that_a_library_swallows_as_it_is_loaded_is_heard_all_the_same(
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
 
 
-@pytest.mark.parametrize(
-    ("call", "word"),
-    [("identify turret - --follow <&-", "standard input: is closed"), ("rigs >&-", "standard output: is closed")],
-)
-def test_a_closed_stream_is_one_line(call: str, word: str) -> None:
+def test_a_closed_stream_is_one_line() -> None:
+    call, word = "identify turret - --follow <&-", "standard input: is closed"
     done = subprocess.run(f"'{sys.executable}' -m gimbal_pin.cli {call}", shell=True, capture_output=True, text=True)
     refused((done.returncode, done.stdout, done.stderr), 2, word)
 

@@ -41,7 +41,7 @@ def rig() -> Rig:
 def log(rig: Rig) -> Log:
     """A turret whose tilt motor cogs."""
     model = with_causes(rig, "cogging:tilt:amplitude=0.04,harmonic=11")
-    return prescribed(model, seconds=20.0, torque_noise=0.01, dt=0.002)
+    return prescribed(model, seconds=12.0, torque_noise=0.01, dt=0.004)
 
 
 @pytest.fixture(scope="module")
