@@ -39,7 +39,7 @@ def moved(rig: Rig, share: float) -> Rig:
 
 
 def recorded(model: Model, seed: int) -> Log:
-    return prescribed(model, seed, seconds=12.0, torque_noise=0.02, dt=0.004)
+    return prescribed(model, seed, seconds=16.0, torque_noise=0.02, dt=0.003)
 
 
 def difference(rig: Rig, log: Log) -> Difference:
