@@ -67,7 +67,6 @@ MOUNTED = """<?xml version="1.0"?>
   </joint>
 </robot>
 """
-MAPPED = {"t": "time", "q_pan": "pos*180/pi", "dq_pan": "speed", "tau_pan": "iq/0.3", "q_ref_pan": "want"}
 MAPPING = "t: time\nq_pan: pos*pi/180\ndq_pan: speed\ntau_pan: iq*0.3\nq_ref_pan: want\n"
 CAUSES = ("cogging:pan:amplitude=0.05,harmonic=12", "delay:pan:time=0.002", "base-tilt:roll=0.02")
 """A torque, a part of the drive and a change of the rig: the three kinds that an extended model may hold."""

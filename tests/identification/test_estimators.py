@@ -115,13 +115,12 @@ def test_columns_that_are_their_own_instruments_say_nothing_else(coarse: DesignB
     assert found.p_value == 1.0 and found.change < 1e-9
 
 
-@pytest.mark.parametrize("bits", [11, 24])
-def test_lost_samples_leave_instruments_and_rows_of_one_shape(turret: Rig, log: Log, bits: int) -> None:
+def test_lost_samples_leave_instruments_and_rows_of_one_shape(turret: Rig, log: Log) -> None:
     """Whether the motion closes a hole depends on its resolution: the simulated motion has the measured one's holes."""
     some = np.ones(len(log), bool)
     for begin, lost in ((3000, 40), (6000, 60), (8000, 300)):
         some[begin : begin + lost] = False
-    torn = quantised(log, bits)
+    torn = quantised(log, 11)
     torn = replace(torn, t=torn.t[some], q=torn.q[some], tau=np.asarray(torn.tau)[some], v=None)
     blocks = compute_blocks(rows_of(turret, torn, EXACT))
     free = fit_weighted(blocks)

@@ -23,7 +23,6 @@ from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, refused, result
 
-RIGS = ("thesis", "handheld", "turret")
 ALIGNED = Filtering(alignment=0.0)
 
 

@@ -72,7 +72,6 @@ WRITERS: Mapping[str, tuple[str, Callable[[Columns, Path], None]]] = {
     "packed npz": ("log", lambda c, path: path.with_suffix(".npz").rename(path)
                    if np.savez_compressed(path.with_suffix(".npz"), **c) is None else None),
     "mat": ("log.mat", as_mat),
-    "mat of a structure": ("log.mat", lambda c, path: scipy.io.savemat(path, {"log": dict(c)})),
     "mat 7.3": ("log.mat", as_hdf5),
     "ros1": ("log.bag", as_bag("ros1")),
     "ros2 sqlite3": ("log", as_bag("sqlite3")),
@@ -89,7 +88,7 @@ def maps(writer: str, columns: Columns) -> list[str]:
         return [f"{column}={name}{k}" for k, column in enumerate(columns, start=first)]
     if writer == "ulog":
         return ["t=rig.timestamp", *(f"{name}=rig.{name}" for name in columns if name != "t")]
-    return [f"{name}=log.{name}" for name in columns] if writer in ("mat of a structure", "mat 7.3") else []
+    return [f"{name}=log.{name}" for name in columns] if writer == "mat 7.3" else []
 
 
 @pytest.mark.parametrize("writer", WRITERS)
