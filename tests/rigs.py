@@ -15,6 +15,8 @@ from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs, to_pinocchio
 
 COMBINATIONS = [(rig, payload) for rig in bundled_rigs() for payload in bundled_payloads()]
 """Every bundled rig with every payload."""
+VARIETY = [(rig, payload) for rig, payload in COMBINATIONS if rig == "thesis" or payload == "cinema"]
+"""Every bundled rig, and every payload, at least once."""
 
 BODY = (
     '<link name="{0}"><inertial><origin xyz="0.05 -0.12 0.2" rpy="0.3 -0.8 1.1"/><mass value="{1}"/>'

@@ -13,7 +13,7 @@ from lxml import etree
 from gimbal_pin.dynamics import rnea
 from gimbal_pin.rig import Rig, bundled_payloads
 from tests.mujoco_peer import rigid_bodies, torque
-from tests.rigs import BODY, COMBINATIONS, bundled, energy, spelled, states
+from tests.rigs import BODY, VARIETY, bundled, energy, spelled, states
 
 JOINT = (
     '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/>'
@@ -165,7 +165,7 @@ def mujoco_torque(rig: Rig, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.n
     return torque(rigid_bodies(etree.fromstring(rig.urdf.encode())), rig.joints, q, v, a)
 
 
-@pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
+@pytest.mark.parametrize(("name", "payload"), VARIETY)
 def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None:
     rig = bundled(name, payload)
     at = states(rig.n, 2, 20)
@@ -202,7 +202,7 @@ def power_balance(rig: Rig, seed: int) -> None:
         np.testing.assert_allclose(rate, v @ tau, rtol=0, atol=1e-8 * (1 + np.abs(v) @ np.abs(tau)))
 
 
-@pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
+@pytest.mark.parametrize(("name", "payload"), VARIETY)
 def test_power_is_the_rate_of_energy_on_every_bundled_rig(name: str, payload: str) -> None:
     power_balance(bundled(name, payload), seed=4)
 

@@ -18,7 +18,7 @@ from gimbal_pin.log.profile import ACCELERATION, ATTITUDE
 from gimbal_pin.rig import GRAVITY, Rig, bundled_rigs
 from tests.dynamics.test_reduction import subspace
 from tests.mujoco_peer import rigid_bodies, torque
-from tests.rigs import COMBINATIONS, bundled, states
+from tests.rigs import VARIETY, bundled, states
 
 UP = np.array([0.0, 0.0, GRAVITY])
 
@@ -110,7 +110,7 @@ def mujoco_torque(rig: Rig, q: Array, v: Array, a: Array, platform: Platform, wo
     return torque(mujoco_model(rig), rig.joints, q, v, a, list(zip(pose, rate, push)))
 
 
-@pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
+@pytest.mark.parametrize(("name", "payload"), VARIETY)
 def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None:
     rig = bundled(name, payload)
     platform, _, world = shaken(1)

@@ -13,7 +13,7 @@ from gimbal_pin.dynamics import reduce
 from gimbal_pin.errors import ModelError
 from gimbal_pin.regression import find_nearest_bodies, map_phi_to_base
 from gimbal_pin.rig import Rig, bundled_rigs, is_physical, thicken_flat_body, to_pinocchio, to_urdf, urdf
-from tests.rigs import COMBINATIONS, taken_by_all
+from tests.rigs import VARIETY, taken_by_all
 
 
 def body(seed: int) -> np.ndarray:
@@ -53,7 +53,7 @@ def test_what_is_physical_stays(name: str) -> None:
     assert is_physical(found.phi) and found.distance < 1e-3
 
 
-@pytest.mark.parametrize(("name", "payload"), COMBINATIONS)
+@pytest.mark.parametrize(("name", "payload"), VARIETY)
 def test_the_urdf_lumps_to_what_was_identified(name: str, payload: str) -> None:
     """Pinocchio, yourdfpy and MuJoCo read it; every tag but the inertials is as it was."""
     rig = Rig.load(name, payload)
