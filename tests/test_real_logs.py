@@ -47,7 +47,7 @@ def test_the_turning_motors_cogging_is_found_blind() -> None:
 def test_the_double_pendulums_logs_disagree() -> None:
     names = [("q", "pos"), ("dq", "vel"), ("tau", "tau")]
     columns = [f"{ours}_{joint}={theirs}{k}" for k, joint in ((1, "shoulder"), (2, "elbow")) for ours, theirs in names]
-    files = [f"20220812-{run}-PM_measured.csv" for run in ("055640", "060143")]
+    files = [f"20220812-{run}-PM_measured.csv" for run in ("055640", "060143", "061157")]
     found = said(
         "dfki_double_pendulum",
         "double_pendulum.urdf",
