@@ -112,7 +112,7 @@ def _open_file(path: Path) -> Table:
 
 def _open_npy(path: Path) -> Table:
     """Read a record array, or a row per sample of plain columns c0, c1, …."""
-    values = _array_in(read_bytes(path, LogError), str(path))
+    values = _load_array(read_bytes(path, LogError), str(path))
     if values.dtype.names:
         return make_table(str(path), *group_streams({"": values}))
     if values.ndim != 2:
@@ -130,27 +130,19 @@ def _open_npz(path: Path) -> Table:
                 check_size(path, size := size + entry.file_size, LogError)
                 with archive.open(entry) as file:  # so many bytes: to its end it may be more than it states
                     content = file.read(entry.file_size)
-                arrays[entry.filename.removesuffix(".npy")] = _array_in(content, f"{path}: {entry.filename}")
+                arrays[entry.filename.removesuffix(".npy")] = _load_array(content, f"{path}: {entry.filename}")
     except _NPZ_DAMAGE as error:
         raise LogError(str(path), f"is a damaged .npz ({error})", "write it again, with numpy.savez") from error
     return make_table(str(path), *group_streams(arrays))
 
 
-def _array_in(content: bytes, place: str) -> Array:
+def _load_array(content: bytes, place: str) -> Array:
     """Return the array of an .npy file's bytes, never a pickle; `LogError` if it is none, or of objects."""
-    stream = io.BytesIO(content)
     try:
-        version = np.lib.format.read_magic(stream)
-        reader = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, by_columns, kind = reader(stream)
-        if kind.hasobject:
-            raise LogError(place, "holds Python objects", "save numbers: a float64 array, or a record array of them")
-        if not all(0 <= size <= len(content) for size in shape):
-            raise ValueError(f"it has {len(content)} bytes for the shape {shape}")
-        values = np.frombuffer(content, kind, offset=stream.tell()) if prod(shape) else np.empty(0, kind)
-        return values.reshape(shape, order="F" if by_columns else "C")
+        return np.lib.format.read_array(io.BytesIO(content), allow_pickle=False)
     except _NPY_DAMAGE as error:
-        raise LogError(place, f"is a damaged .npy ({error})", "write it again, with numpy.save") from error
+        mend = "write it again with numpy.save: a float64 array, or a record array of numbers"
+        raise LogError(place, f"is a damaged .npy, or of Python objects ({error})", mend) from error
 
 
 # --- Parquet --------------------------------------------------------------------------------------------------------
