@@ -31,7 +31,7 @@ from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.log.log import Array, Imu
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, propeller_band, sum_bands
+from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, make_propeller_band, sum_bands
 from gimbal_pin.pointing.bench import WANTED, unbalanced
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Fault, Measurement, Station
@@ -49,8 +49,8 @@ TEACHING = 1000
 """Seed of the motion that teaches how a platform moves: no run has it."""
 PROPELLERS = (ATTITUDE[2:], ACCELERATION[1:])
 OTHERS = (
-    (propeller_band(100.0, radians(0.0035)), propeller_band(180.0, radians(0.0014))),
-    (propeller_band(100.0, 1.0), propeller_band(180.0, 0.5)),
+    (make_propeller_band(100.0, radians(0.0035)), make_propeller_band(180.0, radians(0.0014))),
+    (make_propeller_band(100.0, 1.0), make_propeller_band(180.0, 0.5)),
 )
 NONE: tuple[tuple[Band, ...], tuple[Band, ...]] = ((), ())
 STEP = 1.9
@@ -58,9 +58,9 @@ STEP = 1.9
 WALK = (
     (
         Band(0.48 * STEP, 0.52 * STEP, radians(2.0), 4),
-        *(propeller_band(k * STEP, radians(1.5) / k**2) for k in range(1, 6)),
+        *(make_propeller_band(k * STEP, radians(1.5) / k**2) for k in range(1, 6)),
     ),
-    (Band(0.48 * STEP, 0.52 * STEP, 0.5, 4), *(propeller_band(k * STEP, 2.0 / k) for k in range(1, 9))),
+    (Band(0.48 * STEP, 0.52 * STEP, 0.5, 4), *(make_propeller_band(k * STEP, 2.0 / k) for k in range(1, 9))),
 )
 
 

@@ -101,9 +101,9 @@ def noise_share(log: Log, filtering: Filtering) -> Array | None:
     a = [signals.zero_phase(smooth_samples(part, filtering, 0, part.length).a, slow) for part in long]
     size = np.maximum(np.std(np.concatenate(a), axis=0), 1e-300)
     sections = signals.lowpass(smoothing, rate)
-    angle = angle_noise(log, local_noise(log.t, log.q, PARTS)) * signals.noise_gain(sections, rate, 2)
+    angle = angle_noise(log, local_noise(log.t, log.q, PARTS)) * signals.compute_noise_gain(sections, rate, 2)
     if log.v is not None:
-        angle = np.minimum(angle, local_noise(log.t, log.v, PARTS) * signals.noise_gain(sections, rate, 1))
+        angle = np.minimum(angle, local_noise(log.t, log.v, PARTS) * signals.compute_noise_gain(sections, rate, 1))
     return np.asarray(np.where(np.ptp(log.q, axis=0) > 0, angle.max(axis=0) / size, 0.0))
 
 

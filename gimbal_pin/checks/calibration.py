@@ -135,7 +135,7 @@ def _filter_and_thin(rig: Rig, log: Log, links: Sequence[str]) -> tuple[Array, A
     grid = np.linspace(log.t[0], log.t[-1], len(log))
     dt = float(grid[1] - grid[0])
     sections = signals.lowpass(_CUTOFF, 1 / dt)
-    edge = min(round(signals.settling(_CUTOFF) / dt), len(grid) // 4)
+    edge = min(round(signals.compute_lowpass_settling(_CUTOFF) / dt), len(grid) // 4)
     keep = slice(edge, len(grid) - edge, max(1, round(1 / (2 * _CUTOFF * dt))))
     gyro = [signals.zero_phase(signals.resample(log.t, _read_gyro(log, x), grid), sections)[keep] for x in links]
     q = signals.zero_phase(signals.resample(log.t, log.q, grid), sections)

@@ -17,7 +17,7 @@ from gimbal_pin.dynamics.regressor import inertia
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.log.mapping import remapped
+from gimbal_pin.log.mapping import format_remapping
 from gimbal_pin.log.platform import BaseMotion
 from gimbal_pin.regression import (
     Block,
@@ -160,12 +160,12 @@ def trials(blocks: DesignBlocks) -> Iterator[Trial]:
         wrong = [f"tau_{joint}" for joint, sign in zip(joints, signs) if sign < 0]
         turned = DesignBlocks(rows, tuple(block._replace(b=block.b * np.array(signs)) for block in blocks))
         words = f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign (or the angle has)"
-        mend = remapped(sources, {name: (name, -1.0) for name in wrong})
+        mend = format_remapping(sources, {name: (name, -1.0) for name in wrong})
         yield Trial(unexplained(turned), words, f"turn it: {mend}")
     for pair in combinations(range(n) if rows.logs else (), 2):
         first, second = (f"tau_{joints[j]}" for j in pair)
         words = f"{first} and {second} hold each other's torque"
-        mend = remapped(sources, {first: (second, 1.0), second: (first, 1.0)})
+        mend = format_remapping(sources, {first: (second, 1.0), second: (first, 1.0)})
         yield Trial(unexplained(compute_blocks(exchanged(rows, pair))), words, f"exchange them: {mend}")
 
 

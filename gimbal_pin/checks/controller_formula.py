@@ -67,7 +67,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if log.tau is None or log.t[-1] - log.t[0] < SHORTEST or classify_base_motion(rig, log) != "fixed":
         return None
     sections = signals.lowpass(BAND, 1.0)
-    edge = int(signals.settling(BAND)) + LATEST
+    edge = int(signals.compute_lowpass_settling(BAND)) + LATEST
     kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST))
     if len(kept) < LEAST:
         return None
@@ -98,14 +98,14 @@ def of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """
     assert log.tau is not None
     band = min(filtering.cutoff * log.dt, BAND)
-    sections, edge = signals.lowpass(band, 1.0), int(signals.settling(band)) + LATEST
+    sections, edge = signals.lowpass(band, 1.0), int(signals.compute_lowpass_settling(band)) + LATEST
     kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST, int(0.25 / band)))
     if len(kept) < LEAST:
         return None
     q, tau = (signals.zero_phase(x, sections) for x in (log.q, log.tau))
     v = signals.differentiate(q, log.dt)
     a = signals.differentiate(v, log.dt)[kept]
-    noise = signals.noise_std(log.q) * signals.noise_gain(sections, 1.0, 2) / log.dt**2
+    noise = signals.noise_std(log.q) * signals.compute_noise_gain(sections, 1.0, 2) / log.dt**2
     asked = rnea(rig, q[kept], v[kept], a) - weight(rig, q[kept])
     hidden = rnea(rig.weightless, q[kept], 0.0 * a, np.tile(noise, (len(kept), 1)))
     still = np.zeros_like(a)

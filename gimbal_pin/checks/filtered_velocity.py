@@ -105,12 +105,12 @@ def lag_of(log: Log, j: int, filtering: Filtering) -> Lag | None:
     qv = signals.resample(t, np.stack([q, v], axis=1), grid)
     sections = signals.lowpass(filtering.cutoff, 1.0 / dt)
     slow = signals.zero_phase(qv, sections)
-    edge = min(round(signals.settling(filtering.cutoff) / dt), len(qv) // 4)
+    edge = min(round(signals.compute_lowpass_settling(filtering.cutoff) / dt), len(qv) // 4)
     derived, rate = signals.differentiate(slow[:, :1], dt)[edge:-edge, 0], slow[edge:-edge, 1]
     change = float(np.sqrt(np.mean((rate - derived) ** 2) / np.maximum(np.mean(derived**2), 1e-300)))
     if change < VISIBLE:
         return None
-    noise = float(signals.noise_std(qv)[0]) * signals.noise_gain(sections, 1.0 / dt, 1)
+    noise = float(signals.noise_std(qv)[0]) * signals.compute_noise_gain(sections, 1.0 / dt, 1)
     cause = recursions(log.q[:, j], log.v[:, j], dt) or lagging(derived, rate, dt, noise, filtering.cutoff)
     return Lag(cause, change) if cause is not None else None
 

@@ -13,7 +13,7 @@ import numpy as np
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.io.columns import log_columns
-from gimbal_pin.log.log import REACH, Array, Log
+from gimbal_pin.log.log import PLAUSIBLE_RANGES, Array, Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
@@ -101,7 +101,7 @@ def compare_logs(rig: Rig, cause: str, before: Log, after: Log) -> tuple[Alterat
             out.append(_span(cause, kind, channel, after.t))
         elif (change := np.abs(new[channel] - old[channel]).max(axis=1)).any():
             prefix, _, joint = channel.partition("_")
-            unit = rig.in_units(joint, REACH[{"dq": "v", "temp": "temperature"}.get(prefix, prefix)].unit)
+            unit = rig.in_units(joint, PLAUSIBLE_RANGES[{"dq": "v", "temp": "temperature"}.get(prefix, prefix)].unit)
             one = _span(cause, "changed", channel, before.t[kept][change > 0])
             out.append(replace(one, size=float(change.max()), unit=unit))
     return tuple(out)

@@ -176,9 +176,9 @@ def tuned(address: str, body: bytes, secret: bytes) -> str:
         UsageError: It refuses them, or the address is none.
         LogError: It cannot be reached, or does not answer.
     """
-    from gimbal_pin.log.io.link import tune
+    from gimbal_pin.log.io.link import send_parameters
 
-    if status := tune(address, body, secret):
+    if status := send_parameters(address, body, secret):
         raise UsageError(address, *REFUSALS[min(status, len(REFUSALS)) - 1])
     return address
 

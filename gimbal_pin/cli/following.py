@@ -82,7 +82,7 @@ def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, 
 
     With `lines` as JSON, else as text; `wish` says how long to wait for more, and where the way is drawn in the end.
     """
-    from gimbal_pin.log.io.files import replacing, to_json
+    from gimbal_pin.log.io.files import open_replacement, to_json
     from gimbal_pin.log.io.follow import follow
     from gimbal_pin.online import progress, steps
     from gimbal_pin.online.chart import chart
@@ -107,7 +107,7 @@ def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, 
     found = online.identified(memory)
     found = replace(found, notes=(*found.notes, *broken))
     if wish.plot is not None:
-        with replacing(wish.plot) as temporary:
+        with open_replacement(wish.plot) as temporary:
             chart(history).savefig(temporary)
     return found
 

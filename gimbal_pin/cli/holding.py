@@ -174,13 +174,13 @@ class Pages:
 
     def write(self, rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> None:
         """Write them."""
-        from gimbal_pin.log.io.files import atomic_write, replacing
+        from gimbal_pin.log.io.files import atomic_write, open_replacement
         from gimbal_pin.pointing.chart import chart
         from gimbal_pin.report.pages import carried as whole
         from gimbal_pin.report.pages import moving
 
         if self.plot is not None and held is not None:
-            with replacing(self.plot) as temporary:
+            with open_replacement(self.plot) as temporary:
                 chart(held.contest).savefig(temporary)
         if self.report is not None:
             atomic_write(self.report, whole(rig, held, steps, plant))

@@ -40,7 +40,7 @@ def inspect(
 ) -> None:
     """What a log's file holds, what each column is and why, and a mapping of columns for a rig."""
     from gimbal_pin.log.io import split_payload
-    from gimbal_pin.log.io.files import atomic_write, replacing
+    from gimbal_pin.log.io.files import atomic_write, open_replacement
     from gimbal_pin.log.io.inspection import inspect as run
 
     if not files:
@@ -59,7 +59,7 @@ def inspect(
     elif output is not None:
         from gimbal_pin.report.sections.data import draw
 
-        with replacing(output) as temporary:
+        with open_replacement(output) as temporary:
             draw(found[0], temporary)
     altered = [() if loaded is None else find_alterations(loaded, one) for one in found]
     described = [
@@ -73,9 +73,9 @@ def find_alterations(rig: Rig, found: Inspected) -> tuple[Alteration, ...]:
     """Return what the verbs would alter in a file that they read with the proposed mapping; none where they cannot."""
     from gimbal_pin.checks import check_log
     from gimbal_pin.log.io import read_log
-    from gimbal_pin.log.mapping import expression
+    from gimbal_pin.log.mapping import format_expression
 
-    entries = [f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()]
+    entries = [f"{target}={format_expression(*source[:2])}" for target, source in found.mapping.items()]
     try:
         return check_log(rig, read_log(found.name, rig, entries), repairs_only=True).alterations
     except GimbalPinError as error:

@@ -132,9 +132,9 @@ def walked(value: Path, given: Mapping[str, Any]) -> list[Path]:
 
 def in_folder(folder: Path, names: Iterable[str]) -> list[Path]:
     """Return files that a run writes into a folder, and those of an earlier run, which it removes."""
-    from gimbal_pin.log.io.files import RUN, read_run
+    from gimbal_pin.log.io.files import RUN_FILE, read_run
 
-    return [folder / name for name in (*names, *read_run(folder), RUN)]
+    return [folder / name for name in (*names, *read_run(folder), RUN_FILE)]
 
 
 def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
@@ -181,16 +181,16 @@ def check_file(path: Path, mark: Writes, label: str) -> None:
 
 def check_run(folder: Path, files: Iterable[str | Path], label: str) -> None:
     """Raise `UsageError` if a run cannot be put into a folder, or would replace what is not an earlier run's."""
-    from gimbal_pin.log.io.files import RUN, check_folder, digest, read_run
+    from gimbal_pin.log.io.files import RUN_FILE, check_folder, hash_file, read_run
 
     check_folder(folder, label)
     ours = read_run(folder)
     for file in (Path(file) for file in files):
-        if file.name == RUN or not os.path.lexists(file):
+        if file.name == RUN_FILE or not os.path.lexists(file):
             continue
         if file.name not in ours:
             raise UsageError(label, f"holds {file.name}, which is of no earlier run", "name another folder, or move it")
-        if digest(file) != ours[file.name]:
+        if hash_file(file) != ours[file.name]:
             what = f"holds {file.name}, which was changed after the run that wrote it"
             raise UsageError(label, what, "name another folder, or move it")
 

@@ -34,14 +34,14 @@ def tune(
 ) -> None:
     """Gains, margins and robust term from logs or from a model."""
     from gimbal_pin.control.tuning import tune as run
-    from gimbal_pin.log.io.files import replacing, write_yaml
+    from gimbal_pin.log.io.files import open_replacement, write_yaml
 
     model = model_of(rig, payload, source, map, cutoff)
     found = run(model, **vars(gains))
     if output is not None:
         write_yaml(found.to_dict(), output)
     if plot is not None:
-        with replacing(plot) as temporary:
+        with open_replacement(plot) as temporary:
             found.plot().savefig(temporary)
     present(text.tuning(found, verbose), found.to_dict(), json)
 

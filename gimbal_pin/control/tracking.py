@@ -14,7 +14,7 @@ from gimbal_pin.control.laws.uncertainty import home
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.simulation import Controller, Sensors, simulate
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log.limited import at_limit
+from gimbal_pin.log.limited import compute_limit_shares
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -266,7 +266,7 @@ def track(
         own, title = np.random.default_rng(start_of_noise), f"{name}, {label}"
         log = simulate(plant, controller, reference, rng=own, sensors=witness, delay=delay, name=title)
         q = np.array(witness.seen)
-        shares = at_limit(rig.joints, np.asarray(log.tau), rig.tau_max).values()
+        shares = compute_limit_shares(rig.joints, np.asarray(log.tau), rig.tau_max).values()
         rows = [metrics(reference.t, *own) for own in zip(reference.q.T, q.T, goal.tolist(), shares)]
         still = [row.peak_error for row, distance in zip(rows, goal) if distance == 0]
         return Experiment(name, label, dict(zip(rig.joints, rows)), max(still, default=nan), q, log)

@@ -15,7 +15,7 @@ from scipy.ndimage import median_filter
 from scipy.signal import welch
 
 from gimbal_pin.diagnosis.evidence import TAPER, Evidence, Part
-from gimbal_pin.log.limited import MOSTLY, near_limit
+from gimbal_pin.log.limited import MOSTLY, compute_share_near_limit
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags, build_mask, compute_settling_time, dilate_flags
 from gimbal_pin.rig.rig import Rig
@@ -47,7 +47,7 @@ def usual(rig: Rig, logs: Sequence[Log]) -> Filtering:
     for log in logs:
         if log.tau is not None and len(log) > AROUND:
             frequency, power = welch(log.tau, 1 / log.dt, nperseg=min(len(log), round(SEGMENT / log.dt)), axis=0)
-            free = near_limit(log.tau, rig.tau_max) < MOSTLY
+            free = compute_share_near_limit(log.tau, rig.tau_max) < MOSTLY
             while 2 * cutoff <= WIDEST / log.dt and beyond(frequency, power[:, free], cutoff):
                 cutoff *= 2
     return replace(BAND, cutoff=cutoff)

@@ -28,7 +28,7 @@ from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification import greatest_base_motion, split
-from gimbal_pin.log.io.columns import MOVED, find_joints_asked_to_rest
+from gimbal_pin.log.io.columns import LEAST_TRAVEL, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, subsample_log
 from gimbal_pin.rig.rig import Rig
@@ -193,7 +193,7 @@ def unjudged(held: Evidence) -> list[str]:
 def check_moved(evidence: Evidence, name: str) -> None:
     """Raise `DataError` if a joint never moved."""
     joints = evidence.rig.joints
-    still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < MOVED)
+    still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < LEAST_TRAVEL)
     if still:
         raise DataError(name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still)
     dumb = tuple(joint for joint, used in zip(joints, evidence.used()) if used < LIVELY)

@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.engine import Explained
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.log.limited import MOSTLY, near_limit
+from gimbal_pin.log.limited import MOSTLY, compute_share_near_limit
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import Rig
 
@@ -45,7 +45,7 @@ def swing(rig: Rig, log: Log, cutoff: float) -> Fault | None:
     """
     if log.tau is None:
         return None
-    shares = near_limit(log.tau, rig.tau_max)
+    shares = compute_share_near_limit(log.tau, rig.tau_max)
     powers = spectrum(log.tau)
     frequencies = fft.rfftfreq(len(log), log.dt)
     beyond = np.sum(powers[frequencies > cutoff], axis=0) / np.maximum(np.sum(powers, axis=0), 1e-300)

@@ -8,7 +8,7 @@ from typing import Any
 
 from gimbal_pin.dynamics.model import friction_effects
 from gimbal_pin.dynamics.reduction import Reduction, reduce, written
-from gimbal_pin.log.platform import MOTIONS, BaseMotion
+from gimbal_pin.log.platform import BASE_MOTIONS, BaseMotion
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -62,7 +62,7 @@ def named(terms: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
 def base(rig: Rig, diagonal: bool = False) -> Base:
     """Return the base parameters of a rig, of full inertias or of diagonal ones without masses as in the thesis."""
     reduction = reduce(rig, diagonal)
-    moving = {motion: added(reduction, reduce(rig, diagonal, motion)) for motion in MOTIONS[1:]}
+    moving = {motion: added(reduction, reduce(rig, diagonal, motion)) for motion in BASE_MOTIONS[1:]}
     friction = [f"{effect.joint}.{c.name}" for effect in friction_effects(rig.joints) for c in effect.coefficients]
     return Base(
         rig=rig.name,

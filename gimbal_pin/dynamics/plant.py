@@ -14,13 +14,13 @@ import pinocchio as pin
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.moving_base import Carrier
 from gimbal_pin.effects.resistance import Memory, Resistance
-from gimbal_pin.log.log import REACH, Array
+from gimbal_pin.log.log import PLAUSIBLE_RANGES, Array
 from gimbal_pin.log.platform import Platform
 
 Floats = Sequence[float]
 Body = tuple[list[float], list[list[float]]]
 aba = pin.aba
-FAR, FAST = REACH["q"].upper / 2, REACH["v"].upper / 2
+FAR, FAST = PLAUSIBLE_RANGES["q"].upper / 2, PLAUSIBLE_RANGES["v"].upper / 2
 """Half of the largest angle, rad, and rate, rad/s, that a log may hold: no machine gets there."""
 
 

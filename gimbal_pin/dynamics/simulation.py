@@ -16,7 +16,7 @@ from gimbal_pin.dynamics.plant import Plant, State
 from gimbal_pin.dynamics.sensors import Sensors, imus
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError, visible
-from gimbal_pin.log.limited import THROUGH, at_limit, limited, past_stops
+from gimbal_pin.log.limited import THROUGH_STOPS, compute_limit_shares, describe_limits, describe_passed_stops
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.types import Rng, make_generator
@@ -112,8 +112,8 @@ def simulate(
         np.minimum(np.maximum(pending.popleft(), lowest), highest, out=given)
         state = system.step(now, state, motors.acting(given, state), dt)
     base = None if carried is None else carried.part(slice(0, None, 2))
-    weak = limited(at_limit(rig.joints, tau, rig.tau_max))
-    lost = past_stops(rig.joints, true_q, *rig.stops)
+    weak = describe_limits(compute_limit_shares(rig.joints, tau, rig.tau_max))
+    lost = describe_passed_stops(rig.joints, true_q, *rig.stops)
     events = [f"at the torque limit, where a joint follows no reference: {weak} of the time"] if weak else []
     return Log(
         name=name,
@@ -125,7 +125,7 @@ def simulate(
         q_ref=reference.q,
         imus=imus(rig, sense, t, np.array([true_q, true_v]), base, generator),
         payload=rig.payload,
-        events=(*events, *((THROUGH.format(lost),) if lost else ())),
+        events=(*events, *((THROUGH_STOPS.format(lost),) if lost else ())),
         seed=seed,
     )
 

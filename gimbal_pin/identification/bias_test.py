@@ -222,7 +222,7 @@ def _compute_motion_noise(log: Log, cutoff: float, angle: Array) -> tuple[Array,
         angle: Standard deviation of the angles' white noise, rad, (n,).
     """
     rate, slow = 1.0 / log.dt, signals.lowpass(cutoff, 1.0 / log.dt)
-    gains = [signals.noise_gain(slow, rate, k) for k in range(3)]
+    gains = [signals.compute_noise_gain(slow, rate, k) for k in range(3)]
     if log.v is None:
         return angle * gains[1], angle * gains[2]
     measured = signals.noise_std(log.v)

@@ -22,7 +22,7 @@ from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.requirements import check_enough, check_seen, unseen
 from gimbal_pin.identification.validation import Validation, accuracy
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.log.platform import MOTIONS, BaseMotion
+from gimbal_pin.log.platform import BASE_MOTIONS, BaseMotion
 from gimbal_pin.regression import (
     TRUST,
     Block,
@@ -338,11 +338,11 @@ def fitted(
     check_enough(rows, blocks)
     estimate = estimator(blocks)
     if base != "fixed" and unseen(rows.names, blocks, estimate):
-        return fitted(rig, effects, logs, filters, estimator, MOTIONS[MOTIONS.index(base) - 1])
+        return fitted(rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1])
     check_seen(logs[0].name, rows.names, blocks, estimate)
     return blocks, estimate
 
 
 def greatest_base_motion(rig: Rig, logs: Sequence[Log]) -> BaseMotion:
     """Return the greatest motion of the base in some logs."""
-    return max((classify_base_motion(rig, log) for log in logs), key=MOTIONS.index, default="fixed")
+    return max((classify_base_motion(rig, log) for log in logs), key=BASE_MOTIONS.index, default="fixed")

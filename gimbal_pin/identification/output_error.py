@@ -234,7 +234,7 @@ def _iterate_error_blocks(rows: Design, model: Model) -> Iterator[Block]:
     theta = _gather_theta(rows, model)
     for run in (run for log in rows.logs for run in run_log(rows, model, log, calm=False)):
         dt = float(run.t[1] - run.t[0])
-        pad, step = round(signals.settling(LOOP) / dt), max(1, int(1.0 / (2 * WATCHED * LOOP * dt)))
+        pad, step = round(signals.compute_lowpass_settling(LOOP) / dt), max(1, int(1.0 / (2 * WATCHED * LOOP * dt)))
         for begin in range(pad, len(run.t) - pad, CHUNK):
             end = min(begin + CHUNK, len(run.t) - pad)
             part = run.part(slice(begin - pad, end + pad))

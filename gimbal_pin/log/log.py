@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import LogError
-from gimbal_pin.log.mapping import Source, remapped
+from gimbal_pin.log.mapping import Source, format_remapping
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.types import Array
 
@@ -24,7 +24,7 @@ GAP = 4.5
 """A longer interval than so many samples is a gap: a clock may lose three in a row, and jitter."""
 
 
-class Reach(NamedTuple):
+class PlausibleRange(NamedTuple):
     """The range of a channel on any machine, in its unit."""
 
     lower: float
@@ -32,34 +32,34 @@ class Reach(NamedTuple):
     unit: str
 
 
-REACH: Mapping[str, Reach] = MappingProxyType(
+PLAUSIBLE_RANGES: Mapping[str, PlausibleRange] = MappingProxyType(
     {
         # Three thousand years; since 1970 it is 1.8e9 s, and 1.8e12 ms.
-        "t": Reach(-1e11, 1e11, "s"),
+        "t": PlausibleRange(-1e11, 1e11, "s"),
         # Three hours at 1e4 rad/s, 95 000 turns a minute.
-        "q": Reach(-1e8, 1e8, "rad"),
+        "q": PlausibleRange(-1e8, 1e8, "rad"),
         # The fastest electric drives make a million turns a minute, 1.05e5 rad/s (Zwyssig et al., IEEE TIE 56, 2009).
-        "v": Reach(-2e5, 2e5, "rad/s"),
+        "v": PlausibleRange(-2e5, 2e5, "rad/s"),
         # From standstill to that within a tenth of a millisecond.
-        "a": Reach(-2e9, 2e9, "rad/s²"),
+        "a": PlausibleRange(-2e9, 2e9, "rad/s²"),
         # The shaft of a wind turbine of 15 MW at 7.6 turns a minute passes on 1.9e7 N m.
-        "tau": Reach(-1e8, 1e8, "N m"),
-        "q_ref": Reach(-1e8, 1e8, "rad"),
+        "tau": PlausibleRange(-1e8, 1e8, "N m"),
+        "q_ref": PlausibleRange(-1e8, 1e8, "rad"),
         # No magnet holds and no winding insulates anywhere near the melting point of copper, 1085 °C.
-        "temperature": Reach(-273.15, 1085.0, "°C"),
+        "temperature": PlausibleRange(-273.15, 1085.0, "°C"),
         # The fastest of rate tables turn at some 200 rad/s.
-        "gyro": Reach(-1e4, 1e4, "rad/s"),
+        "gyro": PlausibleRange(-1e4, 1e4, "rad/s"),
         # Shock sensors end at 1e5 g.
-        "accel": Reach(-1e6, 1e6, "m/s²"),
+        "accel": PlausibleRange(-1e6, 1e6, "m/s²"),
         # Parts of a unit quaternion, rounded.
-        "quat": Reach(-1.1, 1.1, "1"),
+        "quat": PlausibleRange(-1.1, 1.1, "1"),
     }
 )
 """Channel → its range; beyond that is another unit or a fault. Fourth powers of these do not overflow."""
 _JOINT_CHANNELS = ("q", "v", "tau", "q_ref", "temperature")
-NOTHING = 1e-40
+SMALLEST_VALUE = 1e-40
 """What is smaller, in any unit, is zero: no length is less than 1.6e-35 m, and fourth powers do not underflow."""
-SOONEST = 1e-9
+LEAST_INTERVAL = 1e-9
 """Samples closer than this, s, are one: a thousandth of the interval of the fastest of drives."""
 _LONGEST = 1e6
 """A log of more than this, s, eleven days, is several, or not in seconds."""
@@ -69,10 +69,10 @@ def find_implausible(channel: str, values: Array) -> tuple[int, int, str, str] |
     """Return row, column, what and mend of the first value outside a channel's range; None where there is none.
 
     Args:
-        channel: One of `REACH`.
+        channel: One of `PLAUSIBLE_RANGES`.
         values: Its values, (N,) or (N, k); nan is outside.
     """
-    lower, upper, unit = REACH[channel]
+    lower, upper, unit = PLAUSIBLE_RANGES[channel]
     if not values.size or (values.min() >= lower and values.max() <= upper):
         return None
     rows = values.reshape(len(values), -1)
@@ -92,8 +92,8 @@ def find_untimely(t: Array) -> tuple[int, str, str] | None:
     steps = np.diff(t)
     if not steps.size:
         return None
-    if (steps < SOONEST).any():
-        row = int(np.argmax(steps < SOONEST)) + 1
+    if (steps < LEAST_INTERVAL).any():
+        row = int(np.argmax(steps < LEAST_INTERVAL)) + 1
         before, now = float(t[row - 1]), float(t[row])
         if now < before:
             return row, f"time goes back from {before!r} to {now!r} s", "sort the rows, or split the file there"
@@ -127,7 +127,7 @@ def freeze(array: object, shape: tuple[int | None, ...], name: str) -> Array:
 
 
 def _check_channel(array: object, shape: tuple[int | None, ...], kind: str, name: str) -> Array:
-    """Return `freeze`, values below `NOTHING` as zero; `LogError` at the first value outside the range of its kind.
+    """Return `freeze`, the smallest values as zero; `LogError` at the first value outside the range of its kind.
 
     An array that cannot be written to was checked when it was made: parts of a log are made by the thousand.
     """
@@ -135,7 +135,7 @@ def _check_channel(array: object, shape: tuple[int | None, ...], kind: str, name
     if kept is not array and (wrong := find_implausible(kind, kept)) is not None:
         row, column, what, mend = wrong
         raise LogError(f"{name}, sample {row}, column {column}", what, mend)
-    if kept is not array and ((faint := np.abs(kept) < NOTHING) & (kept != 0.0)).any():
+    if kept is not array and ((faint := np.abs(kept) < SMALLEST_VALUE) & (kept != 0.0)).any():
         return freeze(np.where(faint, 0.0, kept), shape, name)
     return kept
 
@@ -298,8 +298,8 @@ class Log:
         return float(np.median(np.diff(self.t)))
 
     def remapped(self, changes: Mapping[str, tuple[str, float | str]]) -> str:
-        """Return the ``--map`` entries that mend the log, in its file's own columns; see `mapping.remapped`."""
-        return remapped(self.sources, changes)
+        """Return the ``--map`` entries that mend the log, in its file's own columns; see `format_remapping`."""
+        return format_remapping(self.sources, changes)
 
     def columns(self, rig: Rig) -> list[int]:
         """Return the column of each joint of a rig, found by name; `LogError` where a joint has none."""

@@ -41,7 +41,7 @@ _LONGEST_EXPRESSION = 1000
 """Most characters of an expression: matching takes the square of that in time."""
 _JOINT_PREFIXES = ("q", "dq", "ddq", "tau", "q_ref", "temp")
 """Prefixes of a joint's columns."""
-ROW = "row"
+ROW_COLUMN = "row"
 """Column that every log has beside its own: the sample's number from 0, for files of a known rate without times."""
 
 
@@ -63,10 +63,10 @@ class Source:
         """Return the expression of this times a number, or a product as text: ``-pos1*0.5``, ``pos1*0.5*pi/180``."""
         value, rest = (self.factor, factor) if isinstance(factor, str) else (self.factor * factor, "")
         numbers = [text for text in (f"{abs(value):.12g}", rest) if text not in ("", "1")]
-        return expression(self.column, "-" * (value < 0) + "*".join(numbers))
+        return format_expression(self.column, "-" * (value < 0) + "*".join(numbers))
 
 
-def expression(column: str, factor: str) -> str:
+def format_expression(column: str, factor: str) -> str:
     """Return what a mapping writes for a column times a factor, such as ``pos1*pi/180``."""
     sign, rest = ("-", factor[1:]) if factor.startswith("-") else ("", factor)
     bare = _BARE_NAME.fullmatch(column) and not re.fullmatch(_FACTOR, column)
@@ -75,7 +75,7 @@ def expression(column: str, factor: str) -> str:
     return f"{sign}{shown}" + (f"*{rest}" if rest else "")
 
 
-def remapped(sources: Mapping[str, Source], changes: Mapping[str, tuple[str, float | str]]) -> str:
+def format_remapping(sources: Mapping[str, Source], changes: Mapping[str, tuple[str, float | str]]) -> str:
     """Return the ``--map`` entries, as a shell takes them, that mend a log read from these sources.
 
     Args:

@@ -17,7 +17,7 @@ from gimbal_pin.rig.rig import GRAVITY
 BaseMotion = Literal["fixed", "tilted", "rotating"]
 """Motion of the base, by what the joint torques show of it: stands upright, leans or shifts, turns."""
 
-MOTIONS: tuple[BaseMotion, ...] = ("fixed", "tilted", "rotating")
+BASE_MOTIONS: tuple[BaseMotion, ...] = ("fixed", "tilted", "rotating")
 """From the least to the greatest: each shows all parameters that the ones before it show."""
 
 LEANS = 0.1

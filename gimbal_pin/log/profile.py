@@ -30,7 +30,7 @@ class Band:
     count: int
 
 
-def propeller_band(frequency: float, rms: float) -> Band:
+def make_propeller_band(frequency: float, rms: float) -> Band:
     """A propeller: eight sines within 3 % of its frequency, Hz."""
     return Band(0.97 * frequency, 1.03 * frequency, rms, 8)
 
@@ -38,11 +38,11 @@ def propeller_band(frequency: float, rms: float) -> Band:
 ATTITUDE = (
     Band(0.2, 1.0, radians(5.0), 20),
     Band(4.0, 12.0, radians(0.3), 40),
-    propeller_band(75.0, radians(0.0035)),
-    propeller_band(140.0, radians(0.0014)),
+    make_propeller_band(75.0, radians(0.0035)),
+    make_propeller_band(140.0, radians(0.0014)),
 )
 """Roll, pitch and yaw of profile S, rad."""
-ACCELERATION = (Band(0.2, 2.0, 1.0, 20), propeller_band(75.0, 1.0), propeller_band(140.0, 0.5))
+ACCELERATION = (Band(0.2, 2.0, 1.0, 20), make_propeller_band(75.0, 1.0), make_propeller_band(140.0, 0.5))
 """Acceleration in the world of profile S, m/s²."""
 
 

@@ -18,7 +18,7 @@ def lowpass(cutoff: float, rate: float) -> Array:
     return butter(ORDER, min(cutoff, 0.45 * rate), fs=rate, output="sos")
 
 
-def settling(cutoff: float) -> float:
+def compute_lowpass_settling(cutoff: float) -> float:
     """Time after which the low-pass has forgotten an edge to about 1e-4, s: its slowest pole has half the cutoff."""
     return float(np.log(1e4) / (np.pi * cutoff))
 
@@ -33,11 +33,11 @@ def differentiate(signal: Array, dt: float) -> Array:
     """d/dt along the first axis: five-point central differences, error (ω dt)⁴/30; second order at the two ends."""
     out = np.gradient(signal, dt, axis=0, edge_order=2 if len(signal) > 2 else 1)
     if len(signal) >= 5:
-        out[2:-2] = central(signal, dt)
+        out[2:-2] = differentiate_centrally(signal, dt)
     return out
 
 
-def central(signal: Array, dt: float) -> Array:
+def differentiate_centrally(signal: Array, dt: float) -> Array:
     """d/dt along the first axis by five-point central differences, for all but the two samples at either end."""
     return np.asarray((8 * (signal[3:-1] - signal[1:-3]) - (signal[4:] - signal[:-4])) / (12 * dt))
 
@@ -67,7 +67,7 @@ def noise_std(signal: Array) -> Array:
     Third differences remove anything smooth at the sampling rate and multiply white noise by √20. The largest two
     per cent are left out: they hold the few samples where the signal itself is not smooth.
     """
-    return spread(np.diff(signal, 3, axis=0)) if len(signal) >= 8 else np.zeros(signal.shape[1:])
+    return _estimate_spread(np.diff(signal, 3, axis=0)) if len(signal) >= 8 else np.zeros(signal.shape[1:])
 
 
 def jumping_noise_std(signal: Array) -> Array:
@@ -81,18 +81,18 @@ def jumping_noise_std(signal: Array) -> Array:
     share = np.mean(across, axis=0) if len(across) else np.zeros(signal.shape[1:])
     out = noise_std(signal)
     for j in np.flatnonzero((share > 1 - KEPT) & (share < 0.5)):
-        out[j] = spread(np.diff(signal[:, j], 3)[~across[:, j]])
+        out[j] = _estimate_spread(np.diff(signal[:, j], 3)[~across[:, j]])
     return out
 
 
-def spread(differences: Array) -> Array:
+def _estimate_spread(differences: Array) -> Array:
     """Standard deviation of the white noise that third differences are of, per column."""
     squares = np.sort(differences**2, axis=0)
     kept = squares[: max(1, int(KEPT * len(squares)))].mean(axis=0)
     return np.asarray(np.sqrt(kept / (20.0 * KEPT_POWER)))
 
 
-def noise_gain(sections: Array, rate: float, derivatives: int) -> float:
+def compute_noise_gain(sections: Array, rate: float, derivatives: int) -> float:
     """Standard deviation of white noise of unit size after `zero_phase` and so many derivatives."""
     impulse = np.zeros((4097, 1))
     impulse[2048] = 1.0

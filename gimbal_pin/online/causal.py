@@ -245,7 +245,7 @@ def designed(rows: Design, dt: float) -> StreamDesign:
         delay=delay(twice),
         look=reach + 2 * half + 2 * (half // 2) + 1,
         skip=int(np.ceil(SETTLING * compute_settling_time(filtering) * rate)),
-        gains=(signals.noise_gain(once, rate, 1), signals.noise_gain(once, rate, 0)),
+        gains=(signals.compute_noise_gain(once, rate, 1), signals.compute_noise_gain(once, rate, 0)),
         present=present(rows),
         alignment=dt / 2 if filtering.alignment is None else filtering.alignment,
     )
@@ -349,12 +349,12 @@ def smoothed(design: StreamDesign, running: Running, noise: Noise, frame: Frame)
     n, dt = design.rows.rig.n, design.dt
     filtered, smoother = design.smoother(frame.channels, running.smoother)
     window = np.concatenate([running.window, filtered])
-    v = signals.central(window[:, :n], dt)
+    v = signals.differentiate_centrally(window[:, :n], dt)
     slow, std = running.slow, np.sqrt(noise.variance[0]) * design.gains[0]
     if window.shape[1] > 2 * n:
         v, slow, std = fused(design, noise, v, window[2:-2, 2 * n :], slow)
     rates = np.concatenate([running.rates, v])
-    a = signals.central(rates, dt)
+    a = signals.differentiate_centrally(rates, dt)
     late, old = CENTRAL + design.delay, running.waiting
     waiting = Samples(
         t=np.concatenate([old.t, frame.t - late * dt]),

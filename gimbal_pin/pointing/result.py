@@ -13,7 +13,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS
-from gimbal_pin.log.limited import at_limit
+from gimbal_pin.log.limited import compute_limit_shares
 from gimbal_pin.log.log import Array, freeze
 from gimbal_pin.rig.brief import brief
 
@@ -132,7 +132,7 @@ class Pointing:
     @property
     def at_limit(self) -> Mapping[str, float]:
         """Joint → share of the samples that count at the motor's limit."""
-        return at_limit(self.joints, self.tau[self.counted], self.tau_max)
+        return compute_limit_shares(self.joints, self.tau[self.counted], self.tau_max)
 
     @property
     def torque_rms(self) -> Mapping[str, float]:

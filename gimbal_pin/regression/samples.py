@@ -63,8 +63,8 @@ class Filtering:
 def compute_settling_time(filtering: Filtering) -> float:
     """Time around a sample that its row depends on, s: both filters' memory."""
     own = GAUSSIAN_REACH * _compute_gaussian_deviation(filtering.cutoff)
-    own = own if filtering.compact else signals.settling(filtering.cutoff)
-    return own + signals.settling(filtering.cutoff * filtering.smoothing)
+    own = own if filtering.compact else signals.compute_lowpass_settling(filtering.cutoff)
+    return own + signals.compute_lowpass_settling(filtering.cutoff * filtering.smoothing)
 
 
 def _compute_gaussian_deviation(cutoff: float) -> float:
@@ -204,7 +204,7 @@ def smooth_samples(
     raw_q = signals.resample(t, log.q[near], grid)
     q = signals.zero_phase(raw_q, sections)
     v = signals.differentiate(q, dt)
-    rate_std = signals.noise_std(raw_q) * signals.noise_gain(sections, 1 / dt, 1)
+    rate_std = signals.noise_std(raw_q) * signals.compute_noise_gain(sections, 1 / dt, 1)
     if log.v is not None:
         raw_v = signals.resample(t, log.v[near], grid)
         v, rate_std = _fuse_rates(v, raw_q, raw_v, filtering.cutoff * filtering.smoothing, dt)
@@ -212,7 +212,7 @@ def smooth_samples(
     if filtering.direction is not None:
         slower = signals.lowpass(filtering.cutoff * filtering.direction, 1 / dt)
         slide = signals.zero_phase(v, slower)
-        noise = signals.noise_std(raw_q) * signals.noise_gain(slower, 1 / dt, 1)
+        noise = signals.noise_std(raw_q) * signals.compute_noise_gain(slower, 1 / dt, 1)
         rate_std = np.maximum(noise, REST * np.sqrt(np.mean(slide**2, axis=0)))
     tau = signals.zero_phase(resample_torque(segment, filtering, grid), sections)
     platform = None if base_link is None else _resample_base_motion(log, base_link, near, grid, sections)
@@ -306,11 +306,11 @@ def _fuse_rates(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: f
     sections = signals.lowpass(cutoff, 1 / dt)
     angle_noise, rate_noise = signals.noise_std(raw_q), signals.noise_std(raw_v)
     rate = signals.zero_phase(raw_v, sections)
-    rate_std = rate_noise * signals.noise_gain(sections, 1 / dt, 0)
+    rate_std = rate_noise * signals.compute_noise_gain(sections, 1 / dt, 0)
     out = rate.copy()
     difference = derived - rate
     # The smoothed angle is wrong at its two ends; a slow crossover would carry that far inwards.
-    edge = min(round(signals.settling(cutoff) / dt), len(rate) // 2 - 1)
+    edge = min(round(signals.compute_lowpass_settling(cutoff) / dt), len(rate) // 2 - 1)
     difference[:edge], difference[-edge:] = difference[edge], difference[-edge - 1]
     for j, (sigma_q, sigma_v) in enumerate(zip(angle_noise, rate_noise)):
         crossover = sigma_v / (2 * np.pi * max(sigma_q, 1e-12))
@@ -319,7 +319,7 @@ def _fuse_rates(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: f
             continue
         if not measured or crossover * dt > 0.4:
             out[:, j] = derived[:, j]
-            rate_std[j] = angle_noise[j] * signals.noise_gain(sections, 1 / dt, 1)
+            rate_std[j] = angle_noise[j] * signals.compute_noise_gain(sections, 1 / dt, 1)
             continue
         slow = signals.lowpass(crossover, 1 / dt)
         out[:, j] += signals.zero_phase(difference[:, j : j + 1], slow)[:, 0]

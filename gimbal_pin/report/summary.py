@@ -11,7 +11,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.result import MEASURED
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.log.limited import SPOKEN
+from gimbal_pin.log.limited import LEAST_SHARE_TOLD
 from gimbal_pin.report.format import (
     SURE,
     between,
@@ -211,7 +211,7 @@ def cautions(tuning: Tuning | None, result: Tracking | None) -> list[str]:
         found.append(f"On {listed(worse)}, {controller_name(BASELINE)} follows at least as closely.")
     for name in dict.fromkeys(one.controller for one in result.experiments):
         joint, share = at_limit(result, name)
-        if share >= SPOKEN:
+        if share >= LEAST_SHARE_TOLD:
             unfair = ": no fair rival, so that its errors say little" if name == BASELINE else ""
             law = controller_name(name)
             found.append(f"{law} is at the torque limit of {joint} in {100 * share:.0f} % of the step{unfair}.")

@@ -297,7 +297,7 @@ def overview(found: Auto, most: int) -> Table:
 def contest(found: Contest) -> Table:
     """How still each controller held the camera, with what torque; the oracle cannot be built, and competes not."""
     from gimbal_pin.control.controllers import ORACLE
-    from gimbal_pin.log.limited import limited
+    from gimbal_pin.log.limited import describe_limits
 
     rivals = [row for row in found.rows if row.controller != ORACLE]
     joints = found.rows[0].runs[0].joints
@@ -307,7 +307,7 @@ def contest(found: Contest) -> Table:
         cells.append(better(angle(row.jitter_rms), row.jitter_rms, [one.jitter_rms for one in rivals]))
         cells.append(better(angle(row.jitter_max), row.jitter_max, [one.jitter_max for one in rivals]))
         cells += [angle(row.drift), *(figures(torque) for torque in row.torque_rms.values())]
-        rows.append([*cells, limited(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"])
+        rows.append([*cells, describe_limits(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"])
     head = ["Controller", "Jitter, rms", "Largest", "Drift", *(f"{joint}, N m rms" for joint in joints)]
     return Table([*head, "At torque limit, of the time"], rows, label="Controllers on the platform")
 

@@ -355,7 +355,7 @@ def tuning(found: Tuning, verbose: bool = False) -> str:
 
 def tracking(found: Tracking, plant: str, rig: Rig | None = None) -> str:
     """Steps on the plant that was simulated: a line per controller, and of a `rig` that is given one per joint, too."""
-    from gimbal_pin.log.limited import limited
+    from gimbal_pin.log.limited import describe_limits
 
     lines = [f"simulated steps, the worst joint of each controller; the plant is {plant}", str(tables.followed(found))]
     if rig is not None:
@@ -363,7 +363,7 @@ def tracking(found: Tracking, plant: str, rig: Rig | None = None) -> str:
             some = [one for one in found.experiments if one.name == name]
             lines += ["", f"step of {name}", str(tables.steps(joints_of(rig), some))]
     every = [(one, {joint: metrics.saturated for joint, metrics in one.joints.items()}) for one in found.experiments]
-    weak = [(f"{one.name}, {controller_name(one.controller)}", limited(shares)) for one, shares in every]
+    weak = [(f"{one.name}, {controller_name(one.controller)}", describe_limits(shares)) for one, shares in every]
     return "\n".join(
         [*lines, *(f"{who}: at the torque limit, of the time: {shares}" for who, shares in weak if shares)]
     )
@@ -387,7 +387,7 @@ def exported(found: Exported, folder: Path) -> str:
 
 def verified(found: Verified, verbose: bool = True) -> str:
     """Every controller on all that was run, a line each; with `verbose` margins, targets and where the error goes."""
-    from gimbal_pin.log.limited import PUSHED, limited
+    from gimbal_pin.log.limited import PUSHED, describe_limits
 
     lines = [circumstances(found)]
     for contest in found.contests:
@@ -395,7 +395,7 @@ def verified(found: Verified, verbose: bool = True) -> str:
         lines += [f"platform {platform}"] * (len(found.contests) > 1) + [str(tables.contest(contest))]
     if found.steps is not None:
         lines += ["steps", str(tables.followed(found.steps))]
-    lines += [PUSHED] if any(limited(row.at_limit) for _, row in every(found)) else []
+    lines += [PUSHED] if any(describe_limits(row.at_limit) for _, row in every(found)) else []
     lines += [*unstable(found), *found.slack]
     if verbose:
         lines += ["", str(tables.equal_margins(found))] if found.loops else []

@@ -17,10 +17,10 @@ RNG = np.random.Generator
 
 def sample(number: int, t: float, values: list[float]) -> bytes:
     """Return one sample's frame: stamp in us, state, angles, rates and torques."""
-    from gimbal_pin.log.io.link import LOG, Frame, encode_frame
+    from gimbal_pin.log.io.link import LOG_FRAME, Frame, encode_frame
 
     body = struct.pack(f"<QI{len(values)}f", round(1e6 * t) % 2**64, 0, *values)
-    return encode_frame(Frame(LOG, number, body))
+    return encode_frame(Frame(LOG_FRAME, number, body))
 
 
 def sent(table: bytes, late: float = 0.0) -> Frames:

@@ -10,7 +10,7 @@ from pathlib import Path
 import yaml
 
 from gimbal_pin.log.io.inspection import inspect
-from gimbal_pin.log.mapping import Source, expression, parse_expression, read_mapping
+from gimbal_pin.log.mapping import Source, format_expression, parse_expression, read_mapping
 from gimbal_pin.rig.rig import Rig
 from real_data.cases import Case
 from real_data.running import Outcome, run
@@ -54,7 +54,7 @@ def differing(case: Case) -> list[tuple[str, str]]:
     found, wrong = inspect(case.logs[0], Rig.load(case.rig)).mapping, []
     for target, source in read_mapping(case.maps).items():
         column, factor, remark = found.get(target, ("", "", ""))
-        scale = parse_expression(expression(column or "x", factor), "").factor
+        scale = parse_expression(format_expression(column or "x", factor), "").factor
         if column != source.column or abs(scale / source.factor - 1) > 1e-12:
             wrong.append((target, remark if column == source.column else ""))
     return wrong

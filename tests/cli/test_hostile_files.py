@@ -24,7 +24,7 @@ from gimbal_pin.dynamics import Estimated, Model, Reference, nominal, reduce, rn
 from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
 from gimbal_pin.errors import GimbalPinError, ModelError, RigError, UsageError
 from gimbal_pin.identification import read_model, write_extended
-from gimbal_pin.log.io.files import plain, read_run
+from gimbal_pin.log.io.files import read_run, to_plain
 from gimbal_pin.pointing import Controller
 from gimbal_pin.rig import Rig, read_bytes, read_yaml
 from gimbal_pin.rig import bundled as data_folder
@@ -319,17 +319,17 @@ def test_a_mutated_urdf_is_a_rig_or_refused_and_nobody_prints(
 @cache
 def model() -> Model:
     """A model with all that its file can hold."""
-    plain = nominal(Rig.load("turret"))
+    given = nominal(Rig.load("turret"))
     terms = (
-        *plain.terms,
+        *given.terms,
         Term(Cogging("pan", (12.0, 24.0)), (0.1, 0.2, 0.0, 0.1)),
         Term(Stribeck("tilt", 0.1), (0.05,)),
     )
-    names = (*reduce(plain.rig).base_names, *(f"term {k}" for k in range(sum(len(term.values) for term in terms))))
+    names = (*reduce(given.rig).base_names, *(f"term {k}" for k in range(sum(len(term.values) for term in terms))))
     k = len(names)
     known = Estimated(names, ("1",) * k, np.zeros(k), 1e-8 * (np.eye(k) + 0.1))
     drive, changes = (Delay("pan", 0.002), DeadZone("tilt", 0.01)), (BaseTilt(0.01, 0.02),)
-    return Model(plain.rig, terms, known, drive, changes)
+    return Model(given.rig, terms, known, drive, changes)
 
 
 @cache
@@ -338,7 +338,7 @@ def files() -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         write_extended(model(), Path(folder) / "model.yaml")
         content = read_yaml(Path(folder) / "model.yaml")
-    laws = {kind: plain(tune(model(), kind=kind, robust=kind != "pid").to_dict()) for kind in KINDS}
+    laws = {kind: to_plain(tune(model(), kind=kind, robust=kind != "pid").to_dict()) for kind in KINDS}
     assert laws["computed-torque"]["robust"] is not None
     return {"model": content, **laws}
 

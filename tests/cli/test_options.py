@@ -124,7 +124,7 @@ def test_a_name_that_holds_escapes_is_told_without_them(run: Run, tmp_path: Path
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_it_orderly(number: int, tmp_path: Path) -> None:
     before = signal.getsignal(number)
-    with pytest.raises(SystemExit) as stop, ending_orderly(), files.replacing(tmp_path / "x"):
+    with pytest.raises(SystemExit) as stop, ending_orderly(), files.open_replacement(tmp_path / "x"):
         os.kill(os.getpid(), number)
     assert stop.value.code == 128 + number and not list(tmp_path.iterdir())
     assert signal.getsignal(number) is before

@@ -67,7 +67,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "named.yaml").write_text("urdf: rig.urdf\n")
     for name in ("log.csv", "map.yaml", "model.yaml", "out/next_experiment.csv", "out/motion.csv", "out/earlier.csv"):
         (tmp_path / name).write_text("{")
-    earlier = {"earlier.csv": files.digest(tmp_path / "out" / "earlier.csv")}
+    earlier = {"earlier.csv": files.hash_file(tmp_path / "out" / "earlier.csv")}
     (tmp_path / "out" / "run.json").write_text(json.dumps({"schema": 1, "files": earlier}))
     (tmp_path / "hard.csv").hardlink_to(tmp_path / "log.csv")
     (tmp_path / "soft.csv").symlink_to("log.csv")
@@ -152,7 +152,7 @@ def test_an_unknown_suffix_is_refused_before_the_work(
 def one_run(folder: Path) -> bool:
     """Whether a folder's run.json is there and says of every file in it what it holds."""
     listed = files.read_run(folder)
-    return bool(listed) and all(files.digest(folder / name) == found for name, found in listed.items())
+    return bool(listed) and all(files.hash_file(folder / name) == found for name, found in listed.items())
 
 
 def written(folder: Path, /, **text: str) -> tuple[str, ...]:
@@ -166,7 +166,7 @@ def test_files_of_an_older_run_do_not_stay_beside_newer_ones(tmp_path: Path) -> 
     (tmp_path / "c").write_text("changed")
     (note,) = written(tmp_path, a="2")
     assert note.startswith(f"{tmp_path / 'c'} ") and one_run(tmp_path)
-    assert {path.name: path.read_text() for path in tmp_path.iterdir() if path.name != files.RUN} == {
+    assert {path.name: path.read_text() for path in tmp_path.iterdir() if path.name != files.RUN_FILE} == {
         "foreign": "mine",
         "a": "2",
         "c": "changed",
@@ -181,7 +181,7 @@ def test_a_run_that_fails_leaves_the_older_one_whole(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     with pytest.raises(UsageError, match="is a folder"):
         written(tmp_path, a="2", folder="2")
-    assert content(tmp_path) == before and not list(tmp_path.glob(f"{files.STAGED}*"))
+    assert content(tmp_path) == before and not list(tmp_path.glob(f"{files.STAGING_PREFIX}*"))
 
 
 @pytest.mark.parametrize("killed_at", range(4))
@@ -191,7 +191,7 @@ def test_a_folder_that_says_whose_it_is_is_never_a_mixture(
     """Cut off before the n-th file of three and run.json takes its place, in a folder that has others' files, too."""
     (tmp_path / "foreign").write_text("mine")
     written(tmp_path, a="1", b="1", c="1")
-    calls, put = [0], files.put
+    calls, put = [0], files.move_into_place
 
     def cut_off(temporary: Path, target: Path, special: bool = False) -> None:
         calls[0] += target.parent == tmp_path
@@ -199,11 +199,11 @@ def test_a_folder_that_says_whose_it_is_is_never_a_mixture(
             raise KeyboardInterrupt
         put(temporary, target)
 
-    monkeypatch.setattr(files, "put", cut_off)
+    monkeypatch.setattr(files, "move_into_place", cut_off)
     with pytest.raises(KeyboardInterrupt):
         written(tmp_path, a="2", b="2", c="2")
     assert not one_run(tmp_path)
-    monkeypatch.setattr(files, "put", put)
+    monkeypatch.setattr(files, "move_into_place", put)
     written(tmp_path, a="3", b="3", c="3")
     assert one_run(tmp_path)
 
@@ -211,10 +211,10 @@ def test_a_folder_that_says_whose_it_is_is_never_a_mixture(
 def test_what_a_killed_run_left_goes_and_what_another_writes_stays(tmp_path: Path) -> None:
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
-    left = tmp_path / f"{files.STAGED}{platform.node()}-{ended.pid}-x"
+    left = tmp_path / f"{files.STAGING_PREFIX}{platform.node()}-{ended.pid}-x"
     left.mkdir()
     (left / "a").write_text("half")
-    with files.replacing(tmp_path / "a") as first:
+    with files.open_replacement(tmp_path / "a") as first:
         assert not left.exists()
         files.atomic_write(tmp_path / "b", "other")
         first.write_text("whole")

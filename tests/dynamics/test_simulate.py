@@ -16,7 +16,7 @@ from gimbal_pin.dynamics.drive import borne
 from gimbal_pin.effects import CAUSES, BaseTilt, Borne, Delay, Effect, Resistance, Signal, Term, parse_effect
 from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.identification import identify
-from gimbal_pin.log import Array, Log, Motion, past_stops
+from gimbal_pin.log import Array, Log, Motion, describe_passed_stops
 from gimbal_pin.rig import Rig
 from tests.command_line import Run
 
@@ -261,7 +261,7 @@ def test_a_log_says_which_joints_went_past_their_stops_and_for_how_long() -> Non
     low, high = (float(np.quantile(free.q[:, 1], share)) for share in (0.2, 0.9))
     narrow = replace(rig(), limits=(rig().limits[0], replace(rig().limits[1], lower=low, upper=high)))
     (said,) = run(nominal(narrow)).events
-    assert past_stops(("tilt",), free.q[:, 1:], np.array([low]), np.array([high])) == "tilt 30 %"
+    assert describe_passed_stops(("tilt",), free.q[:, 1:], np.array([low]), np.array([high])) == "tilt 30 %"
     assert "past its stops" in said and "tilt 30 %" in said and "pan" not in said
 
 

@@ -30,7 +30,7 @@ from gimbal_pin.export import odrive, simplefoc
 from gimbal_pin.export.compiled import at, single
 from gimbal_pin.export.tables import RATES, feed
 from gimbal_pin.log import Frame, Log, encode_frame, follow, read_log, write_log, write_yaml
-from gimbal_pin.log.io.link import decode_frame, open_link, seal, siphash
+from gimbal_pin.log.io.link import compute_siphash, decode_frame, open_link, seal_frame
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result
@@ -183,12 +183,12 @@ PAPER = bytes(range(16))
     ],
 )
 def test_a_tag_is_that_of_siphashs_authors(count: int, tag: str) -> None:
-    assert siphash(PAPER, bytes(range(count))).hex() == tag
+    assert compute_siphash(PAPER, bytes(range(count))).hex() == tag
 
 
 def tuning(count: int, body: bytes, sequence: int = 7, secret: bytes = SECRET) -> bytes:
     """A TUNE as a host with a secret sends it."""
-    return encode_frame(seal(Frame(TUNE, sequence, body), secret, count))
+    return encode_frame(seal_frame(Frame(TUNE, sequence, body), secret, count))
 
 
 class Device:
@@ -413,7 +413,7 @@ def test_only_who_has_the_secret_tunes_and_each_frame_once(sized: Twin) -> None:
 def test_both_ends_make_the_same_tag(sized: Twin, key: bytes, data: bytes) -> None:
     tag = sized.library.code.gimbal_link_tag
     tag.restype = ctypes.c_uint64
-    assert tag(key, data, ctypes.c_size_t(len(data))) == int.from_bytes(siphash(key, data), "little")
+    assert tag(key, data, ctypes.c_size_t(len(data))) == int.from_bytes(compute_siphash(key, data), "little")
 
 
 def test_gains_are_sent_with_a_secret_alone(run: Run, turret: Path, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from gimbal_pin.dynamics import Model, Sensors, base, noisy, nominal, readings, 
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.identification import given_beta, greatest_base_motion, identify
-from gimbal_pin.log import MOTIONS, Array, BaseMotion, Imu, Log, Platform, profile_s, read_log, write_motion
+from gimbal_pin.log import BASE_MOTIONS, Array, BaseMotion, Imu, Log, Platform, profile_s, read_log, write_motion
 from gimbal_pin.pointing import Asked
 from gimbal_pin.pointing.verify import modelled
 from gimbal_pin.regression import classify_base_motion
@@ -137,7 +137,7 @@ def test_a_base_that_stands_changes_no_log_and_its_imus_change_no_estimate() -> 
 # --- identification ---------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("motion", BASE_MOTIONS)
 @pytest.mark.parametrize("name", ["turret", "thesis"])
 def test_the_true_parameters_leave_no_residual_whatever_is_fitted(name: str, motion: BaseMotion) -> None:
     """The base moves; with fewer base parameters than it shows, the rig as given stands for the others."""

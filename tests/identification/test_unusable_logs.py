@@ -25,7 +25,7 @@ from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Cause, Cogging, Delay, Saturation
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.identification import identify
-from gimbal_pin.log import REACH, Array, Imu, Log, log_columns, read_log, read_mapping, write_log
+from gimbal_pin.log import PLAUSIBLE_RANGES, Array, Imu, Log, log_columns, read_log, read_mapping, write_log
 from gimbal_pin.log.io.csv import write_csv
 from gimbal_pin.online import Online
 from gimbal_pin.regression import Filtering
@@ -159,7 +159,7 @@ def test_a_value_of_any_size_is_answered_or_refused_in_one_line(
     code, _, err = run("identify", "turret", file)
     told = [line for line in err.splitlines() if "note:" not in line]
     assert code in (0, 2, 3) and len(told) == (code != 0) and all(len(line) <= 300 for line in told)
-    if not REACH[channel].lower <= value <= REACH[channel].upper:
+    if not PLAUSIBLE_RANGES[channel].lower <= value <= PLAUSIBLE_RANGES[channel].upper:
         prefix = {"q": "q", "v": "dq", "tau": "tau"}[channel]
         assert code == 2 and f"x.csv:{rows.start + 2} column '{prefix}_tilt': is {value!r}" in told[0]
 
@@ -173,7 +173,7 @@ def test_a_log_that_is_made_holds_nothing_that_no_machine_has(
     channel: str, times: float, row: int, column: int
 ) -> None:
     """The greatest value of all is held; one beyond it, and nan, are refused, whatever they were read from."""
-    reach = REACH[channel]
+    reach = PLAUSIBLE_RANGES[channel]
 
     def made(value: float) -> Log | Imu:
         values = np.zeros((5, WIDTHS[channel]))

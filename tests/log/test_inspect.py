@@ -16,7 +16,7 @@ from real_data.cases import CAMERA, measured
 from real_data.proposed import UNKNOWN, differing, singles
 
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.log import Log, Source, expression, inspect, io, parse_expression, read_mapping, to_json
+from gimbal_pin.log import Log, Source, format_expression, inspect, io, parse_expression, read_mapping, to_json
 from gimbal_pin.log.io.recognise import recognise
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig, read_yaml
@@ -70,7 +70,7 @@ def test_the_unit_in_a_name_is_read_in_full(column: str, kind: str, unit: str, f
     prefix = {"position": "q", "rate": "dq"}.get(kind, "tau")
     for channel, joint, motor in zip(found.channels[1:], TURRET.joints, TURRET.motors):
         assert (channel.quantity, channel.unit, channel.joint) == (kind, unit, joint)
-        source = parse_expression(expression(*found.mapping[f"{prefix}_{joint}"][:2]), "")
+        source = parse_expression(format_expression(*found.mapping[f"{prefix}_{joint}"][:2]), "")
         constant = motor.torque_constant if kind == "current" else 1.0
         assert source.column == channel.column and source.factor == pytest.approx(factor * constant)
 
@@ -165,7 +165,7 @@ def proposed(path: Path) -> Log:
     found = inspect(path, TURRET)
     assert found.missing == ()
     return io.read_log(
-        path, TURRET, [f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()]
+        path, TURRET, [f"{target}={format_expression(*source[:2])}" for target, source in found.mapping.items()]
     )
 
 
@@ -245,7 +245,7 @@ def test_simplefocs_monitor_is_read_by_its_rows(tmp_path: Path, run: Run) -> Non
     (tmp_path / "arm.urdf").write_text(CAMERA)
     arm = Rig.load(str(tmp_path / "arm.urdf"))
     found = inspect(tmp_path / "serial.txt", arm)
-    texts = {target: expression(*source[:2]) for target, source in found.mapping.items()}
+    texts = {target: format_expression(*source[:2]) for target, source in found.mapping.items()}
     assert texts == {"t": "row*0.004", "q_tilt": "angle", "dq_tilt": "velocity", "tau_tilt": "current.q_ma*1e-3"}
     log = io.read_log(tmp_path / "serial.txt", arm, [f"{target}={text}" for target, text in texts.items()])
     np.testing.assert_allclose(log.t, t, atol=1e-12)
@@ -270,7 +270,7 @@ def test_any_numbers_are_described_or_refused(heads: list[str], rows: int, data:
     except GimbalPinError as error:
         assert "\n" not in str(error)
     else:
-        read_mapping([f"{target}={expression(*source[:2])}" for target, source in found.mapping.items()])
+        read_mapping([f"{target}={format_expression(*source[:2])}" for target, source in found.mapping.items()])
         assert to_json(found.to_dict()) and text.inspected(found)
 
 
@@ -279,7 +279,7 @@ def test_any_numbers_are_described_or_refused(heads: list[str], rows: int, data:
 def test_any_columns_name_reads_back_from_an_expression(name: str, factor: str) -> None:
     plain = parse_expression(f"x*{factor.lstrip('-') or '1'}", "").factor
     expected = Source(name, -plain if factor.startswith("-") else plain, "")
-    assert parse_expression(expression(name, factor), "") == expected
+    assert parse_expression(format_expression(name, factor), "") == expected
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="needs the measured logs in ../shared/data")

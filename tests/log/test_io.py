@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from gimbal_pin.errors import DataError, GimbalPinError, LogError, UsageError
-from gimbal_pin.log import REACH, Imu, Log, Motion, Source, io, parse_expression, read_mapping
+from gimbal_pin.log import PLAUSIBLE_RANGES, Imu, Log, Motion, Source, io, parse_expression, read_mapping
 from gimbal_pin.log.io import columns, csv, files, units
 from gimbal_pin.log.log import find_untimely
 from gimbal_pin.log.mapping import parse_entry
@@ -93,7 +93,7 @@ def maybe(strategy: st.SearchStrategy) -> st.SearchStrategy:
 
 def block(channel: str, rows: int, width: int) -> st.SearchStrategy:
     """Return a strategy for any values that a channel can have."""
-    lower, upper, _ = REACH[channel]
+    lower, upper, _ = PLAUSIBLE_RANGES[channel]
     return hnp.arrays(
         np.float64, (rows, width), elements=st.floats(lower, upper).filter(lambda x: x == 0.0 or abs(x) >= 1e-40)
     )
@@ -649,7 +649,7 @@ def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: fl
 
 
 def test_two_channels_of_one_name_are_refused(rig: Rig) -> None:
-    groups = columns.log_groups(("a", "ref_a"), (), need_tau=False)
+    groups = columns.make_log_groups(("a", "ref_a"), (), need_tau=False)
     with pytest.raises(LogError, match="'q_ref_a'"):
         columns.resolve_mapping(rig, groups, ())
 
@@ -693,7 +693,7 @@ def test_write_only_known_formats(tmp_path: Path) -> None:
 def test_replacing_leaves_the_old_file_when_the_block_fails(tmp_path: Path) -> None:
     path = tmp_path / "out.csv"
     path.write_text("old")
-    with pytest.raises(ZeroDivisionError), files.replacing(path) as temporary:
+    with pytest.raises(ZeroDivisionError), files.open_replacement(path) as temporary:
         temporary.write_text("half")
         assert temporary.name == path.name and path.read_text() == "old"
         _ = 1 / 0
@@ -730,11 +730,11 @@ def test_places_that_cannot_be_written(tmp_path: Path) -> None:
         files.atomic_write(tmp_path / "no" / "x.csv", "x")
     with pytest.raises(UsageError, match="is a folder"):
         files.atomic_write(tmp_path, "x")
-    assert files.output_folder(tmp_path / "a" / "b").is_dir()
+    assert files.make_folder(tmp_path / "a" / "b").is_dir()
     (tmp_path / "file").write_text("")
     for place in (tmp_path / "file", tmp_path / "file" / "x"):
         with pytest.raises(UsageError, match="would be a folder where file is a file"):
-            files.output_folder(place)
+            files.make_folder(place)
 
 
 def test_a_name_that_is_no_text_is_written_so_that_it_can_be_read(tmp_path: Path) -> None:
@@ -759,7 +759,7 @@ def test_yaml_and_json_round_trip(tree: object, tmp_path: Path) -> None:
     files.write_yaml(tree, tmp_path / "x.yaml")
     assert reading.read_yaml(tmp_path / "x.yaml") == tree
     files.write_json(tree, tmp_path / "x.json")
-    assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8")) == files.plain(tree, finite=True)
+    assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8")) == files.to_plain(tree, finite=True)
 
 
 def test_json_of_numpy_and_nan() -> None:

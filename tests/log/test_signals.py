@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from gimbal_pin.log import differentiate, lowpass, noise_std, resample, settling, signals, zero_phase
+from gimbal_pin.log import compute_lowpass_settling, differentiate, lowpass, noise_std, resample, signals, zero_phase
 
 RATE = 500.0
 CUTOFF = st.floats(3, 80)
@@ -24,7 +24,7 @@ def wander(seed: int, samples: int = 1500, columns: int = 3) -> np.ndarray:
 
 def inside(signal: np.ndarray, cutoff: float, times: float = 2.0) -> np.ndarray:
     """The samples that no edge reaches."""
-    edge = int(times * settling(cutoff) * RATE) + 1
+    edge = int(times * compute_lowpass_settling(cutoff) * RATE) + 1
     return signal[edge:-edge]
 
 
@@ -88,7 +88,7 @@ def test_gain_of_a_sine_is_butterworths_twice_and_its_phase_none(cutoff: float, 
 @pytest.mark.parametrize(("cutoff", "rate"), [(5.0, 200.0), (15.0, 200.0), (5.0, 1e3), (15.0, 1e3), (90.0, 1e3)])
 def test_an_edge_is_forgotten_after_the_settling_time(cutoff: float, rate: float) -> None:
     """To 1e-4 of its size, on both sides of it, and not much sooner, for cutoffs up to a tenth of the rate."""
-    away, half = settling(cutoff) * rate, int(3 * settling(cutoff) * rate)
+    away, half = compute_lowpass_settling(cutoff) * rate, int(3 * compute_lowpass_settling(cutoff) * rate)
     edge = (np.arange(2 * half) >= half).astype(float)[:, None]
     error = np.abs(zero_phase(edge, lowpass(cutoff, rate)) - edge)[:, 0]
     distance = np.abs(np.arange(2 * half) - half + 0.5)
@@ -237,4 +237,4 @@ def test_gain_of_noise_is_parsevals(cutoff: float, derivatives: int) -> None:
     power = 1 / (1 + (np.tan(w / 2) / np.tan(np.pi * cutoff / 1000)) ** 6) ** 2
     slope = (8 * np.sin(w) - np.sin(2 * w)) / 6 * 1000
     expected = np.sqrt((power * slope ** (2 * derivatives)).mean())
-    assert signals.noise_gain(lowpass(cutoff, 1000.0), 1000.0, derivatives) == pytest.approx(expected, rel=1e-6)
+    assert signals.compute_noise_gain(lowpass(cutoff, 1000.0), 1000.0, derivatives) == pytest.approx(expected, rel=1e-6)

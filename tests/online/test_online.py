@@ -25,7 +25,7 @@ from gimbal_pin.effects import Coulomb, Presliding
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.identification import given_beta, identify, read_model
 from gimbal_pin.log import Array, Log, Motion, follow, lowpass, write_log
-from gimbal_pin.log.io.follow import whole_lines
+from gimbal_pin.log.io.follow import join_whole_lines
 from gimbal_pin.online import Memory, Online, progress, steps
 from gimbal_pin.online.causal import Blockwise, Row
 from gimbal_pin.online.change import Watch, scores_without_transient
@@ -366,7 +366,7 @@ def test_what_cannot_be_followed_is_refused() -> None:
 @given(st.binary(max_size=60), st.lists(st.integers(0, 60), max_size=6))
 def test_whole_lines_lose_nothing_but_an_open_end(data: bytes, cuts: list[int]) -> None:
     parts: Iterator[bytes] = (data[a:b] for a, b in pairwise(sorted({0, *cuts, len(data)})))
-    lines = list(whole_lines(parts))
+    lines = list(join_whole_lines(parts))
     assert b"".join(lines) == data[: data.rfind(b"\n") + 1] and all(part.endswith(b"\n") for part in lines)
 
 

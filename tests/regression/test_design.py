@@ -72,7 +72,7 @@ def test_chunks_do_not_show(turret: Rig, clean: Log, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("gimbal_pin.regression.design.CHUNK_SAMPLES", 1777)
     cut = np.concatenate([part.A for part in compute_blocks(make)])
     assert whole.shape == cut.shape
-    assert np.abs(whole - cut).max() < 1e-4 * np.abs(whole).max()  # what `signals.settling` promises
+    assert np.abs(whole - cut).max() < 1e-4 * np.abs(whole).max()  # what `signals.compute_lowpass_settling` promises
 
 
 @pytest.mark.parametrize("name", bundled_rigs())

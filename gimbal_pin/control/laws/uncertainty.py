@@ -13,7 +13,7 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.regressor import regressor, rnea
 from gimbal_pin.effects import Sample
 from gimbal_pin.log.log import Array
-from gimbal_pin.log.platform import MOTIONS, Platform
+from gimbal_pin.log.platform import BASE_MOTIONS, Platform
 from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -165,7 +165,7 @@ def estimate(model: Model) -> tuple[Estimated, Array] | None:
     if known is None:
         return None
     width = len(known.names) - sum(len(term.values) for term in model.terms)
-    for diagonal, base in itertools.product((False, True), MOTIONS):
+    for diagonal, base in itertools.product((False, True), BASE_MOTIONS):
         reduction = reduce(model.rig, diagonal, base)
         if reduction.base_names == tuple(known.names[:width]):
             return known, find_base_columns(model.rig, reduction)

@@ -11,11 +11,11 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io.columns import (
     IMU_COLUMNS,
     Group,
-    imu_groups,
-    joint_group,
-    link_names,
+    list_links,
     log_columns,
-    log_groups,
+    make_imu_groups,
+    make_joint_group,
+    make_log_groups,
     read_groups,
     resolve_mapping,
 )
@@ -51,8 +51,8 @@ def read_log(path: str | Path, rig: Rig, mapping: Entries = (), *, need_tau: boo
 
 def log_in(table: Table, rig: Rig, mapping: Entries = (), payload: str | None = None, need_tau: bool = True) -> Log:
     """Return the log in a file that is open, see `read_log`."""
-    links, notes = link_names(rig), list[str]()
-    groups = log_groups(rig.joints, links, need_tau)
+    links, notes = list_links(rig), list[str]()
+    groups = make_log_groups(rig.joints, links, need_tau)
     sources = resolve_mapping(rig, groups, mapping)
     data = read_groups(table, groups, sources, notes)
     return to_log(data, table.name, rig, links, payload, sources, (*table.notes, *notes))
@@ -100,7 +100,7 @@ def read_imu(path: str | Path, rig: Rig, link: str, mapping: Entries = ()) -> tu
     Raises:
         LogError: As `read_log`, and where the file holds nothing of that IMU.
     """
-    groups = {"t": Group(("t",), True), **imu_groups(link)}
+    groups = {"t": Group(("t",), True), **make_imu_groups(link)}
     data = read_groups(open_table(Path(path)), groups, resolve_mapping(rig, groups, mapping))
     imu = to_imu(data, link)
     if imu is None:
@@ -118,8 +118,8 @@ def read_motion(path: str | Path, rig: Rig, mapping: Entries = ()) -> Motion:
     Raises:
         LogError, UsageError: As `read_log`.
     """
-    groups = {"t": Group(("t",), True), "q": joint_group("q", rig.joints, True)}
-    groups |= {"v": joint_group("dq", rig.joints), "a": joint_group("ddq", rig.joints)}
+    groups = {"t": Group(("t",), True), "q": make_joint_group("q", rig.joints, True)}
+    groups |= {"v": make_joint_group("dq", rig.joints), "a": make_joint_group("ddq", rig.joints)}
     data = read_groups(open_table(Path(path)), groups, resolve_mapping(rig, groups, mapping))
     t, q, v, a = data["t"][:, 0], data["q"], data.get("v"), data.get("a")
     if len(t) < 2 and (v is None or a is None):
@@ -147,7 +147,7 @@ def write_motion(motion: Motion, joints: Sequence[str], path: str | Path) -> Non
     """Write a trajectory so that `read_motion` returns the same numbers; `UsageError` as `write_log`."""
     columns = {"t": motion.t}
     for prefix, values in (("q", motion.q), ("dq", motion.v), ("ddq", motion.a)):
-        columns |= zip(joint_group(prefix, joints).columns, values.T, strict=True)
+        columns |= zip(make_joint_group(prefix, joints).columns, values.T, strict=True)
     write_columns(columns, path)
 
 

@@ -18,8 +18,8 @@ def find_clock_offset(t: Array, one: Mapping[str, Array], u: Array, other: Mappi
     """Return what is added to a second recorder's times, s, and why: by a channel that both have, or angle and rate.
 
     The rates of both channels of a pair are compared, or one's rate with the other itself, on a grid of the coarser
-    interval; the offset is the peak of the normalised correlation, refined by a parabola. It is taken from a correlation
-    of 0.9 on, where no other peak reaches 98 % of it: else the motion is periodic.
+    interval; the offset is the peak of the normalised correlation, refined by a parabola. It is taken from a
+    correlation of 0.9 on, where no other peak reaches 98 % of it: else the motion is periodic.
 
     Args:
         t: The first's times, s, (N,).

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.log.io.tables import Table, quote_names
-from gimbal_pin.log.log import REACH, SOONEST, Array, Log, find_implausible, find_untimely
-from gimbal_pin.log.mapping import ROW, Entries, Source, check_targets, read_mapping
+from gimbal_pin.log.log import LEAST_INTERVAL, PLAUSIBLE_RANGES, Array, Log, find_implausible, find_untimely
+from gimbal_pin.log.mapping import ROW_COLUMN, Entries, Source, check_targets, read_mapping
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
@@ -24,7 +24,7 @@ _LOST = 0.1
 """Share of the rows that may be left out: of a column of another rate every second value or more is missing, of what a
 recorder loses, or repeats before it begins, far less."""
 
-MOVED = 0.02
+LEAST_TRAVEL = 0.02
 """Least travel of a joint that can be judged, rad or m."""
 
 
@@ -41,24 +41,24 @@ class Group:
     required: bool = False
 
 
-def joint_group(prefix: str, joints: Sequence[str], required: bool = False) -> Group:
+def make_joint_group(prefix: str, joints: Sequence[str], required: bool = False) -> Group:
     """Return the group of one quantity over all joints."""
     return Group(tuple(f"{prefix}_{joint}" for joint in joints), required)
 
 
-def imu_groups(link: str) -> dict[str, Group]:
+def make_imu_groups(link: str) -> dict[str, Group]:
     """Return ``<attribute>_<link>`` → group of an IMU fixed to `link`."""
     axes = IMU_COLUMNS.items()
     return {f"{kind}_{link}": Group(tuple(f"{kind}_{link}_{axis}" for axis in names)) for kind, names in axes}
 
 
-def log_groups(joints: Sequence[str], links: Sequence[str], need_tau: bool) -> dict[str, Group]:
+def make_log_groups(joints: Sequence[str], links: Sequence[str], need_tau: bool) -> dict[str, Group]:
     """Return key → group of everything that a log of these joints and links may hold."""
     required = ("q", "tau") if need_tau else ("q",)
     groups = {"t": Group(("t",), True)}
-    groups |= {key: joint_group(prefix, joints, key in required) for key, prefix in _JOINT_COLUMNS.items()}
+    groups |= {key: make_joint_group(prefix, joints, key in required) for key, prefix in _JOINT_COLUMNS.items()}
     for link in links:
-        groups |= imu_groups(link)
+        groups |= make_imu_groups(link)
     return groups
 
 
@@ -67,15 +67,15 @@ def log_columns(log: Log) -> dict[str, Array]:
     columns = {"t": log.t}
     for attribute, prefix in _JOINT_COLUMNS.items():
         if (values := getattr(log, attribute)) is not None:
-            columns |= zip(joint_group(prefix, log.joints).columns, values.T)
+            columns |= zip(make_joint_group(prefix, log.joints).columns, values.T)
     for link, imu in log.imus.items():
-        groups = imu_groups(link)
+        groups = make_imu_groups(link)
         for name, values in imu.channels.items():
             columns |= zip(groups[f"{name}_{link}"].columns, values.T)
     return columns
 
 
-def link_names(rig: Rig) -> list[str]:
+def list_links(rig: Rig) -> list[str]:
     """Return the names of all links of a rig, which an IMU may be fixed to."""
     return urdf.list_names(urdf.parse(rig.urdf, str(rig.path)), "link")
 
@@ -97,7 +97,7 @@ def find_held_joints(logs: Sequence[Log]) -> dict[str, float]:
 
     Empty where all rest: then nothing moves. A joint at rest without a reference may be one that should have moved.
     """
-    still = [j for j in find_joints_asked_to_rest(logs) if all(np.ptp(log.q[:, j]) < MOVED for log in logs)]
+    still = [j for j in find_joints_asked_to_rest(logs) if all(np.ptp(log.q[:, j]) < LEAST_TRAVEL for log in logs)]
     if not still or len(still) == len(logs[0].joints):
         return {}
     at = np.median(np.concatenate([log.q for log in logs]), axis=0)
@@ -109,7 +109,7 @@ def find_joints_asked_to_rest(logs: Sequence[Log]) -> list[int]:
     if not logs or any(log.q_ref is None for log in logs):
         return []
     travel = np.ptp(np.concatenate([np.asarray(log.q_ref) for log in logs]), axis=0)
-    return np.flatnonzero(travel < MOVED).tolist()
+    return np.flatnonzero(travel < LEAST_TRAVEL).tolist()
 
 
 def resolve_mapping(rig: Rig, groups: Mapping[str, Group], mapping: Entries) -> dict[str, Source]:
@@ -147,7 +147,7 @@ def read_groups(
     _check_header(table, groups, present)
     wanted = [c for c in dict.fromkeys(source.column for source in present.values()) if c in columns]
     raw = table.read(wanted or table.columns[:1])
-    raw.setdefault(ROW, np.arange(len(next(iter(raw.values()))), dtype=np.float64))
+    raw.setdefault(ROW_COLUMN, np.arange(len(next(iter(raw.values()))), dtype=np.float64))
     for group in groups.values():
         if notes is not None and not group.required and group.columns[0] in present:
             sparse = [c for c in group.columns if np.isnan(raw[present[c].column]).mean() > _LOST]
@@ -162,7 +162,8 @@ def read_groups(
             named = [present[column] for column in group.columns]
             with np.errstate(over="ignore"):  # refused below
                 arrays[key] = np.column_stack([raw[source.column][kept] * source.factor for source in named])
-            if (wrong := find_implausible(key if key in REACH else key.split("_")[0], arrays[key])) is not None:
+            channel = key if key in PLAUSIBLE_RANGES else key.split("_")[0]
+            if (wrong := find_implausible(channel, arrays[key])) is not None:
                 row, column, what, mend = wrong
                 raise LogError(table.place(int(kept[row]), named[column].column), what, mend)
     if (late := find_untimely(arrays["t"][:, 0])) is not None:
@@ -189,7 +190,7 @@ def _select_whole_rows(
             mend = "fill it in or delete the row; put columns of another rate into a.csv+b.csv"
             raise LogError(place, f"is empty or nan, and {lack}", mend)
         said.append(f"{place}: is empty or nan: {lack} and are left out")
-    stays = np.flatnonzero(np.diff(raw[time.column][full]) * time.factor < SOONEST)
+    stays = np.flatnonzero(np.diff(raw[time.column][full]) * time.factor < LEAST_INTERVAL)
     begin = int(stays[-1]) + 1 if len(stays) else 0
     if 0 < begin <= most:
         place = table.place(int(full[begin]), time.column)
@@ -205,7 +206,7 @@ def _check_header(table: Table, groups: Mapping[str, Group], present: Mapping[st
     """
     for source in present.values():
         count = table.columns.count(source.column)
-        if count == 0 and source.column != ROW:
+        if count == 0 and source.column != ROW_COLUMN:
             have = quote_names(table.columns)
             what = f"has no column '{source.column}', which {source.place} names (its columns: {have})"
             raise LogError(table.name, what, "map from a column that is there")
@@ -220,7 +221,7 @@ def _check_header(table: Table, groups: Mapping[str, Group], present: Mapping[st
     if missing:
         what = f"has no column {quote_names(missing)} (its columns: {quote_names(table.columns)})"
         mend = f"name the columns so, or map them: --map {missing[0]}=COLUMN[*FACTOR]"
-        raise LogError(table.name, what, mend + f" or t={ROW}*SECONDS" * (missing[0] == "t"))
+        raise LogError(table.name, what, mend + f" or t={ROW_COLUMN}*SECONDS" * (missing[0] == "t"))
     for group in groups.values():
         absent = [column for column in group.columns if column not in present]
         if absent and len(absent) < len(group.columns):

@@ -17,12 +17,12 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.errors import LogError, visible
-from gimbal_pin.log.io.files import replacing, wrap_os_errors
+from gimbal_pin.log.io.files import open_replacement, wrap_os_errors
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import LARGEST_LOG, check_size, read_bytes
 
 _SEPARATORS = (";", "\t", ",")
-COMMENT = re.compile(rb"(?m)^[ \t]*#.*$")
+COMMENT_LINE = re.compile(rb"(?m)^[ \t]*#.*$")
 _SPACES = re.compile(rb"(?m)^ +| +(?=\r?$)|( +)")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _FOC = ("MOT:", "CS:")
@@ -32,10 +32,9 @@ _FOC_COLUMNS = {
     7: ("target", "voltage.q", "voltage.d", "current.q_ma", "current.d_ma", "velocity", "angle"),
 }
 """What ``motor.monitor()`` writes by default and at most (docs.simplefoc.com/monitoring)."""
-GZIP = b"\x1f\x8b"
+GZIP_MAGIC = b"\x1f\x8b"
 BLOCK = 1 << 22  # bytes read at a time
-LINE = 1 << 22  # bytes that no row has: 100 000 columns of 20 digits are 2.1 MB
-_ROWS = 1 << 14  # rows written at a time
+LONGEST_LINE = 1 << 22  # bytes that no row has: 100 000 columns of 20 digits are 2.1 MB
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +89,7 @@ class CsvTable:
 
     def _plain(self, body: bytes) -> bytes:
         """Return rows without comments, with tabs where spaces stand between the values."""
-        body = COMMENT.sub(b"", body) if b"#" in body else body
+        body = COMMENT_LINE.sub(b"", body) if b"#" in body else body
         return _SPACES.sub(lambda found: b"\t" if found[1] else b"", body) if self.spaced else body
 
     def _numbers(self, index: Mapping[str, int]) -> dict[int, Array]:
@@ -173,7 +172,7 @@ def open_csv(path: Path) -> CsvTable:
         LogError: The file is missing, empty, binary, or has one column only.
     """
     data = read_bytes(path, LogError)
-    if data.startswith(GZIP):
+    if data.startswith(GZIP_MAGIC):
         data = unzip(data, str(path))
     found = read_header(str(path), decode_utf8(data))
     if found is None:
@@ -240,7 +239,7 @@ def read_header(name: str, data: bytes) -> CsvTable | None:
 
 def _check_length(place: str, length: int) -> None:
     """Raise `LogError` for a line of more bytes than a row of numbers may have."""
-    if length > LINE:
+    if length > LONGEST_LINE:
         raise LogError(place, f"has a line of {length / 1e6:.3g} MB", "write one row of plain numbers a line")
 
 
@@ -284,8 +283,7 @@ def write_csv(columns: Mapping[str, Array], path: Path, separator: str = ",") ->
     header = io.StringIO()
     csv.writer(header, delimiter=separator, lineterminator="\n").writerow(columns)
     values = np.column_stack(list(columns.values()))
-    with replacing(path) as temporary, wrap_os_errors(path), temporary.open("w", encoding="utf-8", newline="") as file:
+    with open_replacement(path) as new, wrap_os_errors(path), new.open("w", encoding="utf-8", newline="") as file:
         file.write(header.getvalue())
-        for start in range(0, len(values), _ROWS):
-            rows = values[start : start + _ROWS].tolist()
-            file.writelines(separator.join(map(repr, row)) + "\n" for row in rows)
+        for part in np.array_split(values, len(values) // 2**14 + 1):  # Python's numbers take four times the memory
+            file.writelines(separator.join(map(repr, row)) + "\n" for row in part.tolist())

@@ -22,15 +22,15 @@ from gimbal_pin import __version__
 from gimbal_pin.errors import UNSAFE, UsageError
 from gimbal_pin.rig.reading import LARGEST_TEXT, read_bytes
 
-STAGED = ".gimbal-pin-unfinished-"
+STAGING_PREFIX = ".gimbal-pin-unfinished-"
 """How the names of the folders begin in which files are written before they take their places."""
 _HOST = platform.node()
-RUN = "run.json"
+RUN_FILE = "run.json"
 """File that says which run a folder's files are of."""
 
 
 @contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
+def open_replacement(path: str | Path) -> Iterator[Path]:
     """Yield a new file's path, of the same name; it takes the place of `path` when the block ends without an error.
 
     A device or pipe cannot be replaced: it is written to after the block, from a file that is whole.
@@ -47,7 +47,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
             (staged / target.name).touch()
         yield staged / target.name
         with wrap_os_errors(path):
-            put(staged / target.name, target, special)
+            move_into_place(staged / target.name, target, special)
 
 
 @contextmanager
@@ -59,10 +59,10 @@ def _staging(folder: Path, path: str | Path) -> Iterator[Path]:
     `path`: what an error names.
     """
     with wrap_os_errors(path):
-        for left in folder.glob(f"{STAGED}{_HOST}-*"):
+        for left in folder.glob(f"{STAGING_PREFIX}{_HOST}-*"):
             if not left.is_symlink() and not _is_alive(left.name.split("-")[-2]):
                 shutil.rmtree(left, ignore_errors=True)
-        made = tempfile.mkdtemp(prefix=f"{STAGED}{_HOST}-{os.getpid()}-", dir=folder)
+        made = tempfile.mkdtemp(prefix=f"{STAGING_PREFIX}{_HOST}-{os.getpid()}-", dir=folder)
     try:
         yield Path(made)
     finally:
@@ -83,16 +83,16 @@ def _is_alive(process: str) -> bool:
 def write_run(
     path: str | Path, writers: Mapping[str, Callable[[Path], object]], run: Mapping[str, object]
 ) -> tuple[str, ...]:
-    """Write the files of one run into a folder, and beside them `RUN`, which lists them.
+    """Write the files of one run into a folder, and beside them `RUN_FILE`, which lists them.
 
-    Each is written whole before the first takes its place. `RUN` is removed first and written last: a folder whose
-    `RUN` agrees with its files holds one run's, whenever a run is killed. Files that an earlier `RUN` lists and this
-    run does not write are removed, unless they have changed since.
+    Each is written whole before the first takes its place. `RUN_FILE` is removed first and written last: a folder where
+    it agrees with the files holds one run's, whenever a run is killed. Files that an earlier one lists and this run
+    does not write are removed, unless they have changed since.
 
     Args:
         path: The folder; made if it is not there.
         writers: Name → what writes that file to a path.
-        run: What `RUN` says beside schema, version, time (UTC) and each file's SHA-256: the verb and its arguments.
+        run: What it says beside schema, version, time (UTC) and each file's SHA-256: the verb and its arguments.
 
     Returns:
         A sentence for each file of an earlier run that stays because it was changed.
@@ -100,36 +100,36 @@ def write_run(
     Raises:
         UsageError: The folder or one of the files in it cannot be written.
     """
-    folder = output_folder(path).resolve()
-    for name in (*writers, RUN):
+    folder = make_folder(path).resolve()
+    for name in (*writers, RUN_FILE):
         with wrap_os_errors(folder / name):
             check_target(folder / name, str(folder / name))
     with _staging(folder, path) as staged:
         for name, write in writers.items():
             write(staged / name)
-        files = {name: digest(staged / name) for name in writers}
+        files = {name: hash_file(staged / name) for name in writers}
         about = {"schema": 1, **run, "version": __version__, "time": datetime.now(timezone.utc).isoformat()}
-        write_json({**about, "files": files}, staged / RUN)
+        write_json({**about, "files": files}, staged / RUN_FILE)
         with wrap_os_errors(path):
             older = {name: found for name, found in read_run(folder).items() if name not in writers}
-            changed = [name for name, found in older.items() if digest(folder / name) not in (found, "")]
-            for name in (RUN, *(older.keys() - set(changed))):
+            changed = [name for name, found in older.items() if hash_file(folder / name) not in (found, "")]
+            for name in (RUN_FILE, *(older.keys() - set(changed))):
                 (folder / name).unlink(missing_ok=True)
-            for name in (*writers, RUN):
-                put(staged / name, folder / name)
+            for name in (*writers, RUN_FILE):
+                move_into_place(staged / name, folder / name)
     return tuple(f"{folder / name} is of an earlier run, but was changed since: it stays" for name in changed)
 
 
 def read_run(folder: Path) -> Mapping[str, str]:
-    """Return name → SHA-256 of the files that a folder's `RUN` lists; none where there is no such file of ours."""
+    """Return name → SHA-256 of the files that a folder's `RUN_FILE` lists; none where there is no such file of ours."""
     try:
-        found = json.loads(read_bytes(folder / RUN, most=LARGEST_TEXT))["files"]
-        return {name: str(of) for name, of in found.items() if Path(name).name == name and name != RUN}
+        found = json.loads(read_bytes(folder / RUN_FILE, most=LARGEST_TEXT))["files"]
+        return {name: str(of) for name, of in found.items() if Path(name).name == name and name != RUN_FILE}
     except (UsageError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return {}
 
 
-def digest(path: Path) -> str:
+def hash_file(path: Path) -> str:
     """Return a regular file's SHA-256 in hexadecimal, "" where there is none."""
     if path.is_symlink() or not path.is_file():
         return ""
@@ -159,7 +159,7 @@ def check_folder(folder: Path, place: str) -> None:
         raise UsageError(place, "is write-protected", "name another folder")
 
 
-def put(temporary: Path, target: Path, special: bool = False) -> None:
+def move_into_place(temporary: Path, target: Path, special: bool = False) -> None:
     """Move `temporary` to `target`, which keeps its access rights; a special file is written through."""
     if special:
         with temporary.open("rb") as source, target.open("wb") as sink:
@@ -180,16 +180,16 @@ def wrap_os_errors(path: str | Path) -> Iterator[None]:
 
 
 def atomic_write(path: str | Path, content: str | bytes) -> None:
-    """Write a whole file or nothing; text as UTF-8 with line feeds. Raises `UsageError` like `replacing`.
+    """Write a whole file or nothing; text as UTF-8 with line feeds. Raises `UsageError` like `open_replacement`.
 
     What UTF-8 has no bytes for (a file's name may hold it) is written out as its code.
     """
     data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
-    with replacing(path) as temporary, wrap_os_errors(path):
+    with open_replacement(path) as temporary, wrap_os_errors(path):
         temporary.write_bytes(data)
 
 
-def output_folder(path: str | Path) -> Path:
+def make_folder(path: str | Path) -> Path:
     """Create the folder that a verb's ``-o DIR`` names, parents included, and return it; `UsageError` if that fails."""
     folder = Path(path)
     with wrap_os_errors(path):
@@ -199,17 +199,17 @@ def output_folder(path: str | Path) -> Path:
 
 
 def write_yaml(value: object, path: str | Path) -> None:
-    """Write `plain(value)` as YAML, keys in the order given, numbers exact (`read_yaml` returns what was written)."""
-    text = yaml.safe_dump(plain(value), sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
+    """Write `to_plain(value)` as YAML, keys in the order given, numbers exact: `read_yaml` returns what was written."""
+    text = yaml.safe_dump(to_plain(value), sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
     atomic_write(path, text)
 
 
 def to_json(value: object, indent: int | None = 2) -> str:
-    """Return `plain(value)` as JSON text, keys in the order given; NaN and infinities, which JSON lacks, are null.
+    """Return `to_plain(value)` as JSON text, keys in the order given; NaN and infinities, which JSON lacks, are null.
 
     Without an indent it is one line. What a terminal would obey is escaped as JSON does it.
     """
-    text = json.dumps(plain(value, finite=True), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(to_plain(value, finite=True), indent=indent, ensure_ascii=False, allow_nan=False) + "\n"
     return UNSAFE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
@@ -218,7 +218,7 @@ def write_json(value: object, path: str | Path) -> None:
     atomic_write(path, to_json(value))
 
 
-def plain(value: object, *, finite: bool = False) -> Any:
+def to_plain(value: object, *, finite: bool = False) -> Any:
     """Return `value` in Python's own scalars, lists and dictionaries; NumPy's scalars and arrays become these.
 
     `finite`: whether NaN and infinities become None.
@@ -227,13 +227,13 @@ def plain(value: object, *, finite: bool = False) -> Any:
         TypeError: Something else is inside.
     """
     if isinstance(value, (np.generic, np.ndarray)):
-        return plain(value.tolist(), finite=finite)
+        return to_plain(value.tolist(), finite=finite)
     if isinstance(value, Mapping):
         if keys := [key for key in value if not isinstance(key, str)]:
             raise TypeError(f"key {keys[0]!r} is no text")
-        return {str(key): plain(entry, finite=finite) for key, entry in value.items()}
+        return {str(key): to_plain(entry, finite=finite) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(entry, finite=finite) for entry in value]
+        return [to_plain(entry, finite=finite) for entry in value]
     if isinstance(value, (str, Path)):
         return str(value).encode("utf-8", "backslashreplace").decode()  # a file's name may hold what is no character
     if isinstance(value, float) and finite and not math.isfinite(value):

@@ -14,12 +14,12 @@ from typing import BinaryIO
 
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io import split_payload, to_log
-from gimbal_pin.log.io.columns import Group, link_names, log_groups, read_groups, resolve_mapping
-from gimbal_pin.log.io.csv import BLOCK, COMMENT, LINE, CsvTable, decode_utf8, read_header
+from gimbal_pin.log.io.columns import Group, list_links, make_log_groups, read_groups, resolve_mapping
+from gimbal_pin.log.io.csv import BLOCK, COMMENT_LINE, LONGEST_LINE, CsvTable, decode_utf8, read_header
 from gimbal_pin.log.io.link import follow_link, is_link
 from gimbal_pin.log.io.readers import FORMATS, GROWING
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.log.mapping import ROW, Entries, Source
+from gimbal_pin.log.mapping import ROW_COLUMN, Entries, Source
 from gimbal_pin.rig.reading import wrap_read_errors
 from gimbal_pin.rig.rig import Rig
 
@@ -44,16 +44,17 @@ def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> 
     """
     file, payload = (Path(path), None) if path == _PIPE or is_link(path) else split_payload(path)
     name = "standard input" if path == _PIPE else path if is_link(path) else str(file)
-    links = link_names(rig)
-    groups = log_groups(rig.joints, links, True)
+    links = list_links(rig)
+    groups = make_log_groups(rig.joints, links, True)
     sources = resolve_mapping(rig, groups, mapping)
     parts = follow_link(path, rig.joints, idle) if is_link(path) else _read_growing(file, idle)
-    for table in _read_tables(name, whole_lines(parts)):
-        if ROW in {source.column for source in sources.values()} - set(table.columns):
-            raise UsageError(name, f"is mapped by the '{ROW}', which a growing log is not read by", "write its times")
+    for table in _read_tables(name, join_whole_lines(parts)):
+        if ROW_COLUMN in {source.column for source in sources.values()} - set(table.columns):
+            what = f"is mapped by the '{ROW_COLUMN}', which a growing log is not read by"
+            raise UsageError(name, what, "write its times")
         data, error = _read_usable(table, groups, sources)
         if data is not None:
-            said = [line.decode()[1:].strip() for line in COMMENT.findall(table.body)] if is_link(path) else []
+            said = [line.decode()[1:].strip() for line in COMMENT_LINE.findall(table.body)] if is_link(path) else []
             yield to_log(data, table.name, rig, links, payload, sources, said)
         if error is not None:
             raise error
@@ -96,13 +97,13 @@ def _read_tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
             found = replace(head, body=part, first=line)
         if found is not None:
             line = found.first + found.body.count(b"\n")
-            if COMMENT.sub(b"", found.body).strip():
+            if COMMENT_LINE.sub(b"", found.body).strip():
                 yield found
     if head is None:
         raise LogError(name, "is empty", "write a header and one row per sample")
 
 
-def whole_lines(parts: Iterator[bytes]) -> Iterator[bytes]:
+def join_whole_lines(parts: Iterator[bytes]) -> Iterator[bytes]:
     """Yield whole lines, several together, from byte strings that were cut anywhere.
 
     A line that is longer than any row is handed on without its end, to be refused: some files have no end of a line.
@@ -112,7 +113,7 @@ def whole_lines(parts: Iterator[bytes]) -> Iterator[bytes]:
         lines, end, rest = (rest + part).rpartition(b"\n")
         if end:
             yield lines + end
-        elif len(rest) > LINE:
+        elif len(rest) > LONGEST_LINE:
             yield rest
             rest = b""
 

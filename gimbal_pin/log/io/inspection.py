@@ -14,8 +14,8 @@ from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.log.io.readers import open_table
 from gimbal_pin.log.io.recognise import Channel, Recognised, assign_columns, recognise, required_columns
 from gimbal_pin.log.io.tables import JoinedTable, Table, find_time, quote_names, read_numeric_columns
-from gimbal_pin.log.log import GAP, NOTHING, Array
-from gimbal_pin.log.mapping import ROW, expression
+from gimbal_pin.log.log import GAP, SMALLEST_VALUE, Array
+from gimbal_pin.log.mapping import ROW_COLUMN, format_expression
 from gimbal_pin.rig.rig import Rig
 
 _HUGE = 1e30
@@ -82,9 +82,9 @@ class Inspected:
     def yaml(self) -> str:
         """The mapping as a file for ``--map``, each line with its reason; what is missing stands in comments."""
         lines = [f"# {self.name}: columns of a log of {self.rig}; look through, edit, and give with --map"]
-        entries = ((_format_entry(target, expression(*of[:2])), of[2]) for target, of in self.mapping.items())
+        entries = ((_format_entry(target, format_expression(*of[:2])), of[2]) for target, of in self.mapping.items())
         lines += [f"{entry}  # {remark}" for entry, remark in entries]
-        by_row = f"; or, where samples are evenly spaced, {ROW}*SECONDS"
+        by_row = f"; or, where samples are evenly spaced, {ROW_COLUMN}*SECONDS"
         lines += [f"# {target}: COLUMN*FACTOR  # not found{by_row if target == 't' else ''}" for target in self.missing]
         return "\n".join(" ".join(line.split("\n")) for line in lines) + "\n"
 
@@ -96,7 +96,7 @@ class Inspected:
                 {"time": s.time, **s.facts, "channels": [channel.to_dict() for channel in s.channels]}
                 for s in self.streams
             ],
-            "mapping": {target: expression(*source[:2]) for target, source in self.mapping.items()},
+            "mapping": {target: format_expression(*source[:2]) for target, source in self.mapping.items()},
             "missing": list(self.missing),
             "notes": list(self.notes),
         }
@@ -134,7 +134,7 @@ def _inspect_stream(table: Table, rig: Rig | None, notes: list[str]) -> tuple[In
     notes += flaws
     # What no machine has in any unit must not overflow in what is made of it.
     bounded = {name: np.clip(values, -_HUGE, _HUGE) for name, values in data.items()}
-    data = {name: np.where(np.abs(values) < NOTHING, 0.0, values) for name, values in bounded.items()}
+    data = {name: np.where(np.abs(values) < SMALLEST_VALUE, 0.0, values) for name, values in bounded.items()}
     if odd := [name for name in data if "'" in name and '"' in name]:
         notes.append(f"{table.name}: no mapping can name {quote_names(odd)}; rename them")
         data = {name: values for name, values in data.items() if name not in odd}
@@ -142,12 +142,12 @@ def _inspect_stream(table: Table, rig: Rig | None, notes: list[str]) -> tuple[In
         time = find_time(table)
     except UsageError as error:
         notes.append(str(error))
-        time = ROW
+        time = ROW_COLUMN
     if time not in data:
-        time = ROW
-        data[ROW] = np.arange(len(next(iter(data.values()))), dtype=np.float64)
+        time = ROW_COLUMN
+        data[ROW_COLUMN] = np.arange(len(next(iter(data.values()))), dtype=np.float64)
     found = recognise(time, data, rig)
-    return InspectedStream(time, data.pop(time) * found.scale, data, found.channels[time == ROW :]), found
+    return InspectedStream(time, data.pop(time) * found.scale, data, found.channels[time == ROW_COLUMN :]), found
 
 
 def _format_entry(target: str, text: str) -> str:

@@ -22,7 +22,7 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.rig.reading import read_bytes
 
 _VERSION = 1
-_HELLO, LOG, _TUNE, _ANSWER = 1, 2, 3, 4
+_HELLO, LOG_FRAME, _TUNE, _ANSWER = 1, 2, 3, 4
 """Types of frames: a host asks for the log, a sample, new parameters, what became of them."""
 _ADDRESS = re.compile(
     r"udp://(?P<host>[\w.-]+|\[[\da-fA-F:]+\]):(?P<port>\d{1,5})|serial:(?P<device>[^@]+)@(?P<baud>\d{1,8})"
@@ -94,10 +94,10 @@ def decode_frame(data: bytes) -> Frame | None:
     return Frame(plain[1], int.from_bytes(plain[2:4], "little"), plain[4:-2])
 
 
-def seal(frame: Frame, secret: bytes, count: int) -> Frame:
+def seal_frame(frame: Frame, secret: bytes, count: int) -> Frame:
     """Return a frame whose body ends in a count and the tag of header, body and count under a secret of 16 bytes."""
     body = frame.body + struct.pack("<Q", count)
-    return frame._replace(body=body + siphash(secret, _pack_header(frame) + body))
+    return frame._replace(body=body + compute_siphash(secret, _pack_header(frame) + body))
 
 
 def read_secret(path: str | Path) -> bytes:
@@ -236,7 +236,7 @@ def follow_link(address: str, joints: Sequence[str], idle: float = inf) -> Itera
                 if text and newest >= 0:
                     yield ("\n".join(text) + "\n").encode()
                     text = []
-            elif frame.type == LOG:
+            elif frame.type == LOG_FRAME:
                 if len(frame.body) != 12 + 12 * n:
                     what = f"sends samples of {(len(frame.body) - 12) / 12:g} joints"
                     raise LogError(address, what, f"name the rig that runs there: this one has {n}")
@@ -252,7 +252,7 @@ def follow_link(address: str, joints: Sequence[str], idle: float = inf) -> Itera
         raise LogError(address, f"sent no sample within {idle:g} s", "see that the gimbal runs there")
 
 
-def tune(address: str, body: bytes, secret: bytes, patience: float = 3.0) -> int:
+def send_parameters(address: str, body: bytes, secret: bytes, patience: float = 3.0) -> int:
     """Send new parameters to a running gimbal, and return the status that it answers.
 
     They are sent again each half second until it answers: to apply them twice is to apply them once. They are counted
@@ -272,12 +272,12 @@ def tune(address: str, body: bytes, secret: bytes, patience: float = 3.0) -> int
             if now > end:
                 break
             if now >= due:
-                _send(channel, encode_frame(seal(Frame(_TUNE, sequence, body), secret, time.time_ns())))
+                _send(channel, encode_frame(seal_frame(Frame(_TUNE, sequence, body), secret, time.time_ns())))
                 due = now + 0.5
     raise LogError(address, f"did not answer within {patience:g} s", "see that the gimbal runs there")
 
 
-def siphash(key: bytes, data: bytes) -> bytes:
+def compute_siphash(key: bytes, data: bytes) -> bytes:
     """Return the tag of bytes under a key of 16 bytes, SipHash-2-4: 8 bytes, little-endian.
 
     Only who has the key can make it (Aumasson and Bernstein, INDOCRYPT 2012).

@@ -26,11 +26,11 @@ import numpy as np
 
 from gimbal_pin.errors import GimbalPinError, LogError, UsageError
 from gimbal_pin.log.io.candump import CANDUMP_MAGIC, open_candump
-from gimbal_pin.log.io.csv import GZIP, open_csv, write_csv
-from gimbal_pin.log.io.files import replacing, wrap_os_errors
+from gimbal_pin.log.io.csv import GZIP_MAGIC, open_csv, write_csv
+from gimbal_pin.log.io.files import open_replacement, wrap_os_errors
 from gimbal_pin.log.io.tables import (
-    DEEPEST,
-    WIDEST,
+    DEEPEST_NESTING,
+    WIDEST_ARRAY,
     ArrayTable,
     JoinedTable,
     Stream,
@@ -195,7 +195,7 @@ def _write_parquet(columns: Mapping[str, Array], path: Path) -> None:
     import pyarrow
 
     table = pyarrow.table({name: np.ascontiguousarray(values) for name, values in columns.items()})
-    with replacing(path) as temporary, wrap_os_errors(path):
+    with open_replacement(path) as temporary, wrap_os_errors(path):
         parquet.write_table(table, temporary)
 
 
@@ -293,7 +293,7 @@ def _hdf5_arrays(group: Any, depth: int = 0) -> dict[str, Any]:
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
         inner = group[name]
-        if isinstance(inner, h5py.Group) and depth < DEEPEST:
+        if isinstance(inner, h5py.Group) and depth < DEEPEST_NESTING:
             found[name] = _hdf5_arrays(inner, depth + 1)
         elif isinstance(inner, h5py.Dataset) and (inner.dtype.names or inner.dtype.kind in "biuf"):
             check_size(group.file.filename, inner.nbytes, LogError)
@@ -389,11 +389,11 @@ def _flat_values(value: Any, name: str, depth: int = 0) -> Iterator[tuple[str, f
     """Yield ``name.field`` and ``name[k]`` of the numbers in a message."""
     if isinstance(value, (bool, int, float, np.number)):
         yield name, float(value)
-    elif is_dataclass(value) and depth < DEEPEST:
+    elif is_dataclass(value) and depth < DEEPEST_NESTING:
         for field in fields(value):
             if not field.name.startswith("__"):
                 yield from _flat_values(getattr(value, field.name), f"{name}.{field.name}", depth + 1)
-    elif isinstance(value, (list, np.ndarray)) and len(value) <= WIDEST:
+    elif isinstance(value, (list, np.ndarray)) and len(value) <= WIDEST_ARRAY:
         for k, inner in enumerate(value):
             yield from _flat_values(inner, f"{name}[{k}]", depth + 1)
 
@@ -437,7 +437,7 @@ FORMATS: Mapping[str, Format] = {
     ".tsv": Format(open_csv, partial(write_csv, separator="\t")),
     ".txt": Format(open_csv, write_csv),
     ".parquet": Format(_open_parquet, _write_parquet, (b"PAR1",)),
-    ".gz": Format(open_csv, magic=(GZIP,)),
+    ".gz": Format(open_csv, magic=(GZIP_MAGIC,)),
     ".log": Format(open_csv),
     ".candump": Format(open_candump, magic=CANDUMP_MAGIC),
     ".npy": Format(_open_npy, magic=(b"\x93NUMPY",)),

@@ -18,7 +18,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
-from gimbal_pin.log.mapping import ROW
+from gimbal_pin.log.mapping import ROW_COLUMN
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.config import Motor
 from gimbal_pin.rig.reading import split_words
@@ -160,8 +160,8 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
     """Return what the columns of one stream are, for a rig if one is given.
 
     Args:
-        time: Name of the column of times, or `ROW`: the interval between samples is then found where a rate whose name
-            gives its unit adds up to an angle.
+        time: Name of the column of times, or `ROW_COLUMN`: the interval between samples is then found where a rate
+            whose name gives its unit adds up to an angle.
         data: Column → values, (N,) each.
         rig: Whose joints they may be of.
     """
@@ -176,10 +176,10 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
         if first != channel.column:
             channel.reasons.append(f"the same as '{first}'")
             channel.quantity = "copy" if channel.quantity == "unknown" else channel.quantity
-    kinds = ("position", "rate") if time == ROW else ("position", "rate", "unknown", "attitude", "gyro")
+    kinds = ("position", "rate") if time == ROW_COLUMN else ("position", "rate", "unknown", "attitude", "gyro")
     ties = _find_ties(t, [one for one in channels.values() if not one.still and one.quantity in kinds])
     _pair_rates(ties, channels)
-    if time == ROW and (step := _find_interval(ties, channels)) is not None:
+    if time == ROW_COLUMN and (step := _find_interval(ties, channels)) is not None:
         scale, factor, why = step, f"{step:.4g}", "the rates add up to the angles with so many seconds a sample"
         t, ties = t * scale, [tie._replace(ratio=tie.ratio / scale) for tie in ties]
     rooms = [] if rig is None else np.subtract(*rig.stops[::-1]).tolist()
@@ -187,7 +187,7 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
     mapping: dict[str, tuple[str, str, str]] = {}
     if rig is not None:
         mapping = {"t": (time, factor, why), **assign_columns(t, channels, rig)}
-        if time == ROW and not factor:
+        if time == ROW_COLUMN and not factor:
             del mapping["t"]
     first_one = Channel(time, data[time], "time", unit, factor, reasons=[why])
     return Recognised((first_one, *channels.values()), mapping, t, scale)
@@ -210,8 +210,8 @@ def _find_interval(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> flo
 
 def find_time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
     """Return unit, its seconds, the mapping's factor and why: by the name's last word, or by the usual interval."""
-    if name == ROW:
-        return ROW, 1.0, "", "the sample's number"
+    if name == ROW_COLUMN:
+        return ROW_COLUMN, 1.0, "", "the sample's number"
     split = split_words(name)
     step = float(np.median(np.abs(np.diff(t)))) if len(t) > 1 else 0.0
     if split and split[-1] in _TIME_WORDS:

@@ -16,9 +16,9 @@ from gimbal_pin.rig.reading import check_size, split_words
 
 _SHOWN = 24
 """Most names in a list of an error."""
-DEEPEST = 8
+DEEPEST_NESTING = 8
 """Deepest nesting of groups that are read; a Simulink log has four."""
-WIDEST = 64
+WIDEST_ARRAY = 64
 """Most numbers of one array in a sample that each get a column: a pose's covariance has 36, an image far more."""
 _TIMES = {"t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit"}
 """Words of which one stands in the name of a column of times."""
@@ -189,7 +189,7 @@ def group_streams(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
         rows = values if values.shape[0] == size else values.T
         if rows.ndim == 1:
             group[key] = rows
-        elif rows.shape[1] <= WIDEST:
+        elif rows.shape[1] <= WIDEST_ARRAY:
             group |= {f"{key}[{k}]": rows[:, k] for k in range(rows.shape[1])}
     found = [Stream(_find_time_name(group) or "", group) for group in sorted(groups.values(), key=len, reverse=True)]
     streams = [stream for stream in found if stream is found[0] or (stream.time and found[0].time)]
@@ -199,12 +199,12 @@ def group_streams(arrays: Mapping[str, Any]) -> tuple[list[Stream], list[str]]:
 
 def _flatten_arrays(key: str, value: Any, depth: int = 0) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
     """Yield name and values of the arrays of real numbers in an array, a record array, a table or a list of them."""
-    if depth > DEEPEST:
+    if depth > DEEPEST_NESTING:
         return
     if isinstance(value, Mapping):
         for name, inner in value.items():
             yield from _flatten_arrays(f"{key}.{name}" if key else str(name), inner, depth + 1)
-    elif isinstance(value, list) and len(value) <= WIDEST and any(isinstance(inner, Mapping) for inner in value):
+    elif isinstance(value, list) and len(value) <= WIDEST_ARRAY and any(isinstance(inner, Mapping) for inner in value):
         for k, inner in enumerate(value):
             yield from _flatten_arrays(f"{key}[{k}]", inner, depth + 1)
     elif isinstance(value, np.ndarray) and value.dtype.names:

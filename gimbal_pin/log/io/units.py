@@ -10,9 +10,9 @@ import numpy as np
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.io.recognise import OTHER_UNIT, find_ratio, take_increments
-from gimbal_pin.log.limited import MOSTLY, near_limit
+from gimbal_pin.log.limited import MOSTLY, compute_share_near_limit
 from gimbal_pin.log.log import Array
-from gimbal_pin.log.mapping import Source, remapped
+from gimbal_pin.log.mapping import Source, format_remapping
 from gimbal_pin.rig.rig import Rig
 
 
@@ -64,7 +64,7 @@ def _check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, 
         likely = travel[j] < 1.1 * degrees(room[j])
         factor, unit = ("pi/180", "degrees") if likely else ("(rad per unit)", "counts or another unit")
         names = [f"q_{rig.joints[k]}" for k in off]
-        maps = remapped(sources, {name: (name, factor) for name in names})
+        maps = format_remapping(sources, {name: (name, factor) for name in names})
         mend = f"if these are {unit}, map them, and rates in such units as well: {maps}"
         raise LogError(name, rig.in_units(rig.joints[j], what), mend)
 
@@ -77,9 +77,9 @@ def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q
     for joint, factor in list(off.items())[:1]:
         what = f"q_{joint} moves {factor:.3g} times as far as dq_{joint} says"
         if len(off) == len(ratios) and abs(np.log10(factor) + 3) < 0.3:
-            maps = remapped(sources, {"t": ("t", 1e-3)})
+            maps = format_remapping(sources, {"t": ("t", 1e-3)})
             raise LogError(name, f"{what}, as every joint does", f"t is in ms, not s: map it: {maps}")
-        maps = remapped(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{factor:.3g}"))})
+        maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{factor:.3g}"))})
         raise LogError(name, what, f"one of the two is in degrees, or in other units: {maps}, or map q_{joint}")
 
 
@@ -90,7 +90,7 @@ def describe_torques(rig: Rig, tau: Array | None) -> tuple[str, ...]:
     """
     strong, pushed = list[str](), list[str]()
     for joint, limit, x in zip(rig.joints, rig.tau_max, () if tau is None else tau.T):
-        most, share = float(np.abs(x).max()), float(near_limit(x, limit))
+        most, share = float(np.abs(x).max()), float(compute_share_near_limit(x, limit))
         if most > 3.0 * limit:
             mend = f"if it is a current or in other units, map tau_{joint}=COLUMN*(N m per unit)"
             said = f"tau_{joint} reaches {most:.4g} N m where the motor's limit is {limit:.3g}; {mend}"

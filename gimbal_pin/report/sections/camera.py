@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS, TUNED
-from gimbal_pin.log.limited import PUSHED, SPOKEN, limited
+from gimbal_pin.log.limited import LEAST_SHARE_TOLD, PUSHED, describe_limits
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing import chart
 from gimbal_pin.pointing.bench import WANTED
@@ -50,7 +50,7 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
     missed = [target.name for target in found.targets if target.verdict == "missed"]
     bounds = f"{'A must is' if len(missed) == 1 else 'Musts are'} missed: {listed(missed)}." if missed else ""
     tone = "poor" if missed else "good" if (contest.gain or 0.0) > 1 else "fair"
-    weak = any(limited(row.at_limit) for row in contest.rows)
+    weak = any(describe_limits(row.at_limit) for row in contest.rows)
     equal = "No loop crosses higher or has a smaller disk margin: bandwidth alone would win a simulation."
     if TUNED in contest.jitter:
         equal += f" Apart from {controller_name(TUNED)}, whose margins stand where it was tuned."
@@ -142,7 +142,7 @@ def numbers(found: Verified) -> list[Card]:
 
 def strain(share: float, long: float) -> str:
     """Return the tone of a largest share of the torque limit, reached for so much of the time."""
-    return "poor" if long >= SPOKEN else "fair" if share >= 1 else ""
+    return "poor" if long >= LEAST_SHARE_TOLD else "fair" if share >= 1 else ""
 
 
 def hardest(row: Row) -> tuple[str, float]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.log.io.files import atomic_write, replacing
+from gimbal_pin.log.io.files import atomic_write, open_replacement
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view.browser import pictures
@@ -151,7 +151,7 @@ def film(recorded: str, shown: Frames, fps: float, size: tuple[int, int], path: 
         raise UsageError("video", "imageio-ffmpeg is not installed", "pip install 'gimbal-pin[video]'") from error
     times = frame_times(shown.clock, 1 / fps).tolist()
     source = ("-f", "image2pipe", "-framerate", f"{fps:g}", "-c:v", "png", "-i", "-")
-    with replacing(path) as temporary:
+    with open_replacement(path) as temporary:
         command = (imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", *source)
         encode = (*command, *ENCODERS[path.suffix.lower()], str(temporary))
         with subprocess.Popen(encode, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process, ExitStack() as cut_off:
