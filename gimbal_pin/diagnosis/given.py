@@ -343,7 +343,7 @@ class Given:
 def compared(found: Identified) -> Given | None:
     """Compare what `identify` found with the rig that it was given; None where nothing is mounted that is known."""
     rig = found.model.rig.with_phi(found.given)
-    return None if found.torn or found.swapped else given(Difference.of_identified(rig, found))
+    return None if found.is_of_two_rigs or found.swapped else given(Difference.of_identified(rig, found))
 
 
 def reported(found: Identified, apart: Given | None) -> dict[str, Any]:

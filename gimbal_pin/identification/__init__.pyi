@@ -4,7 +4,7 @@ from .bias_test import WhenTested as WhenTested
 from .bias_test import compare_with_instruments as compare_with_instruments
 from .bootstrap import Bootstrap as Bootstrap
 from .estimators import ESTIMATORS as ESTIMATORS
-from .fitting import assembled as assembled
+from .fitting import assemble_result as assemble_result
 from .fitting import given_beta as given_beta
 from .fitting import greatest_base_motion as greatest_base_motion
 from .fitting import identify as identify

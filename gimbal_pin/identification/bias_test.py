@@ -131,6 +131,11 @@ class BiasCheck:
         return self.test is not None and self.test.change <= BEYOND * self.noise**2
 
     @property
+    def is_of_noise(self) -> bool:
+        """Whether least squares is biased by that noise."""
+        return self.test is not None and self.test.biased and self.by_noise
+
+    @property
     def sentence(self) -> str:
         """What is known, and what to use instead."""
         if self.test is None:

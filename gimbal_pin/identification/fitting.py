@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -70,68 +70,63 @@ def two_thirds(log: Log, filters: Filtering) -> tuple[Log, Log]:
     return log.part(slice(0, cut)), log.part(slice(cut, None))
 
 
-def assembled(
-    rows: Design,
-    blocks: Sequence[Block],
-    estimate: Estimate,
-    tested: Sequence[Block] | None,
-    how: str,
-    trust: float = TRUST,
+def assemble_result(
+    blocks: DesignBlocks, estimate: Estimate, tested: Sequence[Block] | None, how: str, trust: float = TRUST
 ) -> Identified:
     """Return what is known once the parameters of some rows are estimated: model, accuracy, nearest physical bodies.
 
     Args:
-        rows: The training rows.
-        blocks: Their blocks.
-        estimate: Parameters in the order of `rows.names`.
+        blocks: The training rows.
+        estimate: Parameters in the order of the design's names.
         tested: Blocks that were held out, or None.
         how: How they were parted.
         trust: Relative standard deviation of the URDF's masses, see `bodies`.
     """
-    rig, model = rows.rig, to_model(rows, estimate)
+    design = blocks.design
+    rig, model = design.rig, to_model(design, estimate)
     train = accuracy(rig.joints, blocks, estimate.theta, "training part")
     held_out = None if tested is None else accuracy(rig.joints, tested, estimate.theta, how)
     if held_out is not None:
         model = replace(model, doubts=tuple(Validation(train, held_out).doubts()))
-    consistent, shift = nearest_physical(rows, estimate, trust)
+    consistent, shift = _find_nearest_physical(design, estimate, trust)
     moved = np.concatenate([block.A[:, :, : len(shift)] @ shift for block in blocks])
     change = np.sqrt(np.mean(moved**2, axis=0))
     return Identified(
         model=model,
-        reduction=rows.reduction,
+        reduction=design.reduction,
         estimate=estimate,
-        names=rows.names,
-        units=rows.units,
+        names=design.names,
+        units=design.units,
         train=train,
         held_out=held_out,
         consistent=consistent,
         torque_change=dict(zip(rig.joints, change.tolist())),
-        logs=tuple(log.name for log in rows.logs),
-        filtering=rows.filtering,
+        logs=tuple(log.name for log in design.logs),
+        filtering=design.filtering,
         given=rig.phi,
         trust=trust,
     )
 
 
-def to_model(rows: Design, estimate: Estimate) -> Model:
+def to_model(design: Design, estimate: Estimate) -> Model:
     """Return the model with these parameters: RNEA and regressor then predict the same torque.
 
     Bodies that were fitted are taken as they are, else `Design.to_bodies`; `find_nearest_bodies` has physical ones.
     """
-    rig, width = rows.rig, len(rows.reduction.independent)
-    phi = rows.to_bodies(estimate.theta[:width]) if estimate.phi is None else estimate.phi
-    known = Estimated(rows.names, rows.units, estimate.theta, estimate.covariance)
-    return Model(rig.with_phi(phi), (*rows.to_terms(estimate.theta), *rows.stated), known)
+    width = len(design.reduction.independent)
+    phi = design.to_bodies(estimate.theta[:width]) if estimate.phi is None else estimate.phi
+    known = Estimated(design.names, design.units, estimate.theta, estimate.covariance)
+    return Model(design.rig.with_phi(phi), (*design.to_terms(estimate.theta), *design.stated), known)
 
 
-def nearest_physical(rows: Design, estimate: Estimate, trust: float) -> tuple[Consistent, Array]:
+def _find_nearest_physical(design: Design, estimate: Estimate, trust: float) -> tuple[Consistent, Array]:
     """Return the most likely bodies, how far off the nearest are, and the change in base parameters, (b,)."""
-    width = len(rows.reduction.independent)
+    width = len(design.reduction.independent)
     if estimate.phi is not None:
         return Consistent(estimate.phi, 0.0), np.zeros(width)
-    estimated = rows.rig.phi, rows.mixing, estimate.theta[:width], estimate.covariance[:width, :width]
+    estimated = design.rig.phi, design.mixing, estimate.theta[:width], estimate.covariance[:width, :width]
     phi = find_likeliest_bodies(*estimated, trust)
-    return Consistent(phi, find_nearest_bodies(*estimated).distance), rows.mixing @ phi - estimate.theta[:width]
+    return Consistent(phi, find_nearest_bodies(*estimated).distance), design.mixing @ phi - estimate.theta[:width]
 
 
 def given_beta(rig: Rig, reduction: Reduction) -> Array:
@@ -139,27 +134,20 @@ def given_beta(rig: Rig, reduction: Reduction) -> Array:
     return reduction.mixing @ rig.phi[columns(rig)[1]]
 
 
-Fit = Callable[[Filtering], tuple[DesignBlocks, Estimate]]
-
-
-def usual_filter(logs: Sequence[Log], base: BaseMotion) -> Filtering:
+def _choose_filter(logs: Sequence[Log], base: BaseMotion) -> Filtering:
     """Return the filter for logs where none is given: wider where the base turns and joint rates were measured."""
     measured = all(log.v is not None for log in logs)
     return Filtering(cutoff=SHAKEN) if base == "rotating" and measured else Filtering()
 
 
-def least_deviations(fit: Fit, filters: Filtering, names: Sequence[str]) -> Array | None:
-    """Return the least standard deviations that the training rows allow, see `covariance.bound_deviations`, (k,).
+def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:
+    """Return the least standard deviations that a design's logs allow, see `regression.bound_deviations`, (k,).
 
-    None where the wide rows show other parameters.
-
-    Args:
-        fit: Fits the training rows with a filter.
-        filters: The filter in force; its alignment is kept.
-        names: The parameters that were estimated.
+    Under a wider filter; None where the rows then show other parameters.
     """
-    blocks, estimate = fit(replace(filters, cutoff=max(WIDE, filters.cutoff)))
-    return bound_deviations(blocks, estimate.theta) if tuple(blocks.design.names) == tuple(names) else None
+    wide = replace(design.filtering, cutoff=max(WIDE, design.filtering.cutoff))
+    blocks, estimate = _fit_shown(design.rig, design.effects, design.logs, wide, fit_weighted, base)
+    return bound_deviations(blocks, estimate.theta) if blocks.design.names == design.names else None
 
 
 @one_thread()
@@ -186,7 +174,7 @@ def identify(
         effects: Effects on top of Coulomb and viscous friction.
         estimator: Blocks → `Estimate`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
-        filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns, see `usual_filter`.
+        filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns.
         examined: Whether to test if least squares is biased on these logs, see `check_bias`, and, unless "never",
             what is wrong with the data beside what is mended, whether the halves are of one rig, see
             `payload_change.compare_halves`, and the least deviations that logs of a base that turned allow.
@@ -200,48 +188,39 @@ def identify(
     """
     checked = [check_log(rig, log, filtering=filtering, repairs_only=examined == "never") for log in logs]
     logs = [one.log for one in checked]
-    filters = filtering or usual_filter(logs, greatest_base_motion(rig, logs))
+    filters = filtering or _choose_filter(logs, greatest_base_motion(rig, logs))
     notes = check_time(rig, logs, filters)
     train, test, how = split(logs, holdout, filters)
-    everything = friction_effects(rig.joints) + tuple(effects)
     base = greatest_base_motion(rig, train)
-    parted = Parted(rig, train, test, filters, estimator, base)
-    trial, left_out = parted.without_overfitted(everything)
-    blocks, estimate, tested = trial
-    everything = blocks.design.effects
+    parted = _LogSplit(rig, train, test, filters, estimator, base)
+    (blocks, estimate, tested), left_out = parted.fit_without_overfitted(friction_effects(rig.joints) + tuple(effects))
     check_assignment(blocks, estimate)
     estimate, missed = add_misfit(blocks, estimate)
     unused = [log.name for log in test if any(log is one for one in logs)]
     notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
-    found = assembled(blocks.design, blocks, estimate, tested, how, trust)
-    mountings = {one.log.name: one.mountings for one in checked if one.mountings}
-    judged = check_bias(blocks, examined, estimate.method)
-    parting = None
-    if examined != "never":
-        parting = payload_change.compare_halves([*blocks, *(tested or ())], blocks.design)
-    # Noise in the angles biases either half in its own way: that is said already, and is no second rig.
-    noisy = judged is not None and judged.test is not None and judged.test.biased and judged.by_noise
-    notes += (payload_change.sentence(len(logs)),) if parting is not None and parting > 1 and not noisy else ()
-
-    def wide_fit(wide: Filtering) -> tuple[DesignBlocks, Estimate]:
-        return fitted(rig, everything, train, wide, fit_weighted, base)
-
-    return replace(
+    found = assemble_result(blocks, estimate, tested, how, trust)
+    found = replace(
         found,
         model=replace(found.model, doubts=(*left_out, *found.model.doubts)),
         logs=tuple(log.name for log in logs),
-        mountings=mountings,
+        mountings={one.log.name: one.mountings for one in checked if one.mountings},
         notes=notes,
-        bias=judged,
-        parting=parting,
         missed=dict(zip(rig.joints, missed)),
-        faults=() if examined == "never" else describe_faults(checked),
         altered=collect_alterations(checked),
-        bound=None if examined == "never" or base != "rotating" else least_deviations(wide_fit, filters, found.names),
     )
+    if examined == "never":
+        return found
+    found = replace(
+        found,
+        bias=check_bias(blocks, examined, estimate.method),
+        parting=payload_change.compare_halves([*blocks, *(tested or ())], blocks.design),
+        faults=describe_faults(checked),
+        bound=_bound_deviations(blocks.design, base) if base == "rotating" else None,
+    )
+    return replace(found, notes=(*notes, payload_change.sentence(len(logs)))) if found.is_of_two_rigs else found
 
 
-class Trial(NamedTuple):
+class _Trial(NamedTuple):
     """A fit: the rows, what was estimated from them, and the rows that were held out."""
 
     blocks: DesignBlocks
@@ -258,7 +237,7 @@ class Trial(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Parted:
+class _LogSplit:
     """Logs to fit, logs to judge by, and how; as for `identify`."""
 
     rig: Rig
@@ -268,12 +247,12 @@ class Parted:
     estimator: Estimator
     base: BaseMotion
 
-    def fit(self, effects: tuple[Effect, ...]) -> Trial:
+    def fit(self, effects: tuple[Effect, ...]) -> _Trial:
         """Fit with some effects."""
-        blocks, estimate = fitted(self.rig, effects, self.train, self.filters, self.estimator, self.base)
-        return Trial(blocks, estimate, compute_blocks(replace(blocks.design, logs=self.test)) if self.test else None)
+        blocks, estimate = _fit_shown(self.rig, effects, self.train, self.filters, self.estimator, self.base)
+        return _Trial(blocks, estimate, compute_blocks(replace(blocks.design, logs=self.test)) if self.test else None)
 
-    def without_overfitted(self, effects: tuple[Effect, ...]) -> tuple[Trial, tuple[Doubt, ...]]:
+    def fit_without_overfitted(self, effects: tuple[Effect, ...]) -> tuple[_Trial, tuple[Doubt, ...]]:
         """Fit without the effects of joints where they do not hold for what was held out; say which these are."""
         trial, left_out = self.fit(effects), list[Doubt]()
         always = friction_effects(self.rig.joints)
@@ -320,7 +299,7 @@ def refitted(judged: Identified, whole: Identified) -> Identified:
     return replace(whole, model=model, held_out=judged.held_out, notes=(*whole.notes, note))
 
 
-def fitted(
+def _fit_shown(
     rig: Rig,
     effects: tuple[Effect, ...],
     logs: tuple[Log, ...],
@@ -333,13 +312,12 @@ def fitted(
     Raises:
         DataError: Too few rows, or parameters without a trace that a fixed base would show.
     """
-    rows = Design(rig, reduce(rig, base=base), effects, logs, filters)
-    blocks = compute_blocks(rows)
-    check_enough(rows, blocks)
+    blocks = compute_blocks(Design(rig, reduce(rig, base=base), effects, logs, filters))
+    check_enough(blocks)
     estimate = estimator(blocks)
-    if base != "fixed" and unseen(rows.names, blocks, estimate):
-        return fitted(rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1])
-    check_seen(logs[0].name, rows.names, blocks, estimate)
+    if base != "fixed" and unseen(blocks.design.names, blocks, estimate):
+        return _fit_shown(rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1])
+    check_seen(logs[0].name, blocks.design.names, blocks, estimate)
     return blocks, estimate
 
 

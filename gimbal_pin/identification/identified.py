@@ -14,7 +14,6 @@ from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.effects import ALWAYS
 from gimbal_pin.errors import digits
-from gimbal_pin.identification import payload_change
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, bodies
 from gimbal_pin.identification.validation import EXPLAINED, Accuracy
@@ -206,9 +205,12 @@ class Identified:
         return np.concatenate([base, others])
 
     @property
-    def torn(self) -> bool:
-        """Whether the halves of the data were found to be of two rigs, so that nothing of this is of either."""
-        return payload_change.sentence(len(self.logs)) in self.notes
+    def is_of_two_rigs(self) -> bool:
+        """Whether the halves of the data were found to be of two rigs, so that nothing of this is of either.
+
+        Noise in the angles biases either half in its own way: that is said already, and is no second rig.
+        """
+        return self.parting is not None and self.parting > 1 and not (self.bias is not None and self.bias.is_of_noise)
 
     @property
     def moved(self) -> Array:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks import check_assignment, check_log, check_time, collect_alterations
+from gimbal_pin.checks import CheckedLog, check_assignment, check_log, check_time, collect_alterations
 from gimbal_pin.dynamics.model import Estimated, Model, friction_effects, rotors
 from gimbal_pin.dynamics.reduction import Reduction, reduce, scan, stacked, units
 from gimbal_pin.dynamics.regressor import SCAN
@@ -17,7 +17,7 @@ from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification.balance import reported
-from gimbal_pin.identification.fitting import assembled, refitted, split
+from gimbal_pin.identification.fitting import assemble_result, refitted, split
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.known_gimbal import contradiction, limit, update
 from gimbal_pin.identification.requirements import check_enough, check_seen
@@ -26,6 +26,7 @@ from gimbal_pin.regression import (
     TRUST,
     Block,
     Design,
+    DesignBlocks,
     Estimate,
     Estimator,
     Filtering,
@@ -136,20 +137,35 @@ class Several:
         return {**first, **whole, "payloads": each}
 
 
-def parted(
+class _Part(NamedTuple):
+    """The logs with one payload, their training and held-out rows, how they were parted, and what was said of them."""
+
+    checked: tuple[CheckedLog, ...]
+    blocks: DesignBlocks
+    tested: DesignBlocks | None
+    how: str
+    notes: tuple[str, ...]
+
+
+def _build_part(
     rig: Rig,
     logs: Sequence[Log],
     effects: Sequence[Effect],
     holdout: str | None,
-    filters: Filtering,
+    filtering: Filtering | None,
     reduction: Reduction,
-) -> tuple[Design, Sequence[Block] | None, str]:
-    """Return training rows, held-out blocks, and how they were parted: every log at two thirds."""
+) -> _Part:
+    """Return the rows of the logs with one payload, parted at two thirds of every log."""
     if holdout not in (None, "none", "last-third"):
         raise UsageError("--holdout", f"cannot be '{holdout}' for several payloads", "use last-third or none")
+    filters = filtering or Filtering()
+    checked = tuple(check_log(rig, log, filtering=filtering) for log in logs)
+    logs = [one.log for one in checked]
+    notes = check_time(rig, logs, filters)
     train, test, how = split(logs, holdout or "last-third", filters)
-    rows = Design(rig, reduction, tuple(effects), train, filters)
-    return rows, compute_blocks(replace(rows, logs=test)) if test else None, how
+    blocks = compute_blocks(Design(rig, reduction, tuple(effects), train, filters))
+    check_enough(blocks)
+    return _Part(checked, blocks, compute_blocks(replace(blocks.design, logs=test)) if test else None, how, notes)
 
 
 def rigid(block: Block, own: Carried) -> Array:
@@ -283,42 +299,35 @@ def identify_several(
         LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`; or
             one is in another unit, or acts too early or late, see `torque_time.check_time`.
     """
-    checked = {name: [check_log(rigs[name], log, filtering=filtering) for log in each] for name, each in logs.items()}
-    logs = {name: [one.log for one in each] for name, each in checked.items()}
-    filters = filtering or Filtering()
     reference = BARE if BARE in rigs else next(iter(rigs))
     order = (reference, *(name for name in rigs if name != reference))
     reduction = reduce(rigs[reference])
     own = Carried.of(rigs[reference], reduction)
     everything = (*friction_effects(rigs[reference].joints), *effects)
-    parts = {name: parted(rigs[name], logs[name], everything, holdout, filters, reduction) for name in order}
-    notes = {name: check_time(rigs[name], logs[name], filters) for name in order}
-    blocks = {name: compute_blocks(rows) for name, (rows, _, _) in parts.items()}
-    for name, (rows, _, _) in parts.items():
-        check_enough(rows, blocks[name])
-    joint = [block for k, name in enumerate(order) for block in widened(blocks[name], own, k, len(order))]
+    parts = {name: _build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order}
+    joint = [block for k, part in enumerate(parts.values()) for block in widened(part.blocks, own, k, len(order))]
     estimate, missed = add_misfit(joint, estimator(joint), len(order))
-    first = parts[reference][0]
+    first = parts[reference].blocks.design
     names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
     check_seen(first.logs[0].name, names, joint, estimate)
     width, total, size = len(first.names), len(estimate.theta), own.columns.shape[1]
     pick = {name: camera_map(size, k, width, total) for k, name in enumerate(order)}
     cameras, identified = {}, {}
-    for k, (name, (rows, tested, how)) in enumerate(parts.items()):
+    for k, (name, part) in enumerate(parts.items()):
         mine = slice(first.rig.n * k, first.rig.n * (k + 1))
         one = replace(with_camera(own, estimate, pick[name], width), residual_std=estimate.residual_std[mine])
         mounted = camera(own, rigs[reference], rigs[name], estimate, pick[name])
         known = (estimate.theta, estimate.covariance)
-        cameras[name], vague = hedged(mounted, own, reference, rigs[reference].phi, rows.mixing, known)
+        cameras[name], vague = hedged(mounted, own, reference, rigs[reference].phi, first.mixing, known)
         identified[name] = replace(
-            assembled(rows, blocks[name], one, tested, how),
-            missed=dict(zip(rows.rig.joints, missed[mine])),
-            notes=notes[name],
-            faults=(*vague, *describe_faults(checked[name])),
-            altered=collect_alterations(checked[name]),
+            assemble_result(part.blocks, one, part.tested, part.how),
+            missed=dict(zip(first.rig.joints, missed[mine])),
+            notes=part.notes,
+            faults=(*vague, *describe_faults(part.checked)),
+            altered=collect_alterations(part.checked),
         )
-    for part in blocks.values():  # by itself: in the sum with the others' a wrong sign may hide
-        check_assignment(part, fit_weighted(part))
+    for part in parts.values():  # by itself: in the sum with the others' a wrong sign may hide
+        check_assignment(part.blocks, fit_weighted(part.blocks))
     return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
 
 
@@ -367,38 +376,34 @@ def identify_new(
         LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`; or
             one is in another unit, or acts too early or late, see `torque_time.check_time`.
     """
-    checked = [check_log(rig, log, filtering=filtering) for log in logs]
-    logs = [one.log for one in checked]
     rig, before = standing(rig, known), estimated(known)
-    filters, reduction = filtering or Filtering(), reduce(rig)
+    reduction = reduce(rig)
     effects = [term.effect for term in known.terms if term not in rotors(known.rig)]
-    rows, tested, how = parted(rig, logs, effects, holdout or "none", filters, reduction)
-    notes = check_time(rig, logs, filters)
-    width = len(reduction.independent)
-    if before.names[:width] != reduction.base_names or len(before.names) != len(rows.names):
+    width, count = len(reduction.independent), sum(len(effect.coefficients) for effect in effects)
+    if before.names[:width] != reduction.base_names or len(before.names) != width + count:
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
+    part = _build_part(rig, logs, effects, holdout or "none", filtering, reduction)
+    blocks, design, place = part.blocks, part.blocks.design, part.checked[0].log.name
     own = Carried.of(rig, reduction)
-    blocks = compute_blocks(rows)
-    check_enough(rows, blocks)
     mine = [block._replace(A=rigid(block, own), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
-    heard = [part._replace(b=block.b) for part, block in zip(mine, blocks)]
-    check_seen(rows.logs[0].name, own.reduction.base_names, heard, fit_weighted(mine))
+    heard = [some._replace(b=block.b) for some, block in zip(mine, blocks)]
+    check_seen(place, own.reduction.base_names, heard, fit_weighted(mine))
     alone, missed = add_misfit(blocks, estimator(blocks))
-    reach = np.vstack([own.columns, np.zeros((len(rows.names) - width, own.columns.shape[1]))])
-    found = update(before, alone, reach, rows.logs[0].name)
+    reach = np.vstack([own.columns, np.zeros((len(design.names) - width, own.columns.shape[1]))])
+    found = update(before, alone, reach, place)
     joint = replace(alone, theta=found.theta, covariance=found.covariance, phi=None)
-    pick = camera_map(own.columns.shape[1], 1, len(rows.names), len(joint.theta))
-    identified = assembled(rows, blocks, with_camera(own, joint, pick, len(rows.names)), tested, how)
+    pick = camera_map(own.columns.shape[1], 1, len(design.names), len(joint.theta))
+    identified = assemble_result(blocks, with_camera(own, joint, pick, len(design.names)), part.tested, part.how)
     check_assignment(blocks, identified.estimate)
     name, mounted = rig.payload or "camera", known.rig.payload or BARE
     given = rig.phi.copy()
     given[10 * own.body : 10 * own.body + 10] += stated(known.rig) - stated(rig)
     one = camera(own, known.rig, rig, joint, pick)
-    one, vague = hedged(one, own, mounted, given, rows.mixing, (before.theta, before.covariance))
-    said = (*contradiction(found, before), *vague, *describe_faults(checked))
-    identified = replace(identified, missed=dict(zip(rig.joints, missed)), notes=notes, faults=said)
-    identified = replace(identified, altered=collect_alterations(checked))
+    one, vague = hedged(one, own, mounted, given, design.mixing, (before.theta, before.covariance))
+    said = (*contradiction(found, before), *vague, *describe_faults(part.checked))
+    identified = replace(identified, missed=dict(zip(rig.joints, missed)), notes=part.notes, faults=said)
+    identified = replace(identified, altered=collect_alterations(part.checked))
     return Several({name: identified}, {name: one}, mounted)
 
 

@@ -9,23 +9,23 @@ import numpy as np
 from gimbal_pin.checks.refusals import FAINT, check_driven
 from gimbal_pin.errors import DataError
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, Design, Estimate, compute_settling_time
+from gimbal_pin.regression import Block, DesignBlocks, Estimate, compute_settling_time
 
 LEAST_MOVING = 0.1
 """Share of a joint's samples under which the error says that the others were masked out."""
 
 
-def check_enough(rows: Design, blocks: Sequence[Block]) -> None:
+def check_enough(blocks: DesignBlocks) -> None:
     """Raise `DataError` if there are fewer rows than three per parameter, or a joint moves without a torque."""
-    have, want = sum(block.b.size for block in blocks), 3 * len(rows.names)
+    design, name = blocks.design, blocks.design.logs[0].name
+    have, want = sum(block.b.size for block in blocks), 3 * len(design.names)
     if have < want:
-        seconds = max((float(np.ptp(log.t)) for log in rows.logs if len(log)), default=0.0)
-        name = rows.logs[0].name if rows.logs else "no log"
-        what = f"{seconds:.3g} s leave {have} filtered rows for {len(rows.names)} parameters; they cannot show any of"
-        need = want / rows.rig.n / (2 * rows.filtering.cutoff) + 2 * compute_settling_time(rows.filtering)
-        raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", rows.names)
+        seconds = max(float(np.ptp(log.t)) if len(log) else 0.0 for log in design.logs)
+        what = f"{seconds:.3g} s leave {have} filtered rows for {len(design.names)} parameters; they cannot show any of"
+        need = want / design.rig.n / (2 * design.filtering.cutoff) + 2 * compute_settling_time(design.filtering)
+        raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", design.names)
     torque = np.max([np.abs(block.b).max(axis=0, initial=0.0) for block in blocks], axis=0)
-    check_driven(rows.logs[0].name, rows.rig.joints, torque, used_shares(blocks) > LEAST_MOVING)
+    check_driven(name, design.rig.joints, torque, used_shares(blocks) > LEAST_MOVING)
 
 
 def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:

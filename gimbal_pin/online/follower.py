@@ -19,7 +19,7 @@ from gimbal_pin.identification import (
     Accuracy,
     Identified,
     accuracy,
-    assembled,
+    assemble_result,
     to_model,
 )
 from gimbal_pin.identification.payload_change import payload_directions
@@ -279,8 +279,9 @@ class Online:
         task = memory.task
         assert task is not None, "an estimate has a task"
         block = all_moments(task, memory.known).to_block()
-        check_assignment(DesignBlocks(self.rows, (block,)), estimate, memory.name)
-        found = assembled(self.rows, [block], estimate, None, "")
+        blocks = DesignBlocks(self.rows, (block,))
+        check_assignment(blocks, estimate, memory.name)
+        found = assemble_result(blocks, estimate, None, "")
         notes = tuple(event.sentence for event in memory.events)
         swapped = any(event.what == "changed" for event in memory.events)
         if swapped:

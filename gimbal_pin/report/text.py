@@ -150,7 +150,7 @@ def identified(found: Identified, apart: Given | None = None) -> str:
 
     aims = found.model.rig.aims
     # Advice from the parameters of neither rig would lead astray.
-    balanced = balance(found, *(() if apart is None else apart.weighs)) if aims and not found.torn else None
+    balanced = balance(found, *(() if apart is None else apart.weighs)) if aims and not found.is_of_two_rigs else None
     against = (f"given model: {line}" for line in apart.lines) if apart is not None and aims else ()
     warned = (f"warning: {said}" for said in found.warnings)
     return "\n".join([*warned, *described(found), *against, *(() if balanced is None else balanced.sentences)])
@@ -173,7 +173,7 @@ def described(found: Identified) -> list[str]:
     change = max(found.torque_change.values())
     lines += [f"nearest physical parameters: {figures(change, 2)} {force} rms away in predicted torque, at most", ""]
     lines += [*physique(found), ""]
-    return lines if found.torn or found.bias is None else [*lines, found.bias.sentence]
+    return lines if found.is_of_two_rigs or found.bias is None else [*lines, found.bias.sentence]
 
 
 def accuracy(found: Identified) -> str:

@@ -32,7 +32,7 @@ def test_a_swapped_payload_is_suspected_and_none_where_none_was() -> None:
     assert same.parting is not None and 0.0 < same.parting < 0.5 and not same.notes
     assert swapped.parting is not None and swapped.parting > 2.0 and "--follow" in swapped.notes[-1]
     assert swapped.to_dict()["halves_apart"] == swapped.parting
-    assert swapped.torn and not same.torn
+    assert swapped.is_of_two_rigs and not same.is_of_two_rigs
     assert "balance" in text.identified(same) and "balance" not in text.identified(swapped)
 
 
