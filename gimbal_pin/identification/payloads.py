@@ -30,6 +30,7 @@ from gimbal_pin.regression import (
     Estimate,
     Estimator,
     Filtering,
+    Misfit,
     add_misfit,
     compute_blocks,
     find_camera_body,
@@ -168,75 +169,6 @@ def _build_part(
     return _Part(checked, blocks, compute_blocks(replace(blocks.design, logs=test)) if test else None, how, notes)
 
 
-def rigid(block: Block, own: Carried) -> Array:
-    """Torque per parameter of the camera, (m, n, r): the base columns hold it already, filtered and masked."""
-    return np.asarray(block.A[:, :, : len(own.columns)] @ own.columns)
-
-
-def with_camera(own: Carried, estimate: Estimate, pick: Array, width: int) -> Estimate:
-    """Return the estimate of the gimbal with one camera, ``theta + K_c gamma``, of one of all parameters.
-
-    Args:
-        own: What shows of a camera.
-        estimate: Of theta, then of every camera's gamma.
-        pick: Map from all of them to this camera's gamma, see `camera_map`.
-        width: Number of parameters in theta.
-    """
-    whole = np.eye(width, len(estimate.theta))
-    whole[: len(own.columns)] += own.columns @ pick
-    return replace(estimate, theta=whole @ estimate.theta, covariance=whole @ estimate.covariance @ whole.T)
-
-
-def camera_map(size: int, place: int, width: int, total: int) -> Array:
-    """Map from all parameters to the change that camera `place` makes, (size, total); zero for the reference."""
-    out = np.zeros((size, total))
-    if place:
-        out[:, width + size * (place - 1) : width + size * place] = np.eye(size)
-    return out
-
-
-def camera(own: Carried, reference: Rig, mounted: Rig, estimate: Estimate, pick: Array) -> Camera:
-    """Return the mounted camera: the reference's stated parameters and the change."""
-    base, urdf = own.shown(stated(reference)), own.shown(stated(mounted))
-    leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
-    value, covariance = base + pick @ estimate.theta, pick @ estimate.covariance @ pick.T
-    return Camera(own.reduction.base_names, units(leading), value, covariance, urdf)
-
-
-def hedged(
-    mounted: Camera, own: Carried, reference: str, given: Array, mixing: Array, known: tuple[Array, Array]
-) -> tuple[Camera, tuple[str, ...]]:
-    """Return a camera with deviations that hold what its reference may differ from its URDF by, and say so.
-
-    Torques show the reference together with the body that carries it. Where that sum is significantly not as the URDFs
-    say, any share of the difference may be the reference's, and is then missing in the camera.
-
-    Args:
-        mounted: The camera.
-        own: What shows of it.
-        reference: The payload whose URDF its parameters stand on.
-        given: The URDFs' bodies with the reference, (10 n,).
-        mixing: K: base parameters per entry of phi, (b, 10 n).
-        known: Parameters of the gimbal with the reference, and their covariance.
-    """
-    if reference == BARE or not mounted.covariance.any():
-        return mounted, ()
-    width = len(mixing)
-    phi = find_likeliest_bodies(given, mixing, known[0][:width], known[1][:width, :width], TRUST)
-    apart = own.shown((phi - given)[10 * own.body : 10 * own.body + 10])
-    size = mounted.std
-    correlation = mounted.covariance / np.outer(size, size)
-    if float(apart / size @ np.linalg.lstsq(correlation, apart / size, rcond=1e-9)[0]) < limit(len(apart)) * len(apart):
-        return mounted, ()
-    worst = int(np.argmax(np.abs(apart) / size))
-    what = f"{mounted.names[worst]} by {digits(abs(apart[worst]) / size[worst], 2)} deviations"
-    said = (
-        f"the gimbal with {reference} is not as the URDFs say ({what}): how much of that is {reference}'s own is not "
-        f"known, and this camera's deviations hold it; add a log of '@{BARE}'"
-    )
-    return replace(mounted, covariance=mounted.covariance + np.outer(apart, apart)), (said,)
-
-
 @dataclass(frozen=True, eq=False)
 class Carried:
     """The parameters of the body that carries the camera, as far as joint torques show them.
@@ -261,9 +193,95 @@ class Carried:
         places = [10 * body + PHI.index(SCAN[k]) for k in own.independent]
         return Carried(body, own, map_phi_to_base(rig, reduction)[:, places])
 
+    @property
+    def parameters(self) -> slice:
+        """Where its parameters stand among those of all bodies."""
+        return slice(10 * self.body, 10 * self.body + 10)
+
     def shown(self, phi: Array) -> Array:
         """What of ten parameters shows, (r,)."""
         return np.asarray(self.reduction.mixing @ phi[[PHI.index(symbol) for symbol in SCAN]])
+
+    def compute_columns(self, block: Block) -> Array:
+        """Torque per parameter that shows, (m, n, r): the base columns hold it already, filtered and masked."""
+        return np.asarray(block.A[:, :, : len(self.columns)] @ self.columns)
+
+    def map_change(self, place: int, width: int, total: int) -> Array:
+        """Map from theta, (width,), and every camera's gamma, (total,) together, to that of camera `place`, (r, total).
+
+        Zero for the reference, the first.
+        """
+        size = self.columns.shape[1]
+        return np.eye(size, total, width + size * (place - 1)) if place else np.zeros((size, total))
+
+
+def conclude(
+    part: _Part,
+    own: Carried,
+    estimate: Estimate,
+    place: int,
+    reference: tuple[str, Rig],
+    known: tuple[Array, Array],
+    missed: Sequence[Misfit],
+) -> tuple[Identified, Camera]:
+    """Return the gimbal with one camera, ``theta + K_c gamma``, and that camera: the reference's stated one and gamma.
+
+    Args:
+        part: The logs with it.
+        own: What shows of it.
+        estimate: Of theta, then of every camera's gamma.
+        place: Which camera, from 0 for the reference.
+        reference: The payload whose URDF the cameras' parameters stand on, and the rig with it.
+        known: Parameters of the gimbal with the reference, and their covariance.
+        missed: What the model misses at each joint.
+    """
+    design = part.blocks.design
+    width = len(design.names)
+    pick, whole = own.map_change(place, width, len(estimate.theta)), np.eye(width, len(estimate.theta))
+    whole[: len(own.columns)] += own.columns @ pick
+    one = replace(estimate, theta=whole @ estimate.theta, covariance=whole @ estimate.covariance @ whole.T)
+    base, urdf = stated(reference[1]), stated(design.rig)
+    leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
+    gamma = own.shown(base) + pick @ estimate.theta, pick @ estimate.covariance @ pick.T
+    mounted = Camera(own.reduction.base_names, units(leading), *gamma, own.shown(urdf))
+    given = design.rig.phi.copy()
+    given[own.parameters] += base - urdf
+    mounted, vague = _hedge_camera(mounted, own, reference[0], given, design.mixing, known)
+    found = replace(
+        assemble_result(part.blocks, one, part.tested, part.how),
+        missed=dict(zip(design.rig.joints, missed)),
+        notes=part.notes,
+        faults=(*vague, *describe_faults(part.checked)),
+        altered=collect_alterations(part.checked),
+    )
+    return found, mounted
+
+
+def _hedge_camera(
+    mounted: Camera, own: Carried, reference: str, given: Array, mixing: Array, known: tuple[Array, Array]
+) -> tuple[Camera, tuple[str, ...]]:
+    """Return a camera with deviations that hold what its reference may differ from its URDF by, and say so.
+
+    Torques show the reference together with the body that carries it. Where that sum is significantly not as the URDFs
+    say, any share of the difference may be the reference's, and is then missing in the camera.
+
+    `given`: the URDFs' bodies with the reference, (10 n,); `mixing`: K, (b, 10 n); the others as for `conclude`.
+    """
+    if reference == BARE or not mounted.covariance.any():
+        return mounted, ()
+    width = len(mixing)
+    phi = find_likeliest_bodies(given, mixing, known[0][:width], known[1][:width, :width], TRUST)
+    apart, size = own.shown((phi - given)[own.parameters]), mounted.std
+    correlation = mounted.covariance / np.outer(size, size)
+    if float(apart / size @ np.linalg.lstsq(correlation, apart / size, rcond=1e-9)[0]) < limit(len(apart)) * len(apart):
+        return mounted, ()
+    worst = int(np.argmax(np.abs(apart) / size))
+    what = f"{mounted.names[worst]} by {digits(abs(apart[worst]) / size[worst], 2)} deviations"
+    said = (
+        f"the gimbal with {reference} is not as the URDFs say ({what}): how much of that is {reference}'s own is not "
+        f"known, and this camera's deviations hold it; add a log of '@{BARE}'"
+    )
+    return replace(mounted, covariance=mounted.covariance + np.outer(apart, apart)), (said,)
 
 
 def stated(rig: Rig) -> Array:
@@ -310,22 +328,13 @@ def identify_several(
     first = parts[reference].blocks.design
     names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
     check_seen(first.logs[0].name, names, joint, estimate)
-    width, total, size = len(first.names), len(estimate.theta), own.columns.shape[1]
-    pick = {name: camera_map(size, k, width, total) for k, name in enumerate(order)}
-    cameras, identified = {}, {}
+    cameras, identified, n = {}, {}, first.rig.n
     for k, (name, part) in enumerate(parts.items()):
-        mine = slice(first.rig.n * k, first.rig.n * (k + 1))
-        one = replace(with_camera(own, estimate, pick[name], width), residual_std=estimate.residual_std[mine])
-        mounted = camera(own, rigs[reference], rigs[name], estimate, pick[name])
+        mine = slice(n * k, n * (k + 1))
+        one = replace(estimate, residual_std=estimate.residual_std[mine])
         known = (estimate.theta, estimate.covariance)
-        cameras[name], vague = hedged(mounted, own, reference, rigs[reference].phi, first.mixing, known)
-        identified[name] = replace(
-            assemble_result(part.blocks, one, part.tested, part.how),
-            missed=dict(zip(first.rig.joints, missed[mine])),
-            notes=part.notes,
-            faults=(*vague, *describe_faults(part.checked)),
-            altered=collect_alterations(part.checked),
-        )
+        base = (reference, rigs[reference])
+        identified[name], cameras[name] = conclude(part, own, one, k, base, known, missed[mine])
     for part in parts.values():  # by itself: in the sum with the others' a wrong sign may hide
         check_assignment(part.blocks, fit_weighted(part.blocks))
     return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
@@ -342,7 +351,7 @@ def widened(blocks: Sequence[Block], own: Carried, place: int, count: int) -> It
         A = np.zeros((m, n, count, width + size * (count - 1)))
         A[:, :, place, :width] = block.A
         if place:
-            A[:, :, place, width + size * (place - 1) : width + size * place] = rigid(block, own)
+            A[:, :, place, width + size * (place - 1) : width + size * place] = own.compute_columns(block)
         apart = np.eye(count)[place, :, None]
         b, share = ((apart * x[:, None]).reshape(m, -1) for x in (block.b, block.share))
         q, v = (np.tile(x, count) for x in (block.q, block.v))
@@ -385,7 +394,7 @@ def identify_new(
     part = _build_part(rig, logs, effects, holdout or "none", filtering, reduction)
     blocks, design, place = part.blocks, part.blocks.design, part.checked[0].log.name
     own = Carried.of(rig, reduction)
-    mine = [block._replace(A=rigid(block, own), b=block.b - block.A @ before.theta) for block in blocks]
+    mine = [block._replace(A=own.compute_columns(block), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [some._replace(b=block.b) for some, block in zip(mine, blocks)]
     check_seen(place, own.reduction.base_names, heard, fit_weighted(mine))
@@ -393,17 +402,11 @@ def identify_new(
     reach = np.vstack([own.columns, np.zeros((len(design.names) - width, own.columns.shape[1]))])
     found = update(before, alone, reach, place)
     joint = replace(alone, theta=found.theta, covariance=found.covariance, phi=None)
-    pick = camera_map(own.columns.shape[1], 1, len(design.names), len(joint.theta))
-    identified = assemble_result(blocks, with_camera(own, joint, pick, len(design.names)), part.tested, part.how)
-    check_assignment(blocks, identified.estimate)
     name, mounted = rig.payload or "camera", known.rig.payload or BARE
-    given = rig.phi.copy()
-    given[10 * own.body : 10 * own.body + 10] += stated(known.rig) - stated(rig)
-    one = camera(own, known.rig, rig, joint, pick)
-    one, vague = hedged(one, own, mounted, given, design.mixing, (before.theta, before.covariance))
-    said = (*contradiction(found, before), *vague, *describe_faults(part.checked))
-    identified = replace(identified, missed=dict(zip(rig.joints, missed)), notes=part.notes, faults=said)
-    identified = replace(identified, altered=collect_alterations(part.checked))
+    was = (before.theta, before.covariance)
+    identified, one = conclude(part, own, joint, 1, (mounted, known.rig), was, missed)
+    check_assignment(blocks, identified.estimate)
+    identified = replace(identified, faults=(*contradiction(found, before), *identified.faults))
     return Several({name: identified}, {name: one}, mounted)
 
 
