@@ -138,9 +138,11 @@ def _examine(rig: Rig, log: Log, repairs_only: bool) -> tuple[tuple[Fault, ...],
     """Return the faults that the checks find, and the log after each repair with the check that asks for it."""
     faults, repairs = list[Fault](), list[tuple[str, Log]]()
     for name, check in CHECKS.items():
-        if repairs_only and name in HARMLESS:
+        latest = repairs[-1][1] if repairs else log
+        within = name == commanded_torque.NAME and not commanded_torque.exceeds_limit(rig, latest)
+        if repairs_only and (within or name in HARMLESS):
             continue
-        examined = check(rig, repairs[-1][1] if repairs else log, Filtering())
+        examined = check(rig, latest, Filtering())
         if examined is not None:
             faults.append(examined.fault.in_units(rig))
             repairs += [(name, repaired) for repaired in examined.repairs]

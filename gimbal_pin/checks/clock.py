@@ -119,6 +119,8 @@ def repeated(log: Log) -> Flags:
     values = np.concatenate(list(channels(log).values()), axis=1)
     changes = np.abs(np.diff(values, axis=0))
     same = np.append(False, np.all(changes == 0.0, axis=1))
+    if not same.any():
+        return same
     # Where the samples around change by several steps of their resolution, a repeated value is no resolution limit.
     step = np.array([x[x > 0].min() if np.any(x > 0) else np.inf for x in changes.T])
     moving = np.zeros(len(log), bool)

@@ -62,6 +62,11 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     return Examined(fault, (replace(log, tau=np.clip(log.tau, -rig.tau_max, rig.tau_max)),))
 
 
+def exceeds_limit(rig: Rig, log: Log) -> bool:
+    """Whether any torque is beyond its motor's limit: else there is nothing to mend in a command."""
+    return log.tau is not None and bool(np.any(np.abs(log.tau) > OVER * rig.tau_max))
+
+
 def unexplained(log: Log, j: int, everything: Array) -> float:
     """What the other channels' third differences leave of one torque's in the best windows, as white noise, N m.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -57,41 +57,43 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """
     if len(log) < 8 * WINDOW / log.dt:
         return None
-    found = spikes(log)
+    left = {name: left_out(log.t, values) for name, values in channels(log).items()}
+    found = spikes(log, left)
     smooth = bridged(log, found)
-    bad = garbage(smooth)
+    left |= {name: left_out(log.t, getattr(smooth, name)) for name in {wild.channel for wild in found}}
+    bad = garbage(smooth, left)
     if not found and not bad:
         return None
-    rows = np.any([wild.rows for wild in bad], axis=0) if bad else np.zeros(len(log), bool)
-    mended = smooth.part(np.flatnonzero(~rows))
+    mended = smooth.part(np.flatnonzero(~np.any([wild.rows for wild in bad], axis=0))) if bad else smooth
     harmful = spoils_torque(rig, log, mended, filtering)
     if not bad and not harmful and max(wild.size for wild in found) < GROSS:
         return None
     return Examined(fault_of(log, found, bad, harmful or bool(bad)), (mended,))
 
 
-def spikes(log: Log) -> list[Wild]:
-    """Return the channels that have lone wild samples."""
+def spikes(log: Log, left: Mapping[str, Array]) -> list[Wild]:
+    """Return the channels that have lone wild samples, by what `left_out` leaves of each, (N - 4, n)."""
     out = []
     for name, values in channels(log).items():
-        left = np.abs(left_out(log.t, values))
-        for j, column in enumerate(values.T):
+        for j, (column, rough) in enumerate(zip(values.T, np.abs(left[name]).T)):
             hit = np.zeros(len(log), bool)
-            hit[2:-2] = lone(column, left[:, j], log.dt)
+            hit[2:-2] = lone(column, rough, log.dt)
             if hit.any() and np.mean(hit) < RARE:
-                size = HEIGHT * left[hit[2:-2], j].max() / max(float(np.std(column)), 1e-300)
+                size = HEIGHT * rough[hit[2:-2]].max() / max(float(np.std(column)), 1e-300)
                 out.append(Wild(name, j, hit, float(size)))
     return out
 
 
 def lone(column: Array, left: Array, dt: float) -> Flags:
     """Samples far from the cubic through their neighbours, which agree with each other, (N - 4,)."""
+    wild = left > WIDE * level(left)
+    if not wild.any():
+        return wild
     length = max(8, min(round(WINDOW / dt), len(left)))
     window = np.repeat(medians(left[:, None], length)[:, 0] / 0.6745, length)[: len(left)]
     # A step has one of these on either side of it, a spike none.
     near, far = np.abs(column[3:-1] - column[1:-3]), np.abs(column[4:] - column[:-4])
-    wild = left > np.maximum(NEAR * window, WIDE * level(left))
-    return np.asarray(wild & (np.maximum(near, far) < LONE * HEIGHT * left))
+    return np.asarray(wild & (left > NEAR * window) & (np.maximum(near, far) < LONE * HEIGHT * left))
 
 
 def bridged(log: Log, found: Sequence[Wild]) -> Log:
@@ -102,20 +104,22 @@ def bridged(log: Log, found: Sequence[Wild]) -> Log:
     return replace(log, **values)
 
 
-def garbage(log: Log) -> list[Wild]:
-    """Return stretches in which a channel is far rougher than it is in the median window."""
+def garbage(log: Log, left: Mapping[str, Array]) -> list[Wild]:
+    """Return stretches in which a channel is far rougher than it is in the median window; `left` as in `spikes`."""
     length = max(8, round(SHORT / log.dt))
     out = []
-    rough: dict[str, Array] = {}
+
+    def roughness(name: str, j: int) -> Array:
+        return medians(np.pad(np.abs(left[name][:, [j]]), ((2, 2), (0, 0))), length)[:, 0] / 0.6745
+
     for name, values in channels(log).items():
-        left = np.zeros(values.shape)
-        left[2:-2] = left_out(log.t, values)
-        rough[name] = medians(np.abs(left), length) / 0.6745
-        for j, window in enumerate(rough[name].T):
-            spread = max(float(np.std(values[:, j])), 1e-300)
+        for j, spread in enumerate(np.maximum(np.std(values, axis=0), 1e-300).tolist()):
+            if np.sum(np.abs(left[name][:, j]) > 0.6745 * WILD * spread) < length // 2 - 2:
+                continue  # no window's median can be so large
+            window = roughness(name, j)
             wild = (window > ROUGH * np.median(window)) & (window > WILD * spread)
             if name == "v":
-                wild &= window > OWN * rough["q"][:, j] / log.dt
+                wild &= window > OWN * roughness("q", j) / log.dt
             rows = np.repeat(wild, length)[: len(log)]
             if wild.any() and np.mean(rows) < PART:
                 rows = dilate_flags(rows[:, None], length // 2)[:, 0]

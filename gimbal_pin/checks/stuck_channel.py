@@ -81,9 +81,9 @@ def constant(column: Array, dt: float) -> Flags:
     for begin, end in edges(same):
         if end - begin + 1 >= max(SAMPLES, SECONDS / dt):
             out[begin - 1 : end] = True
-    step = quantum(column)
+    written = 1e-7 * float(np.abs(column).max(initial=0.0))  # a file holds some digits of a value
     for rail in (column.min(), column.max()):
-        there = np.abs(column - rail) <= 0.5 * step
+        there = np.abs(column - rail) <= written
         if np.mean(there) > RAIL and there.sum() > RUN * len(edges(there)):
             out |= there
     return out
