@@ -7,12 +7,12 @@ from .checked import CheckedLog as CheckedLog
 from .checked import check_log as check_log
 from .checked import collect_alterations as collect_alterations
 from .eccentricity import Eccentricity as Eccentricity
-from .eccentricity import eccentricity as eccentricity
-from .platform_log import sound as sound
+from .eccentricity import fit_eccentricity as fit_eccentricity
+from .platform_log import check_platform_log as check_platform_log
 from .record import Alteration as Alteration
 from .record import Fault as Fault
 from .record import list_alterations as list_alterations
 from .refusals import check_driven as check_driven
 from .refusals import check_sampling as check_sampling
 from .torque_time import check_time as check_time
-from .torque_time import misplaced as misplaced
+from .torque_time import find_shifted_torques as find_shifted_torques

@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.checks.harm import MATERIAL, build_design
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.checks.series import angle_noise, bits, local_noise, quantum
+from gimbal_pin.checks.series import count_bits, estimate_angle_noise, estimate_local_noise, find_step
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log import signals
@@ -29,7 +29,6 @@ from gimbal_pin.regression import (
 )
 from gimbal_pin.rig.rig import Rig
 
-NAME = "acceleration-noise"
 DROWNED = 0.6
 """Noise of the smoothed acceleration, as a multiple of the motion's rms below the cutoff, that is worth telling."""
 PARTS = 24
@@ -42,7 +41,7 @@ FOLLOWS = 0.2
 """A joint follows its reference if the difference is under this share of the reference's spread."""
 
 
-def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``A = A(true motion) + noise``: least squares then shrinks towards zero what multiplies the acceleration.
 
     The sensors' noise says whether the acceleration drowns. Whether that harms the fit, two tests say. At the given
@@ -50,7 +49,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     (Durbin, Wu and Hausman)? Both halves saw the same motion, so a wrong model changes both alike, and only noise makes
     the difference. And at twice the cutoff, which lets more of the noise in: do the parameters walk?
     """
-    drowned = noise_share(log, filtering)
+    drowned = compute_noise_share(log, filtering)
     if drowned is None or drowned.max() < DROWNED:
         return None
     made = build_design(rig, log, filtering)
@@ -60,9 +59,9 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     halves = [list(made.iterate_blocks(partial(take_half, first=first))) for first in (0, 1)]
     crossed = fit_repeated(*halves)
     middle = [a._replace(A=(a.A + b.A) / 2) for a, b in zip(*halves)]
-    bias = change(rows, crossed, fit_weighted(middle))
+    bias = compute_change(rows, crossed, fit_weighted(middle))
     first = fit_weighted(rows)
-    near, far = (change(rows, first, fit_weighted(list(widen(made, factor)))) for factor in (NEAR, FAR))
+    near, far = (compute_change(rows, first, fit_weighted(list(widen_cutoff(made, factor)))) for factor in (NEAR, FAR))
     figures = (
         Parameter("noise_share", float(drowned.max()), "1"),
         Parameter("bias", bias, "1"),
@@ -70,8 +69,8 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         Parameter("walk_far", far, "1"),
         Parameter("cutoff", filtering.cutoff, "Hz"),
     )
-    found = answer(log, made, rows, crossed)
-    return Examined(fault_of(rig, log, int(np.argmax(drowned)), figures, found))
+    found = estimate_answer(log, made, rows, crossed)
+    return Examined(describe_noise(rig, log, int(np.argmax(drowned)), figures, found))
 
 
 def take_half(segment: Segment, first: int) -> Segment:
@@ -80,7 +79,7 @@ def take_half(segment: Segment, first: int) -> Segment:
     return segment._replace(log=log, rows=slice(0, len(log)))
 
 
-def widen(design: Design, factor: float) -> Design:
+def widen_cutoff(design: Design, factor: float) -> Design:
     """Return a design of the same smooth channels with the rows' cutoff so many times as high."""
     now = design.filtering
     direction = None if now.direction is None else now.direction / factor
@@ -88,7 +87,7 @@ def widen(design: Design, factor: float) -> Design:
     return replace(design, filtering=wider)
 
 
-def noise_share(log: Log, filtering: Filtering) -> Array | None:
+def compute_noise_share(log: Log, filtering: Filtering) -> Array | None:
     """Noise of the smoothed acceleration in the worst part, over the motion's acceleration, (n,); None without any.
 
     From the angle's noise or, where there is one, the rate's, by whichever says less.
@@ -101,27 +100,31 @@ def noise_share(log: Log, filtering: Filtering) -> Array | None:
     a = [signals.zero_phase(smooth_samples(part, filtering, 0, part.length).a, slow) for part in long]
     size = np.maximum(np.std(np.concatenate(a), axis=0), 1e-300)
     sections = signals.lowpass(smoothing, rate)
-    angle = angle_noise(log, local_noise(log.t, log.q, PARTS)) * signals.compute_noise_gain(sections, rate, 2)
+    angle = estimate_angle_noise(log, estimate_local_noise(log.t, log.q, PARTS)) * signals.compute_noise_gain(
+        sections, rate, 2
+    )
     if log.v is not None:
-        angle = np.minimum(angle, local_noise(log.t, log.v, PARTS) * signals.compute_noise_gain(sections, rate, 1))
+        angle = np.minimum(
+            angle, estimate_local_noise(log.t, log.v, PARTS) * signals.compute_noise_gain(sections, rate, 1)
+        )
     return np.asarray(np.where(np.ptp(log.q, axis=0) > 0, angle.max(axis=0) / size, 0.0))
 
 
-def change(rows: Sequence[Block], first: Estimate, second: Estimate) -> float:
+def compute_change(rows: Sequence[Block], first: Estimate, second: Estimate) -> float:
     """Return what the second parameters change in these rows' torque, as a share of its rms, in the worst joint."""
     A, b = np.concatenate([block.A for block in rows]), np.concatenate([block.b for block in rows])
     moved, power = np.mean((A @ (second.theta - first.theta)) ** 2, axis=0), np.mean(b**2, axis=0)
     return float(np.sqrt(moved / np.where(power > 1e-6 * power.max(), power, np.inf)).max())
 
 
-def answer(log: Log, made: Design, rows: Sequence[Block], crossed: Estimate) -> tuple[Parameter, ...]:
+def estimate_answer(log: Log, made: Design, rows: Sequence[Block], crossed: Estimate) -> tuple[Parameter, ...]:
     """Return base parameters and friction by instrumental variables, at the given cutoff.
 
     The reference's own columns are the instruments where the log holds a reference and the joints follow it: it knows
     nothing of the sensors' noise, coloured or not. Else each half of the samples is the other's: `crossed`.
     """
     found = crossed
-    if log.q_ref is not None and follows(log.q, log.q_ref):
+    if log.q_ref is not None and is_following(log.q, log.q_ref):
         found = fit_instrumental(rows, [block.A for block in made.iterate_blocks(take_reference)])
     values = zip(made.names, found.theta.tolist(), made.units, found.std.tolist())
     return tuple(Parameter(name, value, unit, std=std) for name, value, unit, std in values)
@@ -133,16 +136,18 @@ def take_reference(segment: Segment) -> Segment:
     return segment._replace(log=replace(log, q=np.asarray(log.q_ref), v=None))
 
 
-def follows(q: Array, reference: Array) -> bool:
+def is_following(q: Array, reference: Array) -> bool:
     """Whether every joint follows its reference."""
     return bool(np.all(np.std(q - reference, axis=0) <= FOLLOWS * np.std(reference, axis=0)))
 
 
-def fault_of(rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], answer: tuple[Parameter, ...]) -> Fault:
+def describe_noise(
+    rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], answer: tuple[Parameter, ...]
+) -> Fault:
     """Return the fault, described."""
     share, bias, near, far, cutoff = (figure.value for figure in figures)
-    joint, step = rig.joints[worst], quantum(log.q[:, worst])
-    coarse = f" (encoder steps of {digits(1000 * step, 2)} mrad, {bits(step):.0f} bits per turn)" if step else ""
+    joint, step = rig.joints[worst], find_step(log.q[:, worst])
+    coarse = f" (encoder steps of {digits(1000 * step, 2)} mrad, {count_bits(step):.0f} bits per turn)" if step else ""
     unreliable = bias > MATERIAL or near > SAFE or far > WALKED
     end = (
         f"parameters walk with the filter: {digits(100 * near, 2)} % of the torque from {cutoff:g} to "
@@ -156,4 +161,6 @@ def fault_of(rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], ans
         "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
         "variables until then"
     )
-    return Fault(NAME, joint, sentence, figures, share / DROWNED, unreliable, mend, answer, slight=not unreliable)
+    return Fault(
+        "acceleration-noise", joint, sentence, figures, share / DROWNED, unreliable, mend, answer, slight=not unreliable
+    )

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.checks.record import Fault
+from gimbal_pin.checks.series import CHANNELS
 from gimbal_pin.dynamics.configurations import spread
 from gimbal_pin.dynamics.model import friction_effects
 from gimbal_pin.dynamics.reduction import reduce
@@ -51,13 +52,9 @@ EXAMINED = 60.0
 MOST = 4
 """Joints up to which every pattern of signs, and every order, is tried; with more, single signs and all at once, and
 two joints exchanged."""
-CHANNELS = ("q", "v", "tau")
-"""What of a `Log` whole joints exchange."""
-NAME = "logs-disagree"
-"""Cause under which `diagnose` lists a log whose joints are not the rig's."""
 
 
-class Trial(NamedTuple):
+class AssignmentTrial(NamedTuple):
     """Share of the torque that bodies miss with the columns put right in one way; what that is, and how it is done.
 
     `whole`: whether joints change places with all of their columns.
@@ -77,21 +74,21 @@ def check_assignment(blocks: DesignBlocks, estimate: Estimate, name: str = "") -
         estimate: Their weighted or any other least squares.
         name: What to call their logs; nothing: as the first of them.
     """
-    if (found := put_right(blocks, estimate)) is not None:
+    if (found := find_assignment(blocks, estimate)) is not None:
         raise LogError(name or blocks.design.logs[0].name, found.words, found.mend)
 
 
-def put_right(blocks: DesignBlocks, estimate: Estimate) -> Trial | None:
+def find_assignment(blocks: DesignBlocks, estimate: Estimate) -> AssignmentTrial | None:
     """Return what explains the torque of some rows far better, or None.
 
     Tested only where the estimate is impossible: it makes inertia or friction drive the joints, or misses the torque of
     one. Signs alone cost least squares nothing where joints hardly feel each other; it then answers with negative
     masses, while bodies that can exist are left with the error.
     """
-    if not impossible(blocks, estimate):
+    if not is_impossible(blocks, estimate):
         return None
-    given = unexplained(blocks)
-    for tried in (reordered, trials):
+    given = compute_bounded_misfit(blocks)
+    for tried in (try_orders, try_torques):
         best = min(tried(blocks), key=lambda one: one.missed, default=None)
         if best is not None and best.missed < BETTER * given:
             then = f"bodies miss {100 * best.missed:.2g} % of the torque then, {100 * given:.2g} % now"
@@ -108,44 +105,44 @@ def check_assignment_of_logs(rig: Rig, logs: Sequence[Log], base: BaseMotion, fi
     Raises:
         LogError: As `check_assignment`, of signs and of torques that have changed places.
     """
-    parts = tuple(map(beginning, logs))
+    parts = tuple(map(take_beginning, logs))
     blocks = compute_blocks(Design(rig, reduce(rig, base=base), friction_effects(rig.joints), parts, filtering))
     if not blocks or count_effective_rows(blocks).min() <= blocks[0].A.shape[2]:
         return None
-    found = put_right(blocks, fit_weighted(blocks))
+    found = find_assignment(blocks, fit_weighted(blocks))
     if found is None:
         return None
     if not found.whole:
         raise LogError(logs[0].name, found.words, found.mend)
     missed = Parameter("missed", found.missed, "1")
-    return Fault(NAME, None, f"{logs[0].name}: {found.words}", (missed,), 1.0 / BETTER, True, found.mend)
+    return Fault("logs-disagree", None, f"{logs[0].name}: {found.words}", (missed,), 1.0 / BETTER, True, found.mend)
 
 
-def beginning(log: Log) -> Log:
+def take_beginning(log: Log) -> Log:
     """Return the first `EXAMINED` seconds of a log."""
     return log.part(slice(0, int(np.searchsorted(log.t, log.t[0] + EXAMINED))))
 
 
-def impossible(blocks: DesignBlocks, estimate: Estimate) -> bool:
+def is_impossible(blocks: DesignBlocks, estimate: Estimate) -> bool:
     """Whether a fit says what no rig can be: see `check_assignment`."""
     rows, count = blocks.design, len(blocks.design.reduction.independent)
-    if np.any(estimate.residual_std > POOR * torque_size(blocks)):
+    if np.any(estimate.residual_std > POOR * compute_torque_size(blocks)):
         return True
     pushing = estimate.theta[count : count + 2 * rows.rig.n].reshape(rows.rig.n, 2)
     rate = np.sqrt(np.mean(np.concatenate([block.v for block in blocks]) ** 2, axis=0))
     if np.any(pushing[:, 0] + pushing[:, 1] * rate < 0):
         return True
-    return bool(np.linalg.eigvalsh(mass_matrices(rows, estimate.theta[:count])).min() <= 0)
+    return bool(np.linalg.eigvalsh(compute_mass_matrices(rows, estimate.theta[:count])).min() <= 0)
 
 
-def mass_matrices(rows: Design, beta: Array) -> Array:
+def compute_mass_matrices(rows: Design, beta: Array) -> Array:
     """``D(q)`` of base parameters over the rig's poses, (N, n, n): column j is what a unit acceleration of j takes."""
     rig, q = rows.rig.with_phi(rows.to_bodies(beta)), spread(rows.rig).q
     matrices = np.stack([inertia(rig, q, j) for j in range(rig.n)], axis=2)
     return (matrices + matrices.transpose(0, 2, 1)) / 2
 
 
-def trials(blocks: DesignBlocks) -> Iterator[Trial]:
+def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
     """Yield every pattern of signs, and every two joints' torques exchanged where there are logs to do it in.
 
     No sign is turned that the given rig agrees with: bodies are free to take either side of what a limit has bent.
@@ -153,38 +150,40 @@ def trials(blocks: DesignBlocks) -> Iterator[Trial]:
     rows = blocks.design
     joints, n = rows.rig.joints, rows.rig.n
     sources = rows.logs[0].sources if rows.logs else {}
-    right = agreement(blocks) > AGREED
-    for signs in patterns(n):
+    right = correlate_with_given(blocks) > AGREED
+    for signs in list_sign_patterns(n):
         if np.any(right & (np.array(signs) < 0)):
             continue
         wrong = [f"tau_{joint}" for joint, sign in zip(joints, signs) if sign < 0]
         turned = DesignBlocks(rows, tuple(block._replace(b=block.b * np.array(signs)) for block in blocks))
         words = f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign (or the angle has)"
         mend = format_remapping(sources, {name: (name, -1.0) for name in wrong})
-        yield Trial(unexplained(turned), words, f"turn it: {mend}")
+        yield AssignmentTrial(compute_bounded_misfit(turned), words, f"turn it: {mend}")
     for pair in combinations(range(n) if rows.logs else (), 2):
         first, second = (f"tau_{joints[j]}" for j in pair)
         words = f"{first} and {second} hold each other's torque"
         mend = format_remapping(sources, {first: (second, 1.0), second: (first, 1.0)})
-        yield Trial(unexplained(compute_blocks(exchanged(rows, pair))), words, f"exchange them: {mend}")
+        yield AssignmentTrial(
+            compute_bounded_misfit(compute_blocks(exchange_torques(rows, pair))), words, f"exchange them: {mend}"
+        )
 
 
-def reordered(blocks: DesignBlocks) -> Iterator[Trial]:
+def try_orders(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
     """Yield whole joints in other orders that least squares explains far better than theirs, where there are logs."""
     rows, joints = blocks.design, blocks.design.rig.joints
     if not rows.logs:
         return
-    given = left_free(blocks)
-    for order in orders(rows.rig.n):
-        put = compute_blocks(ordered(rows, order))
-        if left_free(put) < BETTER * given:
+    given = compute_free_misfit(blocks)
+    for order in list_orders(rows.rig.n):
+        put = compute_blocks(reorder_joints(rows, order))
+        if compute_free_misfit(put) < BETTER * given:
             places = [(joints[j], joints[k]) for j, k in enumerate(order) if j != k]
             to, of = (",".join(side) for side in zip(*places))
             words = f"{', '.join(joint for joint, _ in places)} have changed places"
-            yield Trial(unexplained(put), words, f"--map {to}={of}", True)
+            yield AssignmentTrial(compute_bounded_misfit(put), words, f"--map {to}={of}", True)
 
 
-def agreement(blocks: DesignBlocks) -> Array:
+def correlate_with_given(blocks: DesignBlocks) -> Array:
     """``<b τ> / sqrt(<b²> <τ²>)``, (n,): torques against what the given rig asks for."""
     beta = blocks.design.mixing @ blocks.design.rig.phi
     expected = np.concatenate([block.A[:, :, : len(beta)] @ beta for block in blocks])
@@ -193,7 +192,7 @@ def agreement(blocks: DesignBlocks) -> Array:
     return np.asarray(np.sum(expected * given, axis=0) / np.maximum(norms, 1e-300))
 
 
-def patterns(n: int) -> list[tuple[int, ...]]:
+def list_sign_patterns(n: int) -> list[tuple[int, ...]]:
     """Signs of n columns, at least one of them turned; the fewest first."""
     if n <= MOST:
         each = [signs for signs in product((1, -1), repeat=n) if min(signs) < 0]
@@ -202,55 +201,55 @@ def patterns(n: int) -> list[tuple[int, ...]]:
     return sorted(each, key=sum, reverse=True)
 
 
-def orders(n: int) -> list[tuple[int, ...]]:
+def list_orders(n: int) -> list[tuple[int, ...]]:
     """Orders of n joints that are not theirs."""
     if n <= MOST:
         return list(permutations(range(n)))[1:]
-    return [tuple(swapped(range(n), *pair)) for pair in combinations(range(n), 2)]
+    return [tuple(swap_places(range(n), *pair)) for pair in combinations(range(n), 2)]
 
 
-def swapped(order: Sequence[int], i: int, k: int) -> list[int]:
+def swap_places(order: Sequence[int], i: int, k: int) -> list[int]:
     """Return an order in which two places are exchanged."""
     return [order[k] if j == i else order[i] if j == k else order[j] for j in range(len(order))]
 
 
-def ordered(rows: Design, order: Sequence[int]) -> Design:
+def reorder_joints(rows: Design, order: Sequence[int]) -> Design:
     """Return the rows of the beginnings of logs in which joint j has the angle, rate and torque of ``order[j]``."""
     logs = []
-    for log in map(beginning, rows.logs):
+    for log in map(take_beginning, rows.logs):
         columns = {name: x[:, list(order)] for name in CHANNELS if (x := getattr(log, name)) is not None}
         logs.append(replace(log, **columns))
     return replace(rows, logs=tuple(logs))
 
 
-def left_free(blocks: DesignBlocks) -> float:
+def compute_free_misfit(blocks: DesignBlocks) -> float:
     """Share of the torque that least squares does not explain, with bodies of any kind, rms over the joints."""
     if not blocks:
         return 1.0
-    factors = in_shares(blocks)
+    factors = factor_in_shares(blocks)
     theta = solve_factors(factors, np.ones(len(factors))).theta
     return float(np.sqrt(np.sum((factors @ np.append(theta, -1.0)) ** 2) / len(factors)))
 
 
-def in_shares(blocks: DesignBlocks) -> Array:
+def factor_in_shares(blocks: DesignBlocks) -> Array:
     """Triangular factors of each joint's [A b], in shares of its torque's rms, (n, k + 1, k + 1)."""
-    size = np.sqrt(np.maximum(count_effective_rows(blocks), 1.0)) * torque_size(blocks)
+    size = np.sqrt(np.maximum(count_effective_rows(blocks), 1.0)) * compute_torque_size(blocks)
     return np.asarray(factor_rows(blocks) / size[:, None, None])
 
 
-def exchanged(rows: Design, pair: tuple[int, int]) -> Design:
+def exchange_torques(rows: Design, pair: tuple[int, int]) -> Design:
     """Return the rows of logs in which two joints' torques have changed places."""
-    order = swapped(range(rows.rig.n), *pair)
+    order = swap_places(range(rows.rig.n), *pair)
     return replace(rows, logs=tuple(replace(log, tau=np.asarray(log.tau)[:, order]) for log in rows.logs))
 
 
-def unexplained(blocks: DesignBlocks) -> float:
+def compute_bounded_misfit(blocks: DesignBlocks) -> float:
     """Share of the torque that the best bodies that can exist do not explain, rms over the joints.
 
     Errors count in shares of each joint's torque and not of its noise: a fit that is wrong by thousands of deviations
     would take a hundred times as long to settle, for a figure that is not needed to so many digits.
     """
-    factors = in_shares(blocks) / ROUGH
+    factors = factor_in_shares(blocks) / ROUGH
     try:
         phi, friction = fit_bounded_bodies(blocks.design, factors.reshape(-1, factors.shape[2]), LEANT_WEIGHTS)
     except np.linalg.LinAlgError:  # so far from all bodies that numbers end: they explain nothing
@@ -259,7 +258,7 @@ def unexplained(blocks: DesignBlocks) -> float:
     return float(ROUGH * np.sqrt(np.sum((factors @ theta) ** 2) / len(factors)))
 
 
-def torque_size(blocks: Sequence[Block]) -> Array:
+def compute_torque_size(blocks: Sequence[Block]) -> Array:
     """Rms of each joint's torque where it is not masked out, N m, (n,); of one that nothing drives some of others'."""
     b, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("b", "share"))
     rms = np.sqrt(np.sum(b**2, axis=0) / np.maximum(np.sum(share**2, axis=0), 1e-300))

@@ -6,43 +6,41 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from gimbal_pin.checks import (
-    acceleration_noise,
-    clock,
-    commanded_torque,
-    controller_formula,
-    filtered_velocity,
-    outliers,
-    stuck_channel,
-)
+from gimbal_pin.checks.acceleration_noise import check_acceleration_noise
 from gimbal_pin.checks.calibration import Mounting, correct_imus, estimate_joint_rates
+from gimbal_pin.checks.clock import check_clock
+from gimbal_pin.checks.commanded_torque import check_commanded_torque, exceeds_limit
+from gimbal_pin.checks.controller_formula import check_controller_formula
 from gimbal_pin.checks.eccentricity import Eccentricity, correct_angles
+from gimbal_pin.checks.filtered_velocity import check_filtered_velocity
+from gimbal_pin.checks.outliers import check_outliers
 from gimbal_pin.checks.record import Alteration, Check, Fault, compare_logs
 from gimbal_pin.checks.refusals import refuse_unusable
+from gimbal_pin.checks.stuck_channel import check_stuck_channel
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, subsample_log
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-IN_ORDER = (
-    clock,
-    stuck_channel,
-    outliers,
-    controller_formula,
-    filtered_velocity,
-    commanded_torque,
-    acceleration_noise,
+CHECKS: Mapping[str, Check] = MappingProxyType(
+    {
+        "clock": check_clock,
+        "stuck-channel": check_stuck_channel,
+        "outliers": check_outliers,
+        "controller-formula": check_controller_formula,
+        "filtered-velocity": check_filtered_velocity,
+        "commanded-torque": check_commanded_torque,
+        "acceleration-noise": check_acceleration_noise,
+    }
 )
-"""A later check needs what the earlier ones mend: spikes are no noise, and false stamps no spikes.
+"""Data causes by their public names, in the order in which they are examined.
 
-A controller answers to the rate that it logs, before a filtered one is left out."""
+A later check needs what the earlier ones mend: spikes are no noise, and false stamps no spikes. A controller answers to
+the rate that it logs, before a filtered one is left out."""
 
-CHECKS: Mapping[str, Check] = MappingProxyType({module.NAME: module.examine for module in IN_ORDER})
-"""Every data cause of CONTRACT.md by its name there, in the order in which they are examined."""
-
-FATAL = frozenset({controller_formula.NAME, stuck_channel.NAME})
+FATAL = frozenset({"controller-formula", "stuck-channel"})
 """Faults that leave no physics in a log: its torque is a formula of its motion, or is none."""
-HARMLESS = frozenset({controller_formula.NAME, acceleration_noise.NAME})
+HARMLESS = frozenset({"controller-formula", "acceleration-noise"})
 """Checks that mend nothing: who asks for repairs alone is spared them."""
 
 
@@ -139,7 +137,7 @@ def _examine(rig: Rig, log: Log, repairs_only: bool) -> tuple[tuple[Fault, ...],
     faults, repairs = list[Fault](), list[tuple[str, Log]]()
     for name, check in CHECKS.items():
         latest = repairs[-1][1] if repairs else log
-        within = name == commanded_torque.NAME and not commanded_torque.exceeds_limit(rig, latest)
+        within = name == "commanded-torque" and not exceeds_limit(rig, latest)
         if repairs_only and (within or name in HARMLESS):
             continue
         examined = check(rig, latest, Filtering())

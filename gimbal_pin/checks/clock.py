@@ -10,14 +10,13 @@ from scipy.ndimage import uniform_filter1d
 
 from gimbal_pin.checks.harm import spoils_torque
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.checks.series import channels, left_out
+from gimbal_pin.checks.series import get_channels, leave_out
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import PAUSE, Array, Log
 from gimbal_pin.regression import Filtering, Flags, split_segments
 from gimbal_pin.rig.rig import Rig
 
-NAME = "clock"
 WINDOW = 51
 """Samples over which a clock is taken to be steady."""
 PARTS = 24
@@ -48,7 +47,7 @@ class Ticks(NamedTuple):
     jitter: float
 
 
-def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+def check_clock(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``t_k = k dt`` but for holes: how far are the stamps from that, and are they or the samples at fault?
 
     Jitter alone does no harm: samples taken at odd times and stamped so are resampled without loss. Whether the stamps
@@ -57,29 +56,29 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """
     if len(log) < 2 * WINDOW:
         return None
-    seen, old = ticks(log.t), repeated(log)
+    seen, old = separate_jitter(log.t), find_repeated_rows(log)
     lost = np.where(seen.missing * log.dt < PAUSE, seen.missing, 0.0)
     figures = (
         Parameter("jitter", seen.jitter, "periods"),
         Parameter("lost", float(lost.sum() / (len(log) + lost.sum())), "1"),
         Parameter("longest_gap", float(lost.max() * log.dt), "s"),
-        Parameter("stale", worst_share(old), "1"),
+        Parameter("stale", find_worst_share(old), "1"),
     )
     hole = max(HOLE, HOLE_SAMPLES * log.dt)
     beyond = [figure.value / limit for figure, limit in zip(figures, (JITTER, LOST, hole, STALE))]
     if max(beyond) <= 1.0:
         return None
     repairs = list[Log]()
-    if beyond[0] > 1.0 and false_stamps(log, seen.steady):
+    if beyond[0] > 1.0 and has_false_stamps(log, seen.steady):
         repairs.append(replace(log, t=seen.steady))
     if beyond[3] > 1.0:
         repairs.append((repairs[-1] if repairs else log).part(np.flatnonzero(~old)))
     harmful = bool(repairs) and spoils_torque(rig, log, repairs[-1], filtering)
-    sparse = not harmful and scattered(log, filtering)
-    return Examined(fault_of(figures, beyond, harmful, sparse), tuple(repairs))
+    sparse = not harmful and is_scattered(log, filtering)
+    return Examined(describe_clock(figures, beyond, harmful, sparse), tuple(repairs))
 
 
-def ticks(t: Array) -> Ticks:
+def separate_jitter(t: Array) -> Ticks:
     """Take the stamps apart: an even clock, lost samples, jitter."""
     gaps = np.diff(t)
     dt = float(np.median(gaps))
@@ -89,13 +88,13 @@ def ticks(t: Array) -> Ticks:
     lost = (gaps > 1.5 * dt + rough) & (gaps + short > 2.5 * dt + rough)
     missing = np.append(0.0, np.where(lost, np.maximum(np.round(gaps / dt) - 1.0, 1.0), 0.0))
     holes = np.cumsum(missing) * dt
-    steady = smoothed(t - holes)
+    steady = smooth_stamps(t - holes)
     squares = np.array_split((t - holes - steady) ** 2, PARTS)
     jitter = max(np.sort(part)[: max(1, int(0.98 * len(part)))].mean() for part in squares)
     return Ticks(steady + holes, missing, float(np.sqrt(jitter)) / dt)
 
 
-def smoothed(even: Array) -> Array:
+def smooth_stamps(even: Array) -> Array:
     """Moving average over `WINDOW`; at the two ends, where it has no window, a straight line."""
     out, half = uniform_filter1d(even, WINDOW), WINDOW // 2
     n = np.arange(2 * half)
@@ -104,9 +103,9 @@ def smoothed(even: Array) -> Array:
     return np.asarray(out)
 
 
-def false_stamps(log: Log, steady: Array, certain: float = 4.0) -> bool:
+def has_false_stamps(log: Log, steady: Array, certain: float = 4.0) -> bool:
     """Whether the angles are smoother over an even clock than over the stamps, but for their spikes."""
-    for stamped, even in zip((left_out(log.t, log.q) ** 2).T, (left_out(steady, log.q) ** 2).T):
+    for stamped, even in zip((leave_out(log.t, log.q) ** 2).T, (leave_out(steady, log.q) ** 2).T):
         largest = np.maximum(stamped, even)
         worse = (stamped - even)[largest <= np.quantile(largest, 0.98)]
         if worse.mean() > certain * max(float(np.std(worse)) / np.sqrt(len(worse)), 1e-300):
@@ -114,9 +113,9 @@ def false_stamps(log: Log, steady: Array, certain: float = 4.0) -> bool:
     return False
 
 
-def repeated(log: Log) -> Flags:
+def find_repeated_rows(log: Log) -> Flags:
     """Rows in which no channel of a moving rig changed since the row before, (N,): a logger faster than its bus."""
-    values = np.concatenate(list(channels(log).values()), axis=1)
+    values = np.concatenate(list(get_channels(log).values()), axis=1)
     changes = np.abs(np.diff(values, axis=0))
     same = np.append(False, np.all(changes == 0.0, axis=1))
     if not same.any():
@@ -128,12 +127,12 @@ def repeated(log: Log) -> Flags:
     return same & moving
 
 
-def worst_share(flags: Flags) -> float:
+def find_worst_share(flags: Flags) -> float:
     """Largest share of true flags in any part."""
     return max(float(part.mean()) for part in np.array_split(flags, PARTS))
 
 
-def scattered(log: Log, filtering: Filtering) -> bool:
+def is_scattered(log: Log, filtering: Filtering) -> bool:
     """Whether gaps leave less than `USABLE` of the time in stretches without any."""
     spans = [s.dt * s.length for s in split_segments(log, filtering.cutoff)]
     covered = sum(span for span in spans if span > 1.0 / filtering.cutoff)
@@ -141,7 +140,7 @@ def scattered(log: Log, filtering: Filtering) -> bool:
     return bool(covered < USABLE * np.sum(intervals[intervals < PAUSE]))
 
 
-def fault_of(figures: tuple[Parameter, ...], beyond: list[float], harmful: bool, sparse: bool) -> Fault:
+def describe_clock(figures: tuple[Parameter, ...], beyond: list[float], harmful: bool, sparse: bool) -> Fault:
     """Return the fault, described."""
     jitter, lost, gap, stale = (figure.value for figure in figures)
     texts = (
@@ -155,4 +154,4 @@ def fault_of(figures: tuple[Parameter, ...], beyond: list[float], harmful: bool,
     if harmful or sparse:
         end = "this alone spoils the torque" if harmful else "what is left in one piece is too short for the filters"
     mend = "stamp samples where they are taken (drive or bus time), and log at the bus's rate"
-    return Fault(NAME, None, f"clock: {parts}; {end}", figures, max(beyond), harmful or sparse, mend, sparse=sparse)
+    return Fault("clock", None, f"clock: {parts}; {end}", figures, max(beyond), harmful or sparse, mend, sparse=sparse)

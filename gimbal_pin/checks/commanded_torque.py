@@ -15,7 +15,6 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
-NAME = "commanded-torque"
 QUIET = 3e-4
 """No current sensor has less noise than this share of the torque's rms (twelve bits over the peak have as much)."""
 LAGS = 3
@@ -28,7 +27,7 @@ OVER = 1.02
 """A torque beyond this multiple of the motor's limit was never delivered."""
 
 
-def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``τ_k = Σ a_l q_{k-l} + b_l v_{k-l} + c_l q_ref_{k-l} + smooth``, exactly: a measurement has noise of its own.
 
     Third differences leave of every channel only what is not smooth. If those of the torque are the same linear
@@ -42,8 +41,8 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if log.tau is None or len(log) < 20 * LAGS:
         return None
     size = np.sqrt(np.mean(log.tau**2, axis=0))
-    everything = lagged(log, range(rig.n))
-    left = np.array([unexplained(log, j, everything) for j in range(rig.n)])
+    everything = build_lagged_columns(log, range(rig.n))
+    left = np.array([compute_unexplained_noise(log, j, everything) for j in range(rig.n)])
     formula = (left < QUIET * size) & (size > 0)
     if not formula.any():
         return None
@@ -56,7 +55,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         Parameter("beyond_limit", float(over[worst]), "1"),
     )
     strength = QUIET / max(float(share[worst]), 1e-12)
-    fault = fault_of(rig.joints[worst], int(formula.sum()), figures, strength)
+    fault = describe_command(rig.joints[worst], int(formula.sum()), figures, strength)
     if not over.any():
         return Examined(fault)
     return Examined(fault, (replace(log, tau=np.clip(log.tau, -rig.tau_max, rig.tau_max)),))
@@ -67,27 +66,27 @@ def exceeds_limit(rig: Rig, log: Log) -> bool:
     return log.tau is not None and bool(np.any(np.abs(log.tau) > OVER * rig.tau_max))
 
 
-def unexplained(log: Log, j: int, everything: Array) -> float:
+def compute_unexplained_noise(log: Log, j: int, everything: Array) -> float:
     """What the other channels' third differences leave of one torque's in the best windows, as white noise, N m.
 
-    By those of its own joint, and by `everything`: `lagged` of all joints.
+    By those of its own joint, and by `everything`: `build_lagged_columns` of all joints.
     """
     assert log.tau is not None
     own = float(signals.noise_std(log.tau[:, j : j + 1])[0])
-    if own < 1e-9 * float(np.sqrt(np.mean(log.tau[:, j] ** 2))) or not noisy(log.q if log.v is None else log.v):
+    if own < 1e-9 * float(np.sqrt(np.mean(log.tau[:, j] ** 2))) or not has_noise(log.q if log.v is None else log.v):
         return own
     rough = np.diff(log.tau[:, j], 3)[LAGS - 1 :]
     out = own
-    for columns in (lagged(log, [j]), everything):
+    for columns in (build_lagged_columns(log, [j]), everything):
         length = max(round(WINDOW / log.dt), 6 * columns.shape[1])
         starts = range(0, len(rough) - length + 1, max(length, len(rough) // WINDOWS))
-        left = [held_out(columns[k : k + length], rough[k : k + length]) for k in starts]
+        left = [compute_held_out_error(columns[k : k + length], rough[k : k + length]) for k in starts]
         if left:
             out = min(out, float(np.quantile(left, SOME)))
     return out
 
 
-def lagged(log: Log, joints: Sequence[int]) -> Array:
+def build_lagged_columns(log: Log, joints: Sequence[int]) -> Array:
     """Third differences of these joints' angles, rates and references, now and up to `LAGS` - 1 samples ago."""
     parts = [np.diff(x[:, joints], 3, axis=0) for x in (log.q, log.v, log.q_ref) if x is not None]
     now = np.concatenate(parts, axis=1)
@@ -96,12 +95,12 @@ def lagged(log: Log, joints: Sequence[int]) -> Array:
     return np.asarray(columns[:, np.std(columns, axis=0) > 0.0])
 
 
-def noisy(sensed: Array) -> bool:
+def has_noise(sensed: Array) -> bool:
     """Whether a channel has noise above a computer's rounding: without, every smooth torque follows from it."""
     return bool(np.any(signals.noise_std(sensed) > 1e-9 * np.maximum(np.std(sensed, axis=0), 1e-300)))
 
 
-def held_out(columns: Array, rough: Array) -> float:
+def compute_held_out_error(columns: Array, rough: Array) -> float:
     """Fit every second sample of a window, gains changing linearly over it, and return what is left of the others.
 
     As the standard deviation of white noise, N m.
@@ -113,7 +112,7 @@ def held_out(columns: Array, rough: Array) -> float:
     return float(np.sqrt(np.mean(error**2) / 20.0))
 
 
-def fault_of(joint: str, count: int, figures: tuple[Parameter, ...], strength: float) -> Fault:
+def describe_command(joint: str, count: int, figures: tuple[Parameter, ...], strength: float) -> Fault:
     """Return the fault, described."""
     left, _, over = (figure.value for figure in figures)
     joints = f" (and {count - 1} more)" if count > 1 else ""
@@ -123,4 +122,4 @@ def fault_of(joint: str, count: int, figures: tuple[Parameter, ...], strength: f
         f"{digits(left, 1)} N m of it; {never if over else 'what the drive makes of it does not show'}"
     )
     mend = "log the motor's current as well, times its torque constant"
-    return Fault(NAME, joint, sentence, figures, strength, bool(over), mend)
+    return Fault("commanded-torque", joint, sentence, figures, strength, bool(over), mend)

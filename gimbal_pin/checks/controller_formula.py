@@ -16,7 +16,6 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, classify_base_motion
 from gimbal_pin.rig.rig import Rig
 
-NAME = "controller-formula"
 LEFT, WORSE = 0.01, 2.0
 """The formula leaves less than this share of the torque's power, and a passive plant so many times as much.
 
@@ -52,7 +51,7 @@ class Formula(NamedTuple):
     left: float
 
 
-def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+def check_controller_formula(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``τ(t) = a + c t + k q(t - d) - b v(t - d) + m(q)``, b > 0: a linear controller, a reference of constant speed.
 
     Without a reference that moves otherwise, closed-loop data show the inverse of the controller (Ljung 1999, ch. 13),
@@ -62,7 +61,7 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     What passive plants give is in both, and leaves their ratio at one: so is a map m of the angle, where a joint turns
     round, which cogging asks for and drives feed forward. The samples are counted, as controllers do.
     A base that moves excites the plant whatever the reference does: such a log is not judged. Where this formula is not
-    found, that of the angles alone is looked for (`of_angles`).
+    found, that of the angles alone is looked for (`check_formula_of_angles`).
     """
     if log.tau is None or log.t[-1] - log.t[0] < SHORTEST or classify_base_motion(rig, log) != "fixed":
         return None
@@ -74,22 +73,22 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     q, tau = (signals.zero_phase(x, sections) for x in (log.q, log.tau))
     v = signals.differentiate(q, log.dt) if log.v is None else signals.zero_phase(log.v, sections)
     power = np.maximum(np.var(tau[kept], axis=0), 1e-300)
-    maps = [around(q[kept, j], v[kept, j], log.dt) for j in range(rig.n)]
-    found = [formula(log.t, q[:, j], v[:, j], tau[:, j], kept, maps[j]) for j in range(rig.n)]
+    maps = [build_angle_map(q[kept, j], v[kept, j], log.dt) for j in range(rig.n)]
+    found = [fit_formula(log.t, q[:, j], v[:, j], tau[:, j], kept, maps[j]) for j in range(rig.n)]
     like = [j for j, one in enumerate(found) if one.gain > 0 and one.left < LEFT * power[j]]
     if not like:
-        return of_angles(rig, log, filtering)
+        return check_formula_of_angles(rig, log, filtering)
     a = signals.differentiate(v, log.dt)
     A = regressor(rig, q[kept], v[kept], a[kept], places=columns(rig)[1])
     rigid = {j: np.hstack([A[:, j, A[:, j].any(axis=0)], maps[j]]) for j in like}
-    plant = {j: passive(log.t[kept], q[kept, j], v[kept, j], rigid[j], tau[kept, j]) for j in like}
+    plant = {j: fit_passive_plant(log.t[kept], q[kept, j], v[kept, j], rigid[j], tau[kept, j]) for j in like}
     worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
     if plant[worst] < WORSE * found[worst].left:
-        return of_angles(rig, log, filtering)
-    return Examined(fault_of(rig.joints[worst], found[worst], plant[worst], float(power[worst]), log.dt))
+        return check_formula_of_angles(rig, log, filtering)
+    return Examined(describe_formula(rig.joints[worst], found[worst], plant[worst], float(power[worst]), log.dt))
 
 
-def of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``τ(t) = a + c t + k q(t - d) + G(q(t - d))``, G the bodies' weight: a controller that cancels gravity.
 
     A plant's torque moves its inertia, too. Somebody else's hand did, where these terms leave next to nothing of the
@@ -115,7 +114,7 @@ def of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         G = regressor(rig, late, still, still, places=columns(rig)[1])
         for j in range(rig.n):
             own = G[:, j, G[:, j].any(axis=0)]
-            free = orthogonal(np.column_stack([np.ones(len(kept)), log.t[kept] - log.t[0], late[:, j], own]))
+            free = orthogonalize(np.column_stack([np.ones(len(kept)), log.t[kept] - log.t[0], late[:, j], own]))
             rest = np.stack([tau[kept, j], asked[:, j]], axis=1)
             left[delay, j], inert[delay, j] = np.mean((rest - free @ (free.T @ rest)) ** 2, axis=0)
     best = np.argmin(left, axis=0)
@@ -139,10 +138,12 @@ def of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         f"friction nor inertia"
     )
     mend = "let the motor move the joint (gimbal-pin excite), with no hand on it, and record again"
-    return Examined(Fault(NAME, rig.joints[worst], sentence, figures, float(ratio[worst]) / INERT, True, mend))
+    return Examined(
+        Fault("controller-formula", rig.joints[worst], sentence, figures, float(ratio[worst]) / INERT, True, mend)
+    )
 
 
-def around(q: Array, v: Array, dt: float) -> Array:
+def build_angle_map(q: Array, v: Array, dt: float) -> Array:
     """``cos kq, sin kq``, (m, 2K), of a joint that turns round: of every k that passes within `BAND`, or none."""
     passing = int(2 * np.pi * BAND / (dt * max(float(np.max(np.abs(v))), 1e-300)))
     count = min(passing, len(q) // 8) if np.ptp(q) > 2 * np.pi else 0
@@ -150,7 +151,7 @@ def around(q: Array, v: Array, dt: float) -> Array:
     return np.hstack([np.cos(phase), np.sin(phase)])
 
 
-def formula(t: Array, q: Array, v: Array, tau: Array, kept: Indices, beside: Array) -> Formula:
+def fit_formula(t: Array, q: Array, v: Array, tau: Array, kept: Indices, beside: Array) -> Formula:
     """Return the formula of one joint that fits the samples `kept` best, with columns `beside`; `left` in N² m²."""
     fits = []
     for delay in range(LATEST + 1):
@@ -160,7 +161,7 @@ def formula(t: Array, q: Array, v: Array, tau: Array, kept: Indices, beside: Arr
     return min(fits, key=lambda fit: fit.left)
 
 
-def passive(t: Array, q: Array, v: Array, rigid: Array, tau: Array) -> float:
+def fit_passive_plant(t: Array, q: Array, v: Array, rigid: Array, tau: Array) -> float:
     """Mean square that bodies, a constant, a slope, a spring, and dry and viscous friction over zero leave, N² m².
 
     `rigid`: columns of the bodies, and of what else is free, (m, k).
@@ -168,18 +169,18 @@ def passive(t: Array, q: Array, v: Array, rigid: Array, tau: Array) -> float:
     from scipy.optimize import nnls
 
     free = np.column_stack([np.ones(len(t)), t - t[0], q, rigid])
-    left = orthogonal(free)
+    left = orthogonalize(free)
     friction, rest = (x - left @ (left.T @ x) for x in (np.column_stack([np.sign(v), v]), tau))
     return float(nnls(friction, rest)[1] ** 2 / len(t))
 
 
-def orthogonal(A: Array) -> Array:
+def orthogonalize(A: Array) -> Array:
     """Return orthonormal columns that span those of A, (m, r)."""
     basis, size, _ = np.linalg.svd(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), full_matrices=False)
     return np.asarray(basis[:, size > 1e-9 * size[0]])
 
 
-def fault_of(joint: str, found: Formula, plant: float, power: float, dt: float) -> Fault:
+def describe_formula(joint: str, found: Formula, plant: float, power: float, dt: float) -> Fault:
     """Return the fault, described."""
     figures = (
         Parameter("gain", found.gain, "N m s/rad"),
@@ -194,4 +195,4 @@ def fault_of(joint: str, found: Formula, plant: float, power: float, dt: float) 
         f"leave {digits(100 * plant / power, 2)} %: what is identified as friction and inertia is the controller"
     )
     mend = "move the reference (gimbal-pin excite), at speeds that change, and record again"
-    return Fault(NAME, joint, sentence, figures, plant / max(WORSE * found.left, 1e-300), False, mend)
+    return Fault("controller-formula", joint, sentence, figures, plant / max(WORSE * found.left, 1e-300), False, mend)

@@ -60,7 +60,7 @@ class Eccentricity:
         return q
 
 
-def eccentricity(t: Array, q: Array, v: Array) -> Eccentricity | None:
+def fit_eccentricity(t: Array, q: Array, v: Array) -> Eccentricity | None:
     """Fit ``Δq_read - ∫v dt = a Δcos q + b Δsin q + c Δt + d Δq + e Δv`` over windows; None where a, b may be zero.
 
     The last three take up a rate's bias, its scale, and a delay between the two sensors. The scale multiplies the
@@ -108,7 +108,7 @@ def correct_angles(log: Log) -> tuple[Log, dict[str, Eccentricity]]:
     """Return the log with the angles mended of the joints whose encoders its rates show to be eccentric, and these."""
     if log.v is None:
         return log, {}
-    each = {joint: eccentricity(log.t, log.q[:, j], log.v[:, j]) for j, joint in enumerate(log.joints)}
+    each = {joint: fit_eccentricity(log.t, log.q[:, j], log.v[:, j]) for j, joint in enumerate(log.joints)}
     found = {joint: one for joint, one in each.items() if one is not None}
     if not found:
         return log, {}

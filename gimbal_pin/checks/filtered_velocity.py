@@ -18,7 +18,6 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, split_segments
 from gimbal_pin.rig.rig import Rig
 
-NAME = "filtered-velocity"
 CORNERS = np.geomspace(0.5, 100.0, 41)
 """Corner frequencies that are tried, Hz."""
 EXACT = 0.05
@@ -58,7 +57,7 @@ class Lag(NamedTuple):
     change: float
 
 
-def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+def check_filtered_velocity(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``v = H(s) dq/dt`` with H a low-pass of first or second order, or a delay.
 
     Two tests. A drive that filters the counts that it logs leaves an exact recursion,
@@ -69,21 +68,21 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """
     if log.v is None or len(log) < 2 * LEAST:
         return None
-    found = {j: lag for j in range(rig.n) if (lag := lag_of(log, j, filtering)) is not None}
+    found = {j: lag for j in range(rig.n) if (lag := find_lag(log, j, filtering)) is not None}
     if not found:
         return None
     worst = max(found, key=lambda j: found[j].change)
     delays = {j: lag.cause for j, lag in found.items() if not isinstance(lag.cause, LowPass)}
     if len(delays) == len(found):
-        mended = in_time(log, delays)
+        mended = advance_rates(log, delays)
     else:
         worst = max(found.keys() - delays.keys(), key=lambda j: found[j].change)
         mended = replace(log, v=None)
     unreliable = spoils_torque(rig, log, mended, filtering)
-    return Examined(fault_of(rig.joints[worst], found[worst], len(found), unreliable), (mended,))
+    return Examined(describe_lag(rig.joints[worst], found[worst], len(found), unreliable), (mended,))
 
 
-def in_time(log: Log, delays: Mapping[int, float]) -> Log:
+def advance_rates(log: Log, delays: Mapping[int, float]) -> Log:
     """Return a log with the rates of these joints earlier by their delays, s, as far as it then goes."""
     assert log.v is not None
     v = log.v.copy()
@@ -93,7 +92,7 @@ def in_time(log: Log, delays: Mapping[int, float]) -> Log:
     return replace(log, v=v).part(slice(0, last))
 
 
-def lag_of(log: Log, j: int, filtering: Filtering) -> Lag | None:
+def find_lag(log: Log, j: int, filtering: Filtering) -> Lag | None:
     """Return the lag in one joint's rate, or None where there is none, or none that one could see."""
     assert log.v is not None
     longest = max(split_segments(log, 1.0), key=lambda stretch: stretch.length, default=None)
@@ -111,26 +110,28 @@ def lag_of(log: Log, j: int, filtering: Filtering) -> Lag | None:
     if change < VISIBLE:
         return None
     noise = float(signals.noise_std(qv)[0]) * signals.compute_noise_gain(sections, 1.0 / dt, 1)
-    cause = recursions(log.q[:, j], log.v[:, j], dt) or lagging(derived, rate, dt, noise, filtering.cutoff)
+    cause = find_recursion(log.q[:, j], log.v[:, j], dt) or find_low_pass_or_delay(
+        derived, rate, dt, noise, filtering.cutoff
+    )
     return Lag(cause, change) if cause is not None else None
 
 
-def recursions(q: Array, v: Array, dt: float) -> LowPass | None:
+def find_recursion(q: Array, v: Array, dt: float) -> LowPass | None:
     """Return the filter that makes the rate in any part of a log, or None."""
     count = max(1, min(PARTS, len(q) // LEAST))
     parts = zip(np.array_split(q, count), np.array_split(v, count))
-    found = [low_pass for part in parts if (low_pass := recursion(*part, dt)) is not None]
+    found = [low_pass for part in parts if (low_pass := fit_recursion(*part, dt)) is not None]
     return sorted(found)[len(found) // 2] if found else None
 
 
-def recursion(q: Array, v: Array, dt: float) -> LowPass | None:
+def fit_recursion(q: Array, v: Array, dt: float) -> LowPass | None:
     """Return a stable filter that gives the rate exactly from the angle's increments, or None."""
     past = np.stack([v[2:-1], v[1:-2]], axis=1)
     increments = np.stack([np.diff(q)[k : len(q) - 3 + k] for k in (2, 1, 0)], axis=1)
     target = v[3:]
-    _, alone = trimmed(past, target)
+    _, alone = fit_trimmed(past, target)
     for order in (1, 2):
-        coefficients, left = trimmed(np.concatenate([past[:, :order], increments[:, : order + 1]], axis=1), target)
+        coefficients, left = fit_trimmed(np.concatenate([past[:, :order], increments[:, : order + 1]], axis=1), target)
         if left < EXACT * alone:
             poles = np.roots(np.append(1.0, -coefficients[:order]))
             remaining = 1.0 - float(np.sum(coefficients[:order]))
@@ -143,7 +144,7 @@ def recursion(q: Array, v: Array, dt: float) -> LowPass | None:
     return None
 
 
-def trimmed(columns: Array, target: Array) -> tuple[Array, float]:
+def fit_trimmed(columns: Array, target: Array) -> tuple[Array, float]:
     """Least squares without what the last fit left furthest off; coefficients, and the deviation of the rest."""
     kept = np.ones(len(target), bool)
     for _ in range(PASSES):
@@ -154,7 +155,9 @@ def trimmed(columns: Array, target: Array) -> tuple[Array, float]:
     return coefficients, size
 
 
-def lagging(derived: Array, rate: Array, dt: float, noise: float, cutoff: float) -> LowPass | float | None:
+def find_low_pass_or_delay(
+    derived: Array, rate: Array, dt: float, noise: float, cutoff: float
+) -> LowPass | float | None:
     """Return the low-pass that fits slow motion better than any delay, or else the delay, s, that fits; or None.
 
     Args:
@@ -169,13 +172,13 @@ def lagging(derived: Array, rate: Array, dt: float, noise: float, cutoff: float)
     times = dt * np.arange(len(d))
     settled = slice(round(1.0 / (CORNERS[0] * dt)) // 2, None)
     shifts = 1.0 / (2.0 * np.pi * CORNERS)
-    tried = [remainder(signals.resample(times, d[:, None], times - shift)[:, 0], r, dt, settled) for shift in shifts]
+    tried = [fit_shape(signals.resample(times, d[:, None], times - shift)[:, 0], r, dt, settled) for shift in shifts]
     best = min(range(len(tried)), key=lambda k: tried[k].left)
     delayed, delay = tried[best], float(shifts[best]) + tried[best].delay
     # |lagged - delayed| is at most the sum of what the two leave: where that cannot be visible, no lag need be tried.
     if delayed.left * (1.0 + np.sqrt(BETTER)) ** 2 > SURE * noise**2:
         shapes = [LowPass(float(f), order) for order in (1, 2) for f in CORNERS]
-        lags = {shape: remainder(lowpassed(d, shape.corner, shape.order, dt), r, dt, settled) for shape in shapes}
+        lags = {shape: fit_shape(apply_low_pass(d, shape.corner, shape.order, dt), r, dt, settled) for shape in shapes}
         low_pass = min(lags, key=lambda shape: lags[shape].left)
         lag = lags[low_pass]
         visible = float(np.mean((lag.fit - delayed.fit) ** 2)) > SURE * noise**2
@@ -188,15 +191,17 @@ def lagging(derived: Array, rate: Array, dt: float, noise: float, cutoff: float)
     return delay if is_late else None
 
 
-def lowpassed(signal: Array, corner: float, order: int, dt: float) -> Array:
+def apply_low_pass(signal: Array, corner: float, order: int, dt: float) -> Array:
     """A causal Butterworth low-pass along the first axis, at rest at its first value."""
     from scipy.signal import sosfilt
 
-    return np.asarray(sosfilt(butterworth(order, min(corner * dt, 0.45)), signal - signal[0], axis=0) + signal[0])
+    return np.asarray(
+        sosfilt(design_butterworth(order, min(corner * dt, 0.45)), signal - signal[0], axis=0) + signal[0]
+    )
 
 
 @cache
-def butterworth(order: int, corner: float) -> Array:
+def design_butterworth(order: int, corner: float) -> Array:
     """Second-order sections of the low-pass, corner in shares of the sampling rate; every joint tries the same ones."""
     from scipy.signal import butter
 
@@ -211,7 +216,7 @@ class Remainder(NamedTuple):
     delay: float
 
 
-def remainder(shaped: Array, rate: Array, dt: float, settled: slice) -> Remainder:
+def fit_shape(shaped: Array, rate: Array, dt: float, settled: slice) -> Remainder:
     """``mean (rate - g (x - d dx/dt))²`` over a gain g and a small delay d."""
     columns = np.stack([shaped, signals.differentiate(shaped[:, None], dt)[:, 0]], axis=1)[settled]
     gain, slope = np.linalg.lstsq(columns, rate[settled], rcond=None)[0].tolist()
@@ -219,7 +224,7 @@ def remainder(shaped: Array, rate: Array, dt: float, settled: slice) -> Remainde
     return Remainder(float(np.mean((rate[settled] - fit) ** 2)), fit, -slope / gain if gain else 0.0)
 
 
-def fault_of(joint: str, lag: Lag, count: int, unreliable: bool) -> Fault:
+def describe_lag(joint: str, lag: Lag, count: int, unreliable: bool) -> Fault:
     """Return the fault, described."""
     changed = Parameter("rate_changed", lag.change, "1")
     joints = f" (and {count - 1} more)" if count > 1 else ""
@@ -238,5 +243,11 @@ def fault_of(joint: str, lag: Lag, count: int, unreliable: bool) -> Fault:
         what = f"is {digits(1e3 * lag.cause, 2)} ms later than the angle"
         mend = "leave the rate out, or log rates with the time that they are of: drives average over the time before"
     return Fault(
-        NAME, joint, f"{joint}{joints}: the rate {what}, {harm}", figures, lag.change / VISIBLE, unreliable, mend
+        "filtered-velocity",
+        joint,
+        f"{joint}{joints}: the rate {what}, {harm}",
+        figures,
+        lag.change / VISIBLE,
+        unreliable,
+        mend,
     )

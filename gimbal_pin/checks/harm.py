@@ -62,11 +62,11 @@ def spoils_torque(rig: Rig, log: Log, mended: Log, filtering: Filtering) -> bool
     left = np.concatenate([compute_residuals(block, theta) for block in good])
     torque = np.concatenate([block.b for block in good])
     floor, size = (np.sqrt(np.mean(x**2, axis=0)) for x in (left, torque))
-    error = np.sqrt(np.mean(difference(good, left, bad, theta, filtering.cutoff) ** 2, axis=0))
+    error = np.sqrt(np.mean(compute_difference(good, left, bad, theta, filtering.cutoff) ** 2, axis=0))
     return bool(np.any(error > np.maximum(np.maximum(floor, MATERIAL * size), 1e-300)))
 
 
-def difference(good: Sequence[Block], left: Array, bad: Sequence[Block], theta: Array, cutoff: float) -> Array:
+def compute_difference(good: Sequence[Block], left: Array, bad: Sequence[Block], theta: Array, cutoff: float) -> Array:
     """Return the bad rows' residual less the good ones', at those times of the good rows near which there are both."""
     if not bad:
         return np.zeros((1, left.shape[1]))

@@ -10,20 +10,19 @@ import numpy as np
 
 from gimbal_pin.checks.harm import spoils_torque
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.checks.series import WORDS, channels, edges, left_out, level, medians
+from gimbal_pin.checks.series import WORDS, compute_medians, compute_trimmed_rms, find_runs, get_channels, leave_out
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags, dilate_flags
 from gimbal_pin.rig.rig import Rig
 
-NAME = "outliers"
 WINDOW = 0.5
 """Length of the windows whose own noise a sample is judged by, s."""
 NEAR, WIDE = 12.0, 6.0
 """A spike exceeds its window's median by the first factor, and the log's noise by the second."""
 HEIGHT = float(np.sqrt(1.0 + 34.0 / 36.0))
-"""Height of a spike per unit of what `left_out` leaves of it on an even grid."""
+"""Height of a spike per unit of what `leave_out` leaves of it on an even grid."""
 LONE = 0.5
 """Its neighbours differ by less than this share of it."""
 RARE = 0.02
@@ -49,7 +48,7 @@ class Wild(NamedTuple):
     size: float
 
 
-def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+def check_outliers(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``|x_k - cubic through its four neighbours|`` far above its window's: a bit error, a lost message, a knock.
 
     Also stretches in which this roughness is far above the rest of the log. The harm is the torque error that goes
@@ -57,46 +56,46 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """
     if len(log) < 8 * WINDOW / log.dt:
         return None
-    left = {name: left_out(log.t, values) for name, values in channels(log).items()}
-    found = spikes(log, left)
-    smooth = bridged(log, found)
-    left |= {name: left_out(log.t, getattr(smooth, name)) for name in {wild.channel for wild in found}}
-    bad = garbage(smooth, left)
+    left = {name: leave_out(log.t, values) for name, values in get_channels(log).items()}
+    found = find_spikes(log, left)
+    smooth = interpolate_spikes(log, found)
+    left |= {name: leave_out(log.t, getattr(smooth, name)) for name in {wild.channel for wild in found}}
+    bad = find_garbage(smooth, left)
     if not found and not bad:
         return None
     mended = smooth.part(np.flatnonzero(~np.any([wild.rows for wild in bad], axis=0))) if bad else smooth
     harmful = spoils_torque(rig, log, mended, filtering)
     if not bad and not harmful and max(wild.size for wild in found) < GROSS:
         return None
-    return Examined(fault_of(log, found, bad, harmful or bool(bad)), (mended,))
+    return Examined(describe_outliers(log, found, bad, harmful or bool(bad)), (mended,))
 
 
-def spikes(log: Log, left: Mapping[str, Array]) -> list[Wild]:
-    """Return the channels that have lone wild samples, by what `left_out` leaves of each, (N - 4, n)."""
+def find_spikes(log: Log, left: Mapping[str, Array]) -> list[Wild]:
+    """Return the channels that have lone wild samples, by what `leave_out` leaves of each, (N - 4, n)."""
     out = []
-    for name, values in channels(log).items():
+    for name, values in get_channels(log).items():
         for j, (column, rough) in enumerate(zip(values.T, np.abs(left[name]).T)):
             hit = np.zeros(len(log), bool)
-            hit[2:-2] = lone(column, rough, log.dt)
+            hit[2:-2] = find_lone_samples(column, rough, log.dt)
             if hit.any() and np.mean(hit) < RARE:
                 size = HEIGHT * rough[hit[2:-2]].max() / max(float(np.std(column)), 1e-300)
                 out.append(Wild(name, j, hit, float(size)))
     return out
 
 
-def lone(column: Array, left: Array, dt: float) -> Flags:
+def find_lone_samples(column: Array, left: Array, dt: float) -> Flags:
     """Samples far from the cubic through their neighbours, which agree with each other, (N - 4,)."""
-    wild = left > WIDE * level(left)
+    wild = left > WIDE * compute_trimmed_rms(left)
     if not wild.any():
         return wild
     length = max(8, min(round(WINDOW / dt), len(left)))
-    window = np.repeat(medians(left[:, None], length)[:, 0] / 0.6745, length)[: len(left)]
+    window = np.repeat(compute_medians(left[:, None], length)[:, 0] / 0.6745, length)[: len(left)]
     # A step has one of these on either side of it, a spike none.
     near, far = np.abs(column[3:-1] - column[1:-3]), np.abs(column[4:] - column[:-4])
     return np.asarray(wild & (left > NEAR * window) & (np.maximum(near, far) < LONE * HEIGHT * left))
 
 
-def bridged(log: Log, found: Sequence[Wild]) -> Log:
+def interpolate_spikes(log: Log, found: Sequence[Wild]) -> Log:
     """Return the log with lone samples interpolated from their neighbours."""
     values: dict[str, Any] = {wild.channel: np.array(getattr(log, wild.channel)) for wild in found}
     for name, j, hit, _ in found:
@@ -104,22 +103,22 @@ def bridged(log: Log, found: Sequence[Wild]) -> Log:
     return replace(log, **values)
 
 
-def garbage(log: Log, left: Mapping[str, Array]) -> list[Wild]:
-    """Return stretches in which a channel is far rougher than it is in the median window; `left` as in `spikes`."""
+def find_garbage(log: Log, left: Mapping[str, Array]) -> list[Wild]:
+    """Return stretches in which a channel is far rougher than in the median window; `left` as in `find_spikes`."""
     length = max(8, round(SHORT / log.dt))
     out = []
 
-    def roughness(name: str, j: int) -> Array:
-        return medians(np.pad(np.abs(left[name][:, [j]]), ((2, 2), (0, 0))), length)[:, 0] / 0.6745
+    def compute_roughness(name: str, j: int) -> Array:
+        return compute_medians(np.pad(np.abs(left[name][:, [j]]), ((2, 2), (0, 0))), length)[:, 0] / 0.6745
 
-    for name, values in channels(log).items():
+    for name, values in get_channels(log).items():
         for j, spread in enumerate(np.maximum(np.std(values, axis=0), 1e-300).tolist()):
             if np.sum(np.abs(left[name][:, j]) > 0.6745 * WILD * spread) < length // 2 - 2:
                 continue  # no window's median can be so large
-            window = roughness(name, j)
+            window = compute_roughness(name, j)
             wild = (window > ROUGH * np.median(window)) & (window > WILD * spread)
             if name == "v":
-                wild &= window > OWN * roughness("q", j) / log.dt
+                wild &= window > OWN * compute_roughness("q", j) / log.dt
             rows = np.repeat(wild, length)[: len(log)]
             if wild.any() and np.mean(rows) < PART:
                 rows = dilate_flags(rows[:, None], length // 2)[:, 0]
@@ -127,11 +126,11 @@ def garbage(log: Log, left: Mapping[str, Array]) -> list[Wild]:
     return out
 
 
-def fault_of(log: Log, found: Sequence[Wild], bad: Sequence[Wild], unreliable: bool) -> Fault:
+def describe_outliers(log: Log, found: Sequence[Wild], bad: Sequence[Wild], unreliable: bool) -> Fault:
     """Return the fault, described."""
     worst = max(bad or found, key=lambda wild: wild.size * int(wild.rows.sum()))
     count = sum(int(wild.rows.sum()) for wild in found)
-    seconds = sum(end - begin for wild in bad for begin, end in edges(wild.rows)) * log.dt
+    seconds = sum(end - begin for wild in bad for begin, end in find_runs(wild.rows)) * log.dt
     figures = (
         Parameter("spikes", float(count), "samples"),
         Parameter("garbage", float(seconds), "s"),
@@ -144,4 +143,4 @@ def fault_of(log: Log, found: Sequence[Wild], bad: Sequence[Wild], unreliable: b
     joint = log.joints[worst.joint]
     sentence = f"{joint}: {' and '.join(parts)}, worst in the {WORDS[worst.channel]}; {end}"
     mend = "look for bit errors, loose plugs and knocks at those times; record again, or go on without the samples"
-    return Fault(NAME, joint, sentence, figures, worst.size / GROSS, unreliable, mend)
+    return Fault("outliers", joint, sentence, figures, worst.size / GROSS, unreliable, mend)

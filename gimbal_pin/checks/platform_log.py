@@ -8,11 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gimbal_pin.checks.series import find_runs
 from gimbal_pin.errors import LogError, digits
 from gimbal_pin.log.log import GAP, Array, Imu
 from gimbal_pin.log.platform import CUTOFF, TURNS
+from gimbal_pin.regression import Flags
 
-Flags = NDArray[np.bool_]
 _REPEATS, _HELD = 8, 0.05
 """All axes of a sensor repeat themselves over so many samples, and so many seconds: it is frozen."""
 _STUCK, _LONG = 25, 0.25
@@ -31,7 +32,7 @@ _BIASED = 0.1
 """Largest constant rate, rad/s, that is taken for the bias of a gyro at rest."""
 
 
-class Usable(NamedTuple):
+class UsablePlatform(NamedTuple):
     """The usable part of a platform's log.
 
     Attributes:
@@ -45,7 +46,7 @@ class Usable(NamedTuple):
     notes: tuple[str, ...]
 
 
-def sound(t: Array, imu: Imu, name: str) -> Usable:
+def check_platform_log(t: Array, imu: Imu, name: str) -> UsablePlatform:
     """Leave out frozen readings, and take the longest stretch without a gap that is too long to interpolate.
 
     Args:
@@ -59,7 +60,7 @@ def sound(t: Array, imu: Imu, name: str) -> Usable:
     if len(t) < 2:
         raise LogError(name, "has one row, which shows no motion", f"record at least {_SHORTEST:g} s of the platform")
     if imu.gyro is None or imu.accel is None:  # `Platform.measured` refuses that
-        return Usable(t, imu, ())
+        return UsablePlatform(t, imu, ())
     mean = float(np.mean(np.linalg.norm(imu.accel, axis=1)))
     if not _WEIGHT[0] < mean < _WEIGHT[1]:
         what = f"its accelerometer reads {digits(mean)} m/s² in the mean, and whoever is carried feels 9.81"
@@ -74,7 +75,7 @@ def sound(t: Array, imu: Imu, name: str) -> Usable:
         notes.append(f"sampled at {digits(rate)} Hz: motion above {digits(rate / 2)} Hz is not in it")
     if rms > _FAST:
         notes.append(f"turns at {digits(rms)} rad/s rms: if that is in degrees, map it with *pi/180")
-    return Usable(kept, imu.part(rows[first:end]), tuple(f"{name}: {note}" for note in notes))
+    return UsablePlatform(kept, imu.part(rows[first:end]), tuple(f"{name}: {note}" for note in notes))
 
 
 def _find_frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags, list[str]]:
@@ -98,7 +99,7 @@ def _find_frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags,
                 own |= _find_long_runs(axis, max(_STUCK, _LONG / dt))
         own &= turns
         stuck |= own
-        if found := _find_runs(own):
+        if found := find_runs(own):
             lengths = [float(t[min(end, len(t) - 1)] - t[begin - 1]) for begin, end in found]
             k = int(np.argmax(lengths))
             times = "once" if len(found) == 1 else f"{len(found)} times, the longest time"
@@ -111,15 +112,9 @@ def _find_frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags,
 def _find_long_runs(flags: Flags, samples: float) -> Flags:
     """Return the flags of runs of at least so many samples, counting the sample that they repeat."""
     out = np.zeros(len(flags), dtype=bool)
-    for begin, end in _find_runs(flags):
+    for begin, end in find_runs(flags):
         out[begin:end] = end - begin + 1 >= samples
     return out
-
-
-def _find_runs(flags: Flags) -> list[tuple[int, int]]:
-    """First and one past the last index of every run of true flags."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
-    return list(zip(ends[::2].tolist(), ends[1::2].tolist()))
 
 
 def _find_longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[int, int, list[str]]:

@@ -162,14 +162,14 @@ class Fault:
             "joint": self.joint,
             "status": "data",
             "class": [self.cause],
-            "parameters": as_json(self.parameters),
+            "parameters": describe_parameters(self.parameters),
             **dict.fromkeys(physical),
             "rivals": [],
             "sentence": self.sentence,
             "next_experiment": self.next_experiment,
             "strength": self.strength,
             "makes_physics_unreliable": self.makes_physics_unreliable,
-            "answer": as_json(self.answer),
+            "answer": describe_parameters(self.answer),
         }
 
 
@@ -184,6 +184,6 @@ Check = Callable[[Rig, Log, Filtering], "Examined | None"]
 """Examines one trajectory for one cause."""
 
 
-def as_json(parameters: tuple[Parameter, ...]) -> dict[str, dict[str, Any]]:
+def describe_parameters(parameters: tuple[Parameter, ...]) -> dict[str, dict[str, Any]]:
     """Return ``{name: {"value": .., "std": .., "unit": ..}}``; a deviation that was not estimated is null."""
     return {p.name: {"value": p.value, "std": p.std if isfinite(p.std) else None, "unit": p.unit} for p in parameters}

@@ -20,12 +20,12 @@ WORDS = {"q": "angle", "v": "rate", "tau": "torque"}
 Indices = NDArray[np.integer[Any]]
 
 
-def channels(log: Log) -> dict[str, Array]:
+def get_channels(log: Log) -> dict[str, Array]:
     """Return the measured channels that there are, each (N, n)."""
     return {name: value for name in CHANNELS if (value := getattr(log, name)) is not None}
 
 
-def left_out(t: Array, x: Array) -> Array:
+def leave_out(t: Array, x: Array) -> Array:
     """Return ``x_k - p(t_k)``, p the cubic through the samples k-2, k-1, k+1, k+2, (N - 4, n), scaled to white noise.
 
     White noise of deviation σ gives σ whatever the spacing; anything smooth gives nothing.
@@ -45,17 +45,17 @@ def left_out(t: Array, x: Array) -> Array:
     return np.asarray((x[2 : 2 + n] - guess) / np.sqrt(size)[:, None])
 
 
-def local_noise(t: Array, x: Array, parts: int) -> Array:
-    """Standard deviation of the white noise in each of so many parts of a log, (parts, n), by `left_out`.
+def estimate_local_noise(t: Array, x: Array, parts: int) -> Array:
+    """Standard deviation of the white noise in each of so many parts of a log, (parts, n), by `leave_out`.
 
     Samples beside a hole are left out: a cubic across it is no measure.
     """
     whole = t[4:] - t[:-4] < 6.0 * np.median(np.diff(t))
-    split = np.array_split(left_out(t, x)[whole] ** 2, parts)
+    split = np.array_split(leave_out(t, x)[whole] ** 2, parts)
     return np.sqrt([np.sort(part, axis=0)[: max(1, int(signals.KEPT * len(part)))].mean(axis=0) for part in split])
 
 
-def medians(values: Array, length: int) -> Array:
+def compute_medians(values: Array, length: int) -> Array:
     """Median of each column over windows of so many samples, the last one shorter, (windows, n)."""
     whole = len(values) // length * length
     windows = np.median(values[:whole].reshape(-1, length, values.shape[1]), axis=1)
@@ -63,19 +63,19 @@ def medians(values: Array, length: int) -> Array:
     return np.concatenate([windows, np.median(rest, axis=0)[None]]) if len(rest) else windows
 
 
-def level(values: Array) -> float:
+def compute_trimmed_rms(values: Array) -> float:
     """Root mean square without the largest two per cent."""
     count = max(1, int(0.98 * len(values)))
     return float(np.sqrt(np.partition(values**2, count - 1)[:count].mean()))
 
 
-def edges(flags: Flags) -> list[tuple[int, int]]:
+def find_runs(flags: Flags) -> list[tuple[int, int]]:
     """First and one past the last index of every run of true flags."""
     ends = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return list(zip(ends[::2].tolist(), ends[1::2].tolist()))
 
 
-def quantum(column: Array) -> float:
+def find_step(column: Array) -> float:
     """``max d`` with every change a whole multiple of d, but for rounding in the log; 0 if there is none."""
     levels = np.unique(column)
     # A file holds some digits of each value: two writings of one level are one level.
@@ -88,14 +88,14 @@ def quantum(column: Array) -> float:
     return step if np.mean(np.abs(gaps / step - np.round(gaps / step)) < 0.05) > 0.95 else 0.0
 
 
-def bits(step: float) -> float:
+def count_bits(step: float) -> float:
     """Resolution of an angle in bits per turn; infinite where it has no step."""
     return log2(2 * pi / step) if step > 0 else float("inf")
 
 
-def angle_noise(log: Log, measured: Array) -> Array:
+def estimate_angle_noise(log: Log, measured: Array) -> Array:
     """The angles' noise, rad: what was measured, or the quantisation's ``step / √12`` where that is more.
 
     A joint that moves slowly over coarse steps rests on each for long, and its differences do not show them.
     """
-    return np.maximum(measured, np.array([quantum(column) for column in log.q.T]) / np.sqrt(12.0))
+    return np.maximum(measured, np.array([find_step(column) for column in log.q.T]) / np.sqrt(12.0))

@@ -10,14 +10,13 @@ import numpy as np
 
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.checks.series import CHANNELS, WORDS, channels, edges, level, quantum
+from gimbal_pin.checks.series import CHANNELS, WORDS, compute_trimmed_rms, find_runs, find_step, get_channels
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags, classify_base_motion, compute_residuals, dilate_flags, fit_weighted
 from gimbal_pin.rig.rig import Rig
 
-NAME = "stuck-channel"
 SAMPLES, SECONDS = 8, 0.02
 """A run of equal values is long from so many samples, and from so long, on."""
 SHORTEST = 1.0
@@ -32,7 +31,7 @@ STEPS = 4.0
 """Steps of its encoder by which an angle must have moved on unseen."""
 
 
-class Held(NamedTuple):
+class HeldRows(NamedTuple):
     """Rows in which one channel of one joint does not change, (N,), and how far the other channels deny it."""
 
     channel: str
@@ -41,7 +40,7 @@ class Held(NamedTuple):
     loudness: float
 
 
-def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
+def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``x_k = x_{k-1}`` over a stretch in which the other channels say that x must change.
 
     Angle and rate deny each other: over the run, ``q - ∫ v dt`` travels further than over other windows of its length.
@@ -50,53 +49,53 @@ def examine(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """
     if log.t[-1] - log.t[0] < SHORTEST:
         return None
-    found = [held for held in candidates(rig, log, filtering) if held.loudness > LOUD]
+    found = [held for held in find_constant_channels(rig, log, filtering) if held.loudness > LOUD]
     if not found:
         return None
     worst = max(found, key=lambda held: int(held.rows.sum()))
     bad = dilate_flags(np.any([held.rows for held in found], axis=0)[:, None], 2)[:, 0]
-    fault = fault_of(rig, log, worst, len(found))
+    fault = describe_stuck_channel(rig, log, worst, len(found))
     if bad.mean() > 0.5:
         return Examined(fault)
     return Examined(fault, (log.part(np.flatnonzero(~bad)),))
 
 
-def candidates(rig: Rig, log: Log, filtering: Filtering) -> Iterator[Held]:
+def find_constant_channels(rig: Rig, log: Log, filtering: Filtering) -> Iterator[HeldRows]:
     """Yield every channel that is constant somewhere, with what the others say to it."""
     for j in range(rig.n):
-        constants = {name: constant(x[:, j], log.dt) for name, x in channels(log).items()}
+        constants = {name: find_constant_rows(x[:, j], log.dt) for name, x in get_channels(log).items()}
         for name in ("q", "v"):
             if log.v is not None and constants[name].any():
-                yield Held(name, j, *contradicted(log, j, channels(log)[name][:, j], constants[name]))
+                yield HeldRows(name, j, *find_contradicted_runs(log, j, get_channels(log)[name][:, j], constants[name]))
         if log.v is None and constants["q"].any():
-            yield Held("q", j, *released(log.q[:, j], constants["q"]))
+            yield HeldRows("q", j, *find_released_runs(log.q[:, j], constants["q"]))
         if "tau" in constants and constants["tau"].any():
-            yield Held("tau", j, constants["tau"], denied_torque(rig, log, j, constants["tau"], filtering))
+            yield HeldRows("tau", j, constants["tau"], compute_denial(rig, log, j, constants["tau"], filtering))
 
 
-def constant(column: Array, dt: float) -> Flags:
+def find_constant_rows(column: Array, dt: float) -> Flags:
     """Rows in long runs of one value, or at a rail, (N,)."""
     same = np.append(False, np.diff(column) == 0.0)
     out = np.zeros(len(column), bool)
-    for begin, end in edges(same):
+    for begin, end in find_runs(same):
         if end - begin + 1 >= max(SAMPLES, SECONDS / dt):
             out[begin - 1 : end] = True
     written = 1e-7 * float(np.abs(column).max(initial=0.0))  # a file holds some digits of a value
     for rail in (column.min(), column.max()):
         there = np.abs(column - rail) <= written
-        if np.mean(there) > RAIL and there.sum() > RUN * len(edges(there)):
+        if np.mean(there) > RAIL and there.sum() > RUN * len(find_runs(there)):
             out |= there
     return out
 
 
-def held(column: Array, rows: Flags) -> Iterator[tuple[int, int]]:
+def iterate_runs(column: Array, rows: Flags) -> Iterator[tuple[int, int]]:
     """Yield begin and end of every run of one value among these rows."""
-    for begin, end in edges(rows):
+    for begin, end in find_runs(rows):
         cuts = begin + 1 + np.flatnonzero(np.diff(column[begin:end]))
         yield from itertools.pairwise([begin, *cuts.tolist(), end])
 
 
-def contradicted(log: Log, j: int, column: Array, rows: Flags) -> tuple[Flags, float]:
+def find_contradicted_runs(log: Log, j: int, column: Array, rows: Flags) -> tuple[Flags, float]:
     """Those runs over which ``q - ∫ v dt`` travels too far, (N,), and how far, over its usual travel."""
     from scipy.ndimage import median_filter
 
@@ -106,21 +105,21 @@ def contradicted(log: Log, j: int, column: Array, rows: Flags) -> tuple[Flags, f
     # A hole in the log tells nothing of what the rate was in it.
     whole = steps < 4.5 * log.dt
     apart = np.append(0.0, np.cumsum(np.where(whole, np.diff(q) - 0.5 * (v[1:] + v[:-1]) * steps, 0.0)))
-    step, spread = quantum(q), SHARE * float(np.std(v)) * log.dt
+    step, spread = find_step(q), SHARE * float(np.std(v)) * log.dt
     out, loudness = np.zeros(len(rows), bool), 0.0
-    for begin, end in held(column, rows):
+    for begin, end in iterate_runs(column, rows):
         travel = float(np.ptp(apart[begin:end]))
         # An angle that came there by a step rests on it until the next.
         least = STEPS * max(step, abs(float(q[begin] - q[max(begin - 1, 0)])))
         if travel > max(least, spread * (end - begin)):
-            usual = usual_travel(apart, ~rows, begin, end)
+            usual = compute_usual_travel(apart, ~rows, begin, end)
             if travel > LOUD * usual:
                 out[begin:end] = True
                 loudness = max(loudness, travel / max(usual, 1e-300))
     return out, loudness
 
 
-def usual_travel(apart: Array, free: Flags, begin: int, end: int) -> float:
+def compute_usual_travel(apart: Array, free: Flags, begin: int, end: int) -> float:
     """Travel over windows as long as this one: the median of 200 of them, or the most of those nearby if that is more.
 
     In a fifth of such a window at most the channel may be held.
@@ -135,12 +134,12 @@ def usual_travel(apart: Array, free: Flags, begin: int, end: int) -> float:
     return max(float(np.median(far)) if far else 0.0, max(near, default=0.0))
 
 
-def released(column: Array, rows: Flags) -> tuple[Flags, float]:
+def find_released_runs(column: Array, rows: Flags) -> tuple[Flags, float]:
     """Runs that an angle leaves with a jump, (N,), and the largest jump over its ordinary change between samples."""
     changes = np.abs(np.diff(column))
     ordinary = max(float(np.quantile(changes, 0.99)), 1e-300)
     out, loudness = np.zeros(len(rows), bool), 0.0
-    for begin, end in held(column, rows):
+    for begin, end in iterate_runs(column, rows):
         jump, arrival = (changes[k] if 0 <= k < len(changes) else 0.0 for k in (end - 1, begin - 1))
         if jump > max(LOUD * ordinary, LOUD * arrival, SHARE * float(np.std(column))):
             out[begin:end] = True
@@ -148,7 +147,7 @@ def released(column: Array, rows: Flags) -> tuple[Flags, float]:
     return out, loudness
 
 
-def denied_torque(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering) -> float:
+def compute_denial(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering) -> float:
     """Residual over the held rows under the model that the others give, over what it should be; 0 where that is little.
 
     What it should be is the residual elsewhere and the model's own uncertainty there: a motor that was off while the
@@ -167,21 +166,24 @@ def denied_torque(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering)
     if not held.any() or held.all() or not np.isfinite(found.covariance).all():
         return 0.0
     unsure = np.einsum("tk,kl,tl->t", A[held], found.covariance, A[held])
-    inside, expected = np.sqrt(np.mean(error[held] ** 2)), np.sqrt(level(error[~held]) ** 2 + np.mean(unsure))
+    inside, expected = (
+        np.sqrt(np.mean(error[held] ** 2)),
+        np.sqrt(compute_trimmed_rms(error[~held]) ** 2 + np.mean(unsure)),
+    )
     return float(inside / max(expected, 1e-300)) if inside > SHARE * np.std(torque) else 0.0
 
 
-def fault_of(rig: Rig, log: Log, worst: Held, count: int) -> Fault:
+def describe_stuck_channel(rig: Rig, log: Log, worst: HeldRows, count: int) -> Fault:
     """Return the fault, described."""
     joint, what = rig.joints[worst.joint], WORDS[worst.channel]
-    longest = max(end - begin for begin, end in edges(worst.rows)) * log.dt
+    longest = max(end - begin for begin, end in find_runs(worst.rows)) * log.dt
     share = float(np.mean(worst.rows))
     figures = (
         Parameter("channel", float(CHANNELS.index(worst.channel)), "0 angle, 1 rate, 2 torque"),
         Parameter("longest", longest, "s"),
         Parameter("share", share, "1"),
     )
-    column = channels(log)[worst.channel][:, worst.joint]
+    column = get_channels(log)[worst.channel][:, worst.joint]
     railed = np.all(np.isin(column[worst.rows], (column.min(), column.max())))
     does = "ends at a rail" if railed else "stands still"
     sentence = (
@@ -189,4 +191,4 @@ def fault_of(rig: Rig, log: Log, worst: Held, count: int) -> Fault:
         f"the joint moves on" + (f" ({count} channels in all)" if count > 1 else "")
     )
     mend = f"check the {what} sensor's wiring, range and bus messages, and record again"
-    return Fault(NAME, joint, sentence, figures, worst.loudness / LOUD, True, mend)
+    return Fault("stuck-channel", joint, sentence, figures, worst.loudness / LOUD, True, mend)

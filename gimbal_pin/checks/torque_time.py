@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks.clock import NAME
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.checks.record import Fault
 from gimbal_pin.effects.delay import SLOWEST
@@ -74,34 +73,34 @@ class Shift(NamedTuple):
 
 def check_time(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> tuple[str, ...]:
     """Raise `LogError` if a torque acts too early or late to be this motion's; say where it is noticeably so."""
-    return tuple(said for log in logs for said in told(log, misplaced(rig, log, filtering)))
+    return tuple(said for log in logs for said in report_shifts(log, find_shifted_torques(rig, log, filtering)))
 
 
-def told(log: Log, found: Sequence[Shift]) -> tuple[str, ...]:
+def report_shifts(log: Log, found: Sequence[Shift]) -> tuple[str, ...]:
     """Raise `LogError` if a torque acts beyond the bounds; say by how much where it is within them."""
     if beyond := [one for one in found if one.beyond]:
-        raise LogError(log.name, described(beyond), mend(log, beyond))
-    return (f"{log.name}: {described(found)}; {mend(log, found)}",) if found else ()
+        raise LogError(log.name, describe_shifts(beyond), suggest_shift(log, beyond))
+    return (f"{log.name}: {describe_shifts(found)}; {suggest_shift(log, found)}",) if found else ()
 
 
-def mistimed(log: Log, found: Sequence[Shift]) -> Fault | None:
+def find_time_fault(log: Log, found: Sequence[Shift]) -> Fault | None:
     """Return the fault of a log with a torque beyond the bounds, or None."""
     if not (beyond := [one for one in found if one.beyond]):
         return None
-    worst = clearest(beyond)
+    worst = find_clearest(beyond)
     figures = (Parameter("late", -worst.by, "s"), Parameter("left", worst.left / worst.within, "1"))
-    sentence = f"{log.name}: {described(beyond)}; no physics is looked for in it"
-    return Fault(NAME, worst.joint, sentence, figures, abs(worst.by / EARLIEST), True, mend(log, beyond))
+    sentence = f"{log.name}: {describe_shifts(beyond)}; no physics is looked for in it"
+    return Fault("clock", worst.joint, sentence, figures, abs(worst.by / EARLIEST), True, suggest_shift(log, beyond))
 
 
-def clearest(found: Sequence[Shift]) -> Shift:
+def find_clearest(found: Sequence[Shift]) -> Shift:
     """Return the shift that explains most."""
     return min(found, key=lambda one: one.left / one.within)
 
 
-def described(found: Sequence[Shift]) -> str:
+def describe_shifts(found: Sequence[Shift]) -> str:
     """Say by how much which torques are late or early."""
-    worst = clearest(found)
+    worst = find_clearest(found)
     size, when = digits(1e3 * abs(worst.by), 3), "late" if worst.by < 0 else "early"
     left, within = (digits(100 * float(np.sqrt(share)), 2) for share in (worst.left, worst.within))
     columns = ", ".join(f"tau_{one.joint}" for one in found)
@@ -109,13 +108,13 @@ def described(found: Sequence[Shift]) -> str:
     return f"{columns} {'is' if len(found) == 1 else 'are'} {size} ms {when}: {gain}"
 
 
-def mend(log: Log, found: Sequence[Shift]) -> str:
+def suggest_shift(log: Log, found: Sequence[Shift]) -> str:
     """Say what takes the torque as it acts; all joints have one alignment."""
-    by = digits(clearest(found).by, 3)
+    by = digits(find_clearest(found).by, 3)
     return f"say so with --alignment {by}" if len(found) == len(log.joints) else f"shift it in time by {by} s"
 
 
-def misplaced(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
+def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
     """Return the joints whose torque acts noticeably early or late, as far as the log clearly says so.
 
     A log that fits as well within the bounds says nothing of the time: a slow one, or a motion of one tone. Where the
@@ -136,14 +135,14 @@ def misplaced(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
         A = columns[:, j, columns[:, j].any(axis=0)]
         if A.shape[1] == 0 or used[j] <= ROWS * A.shape[1]:
             continue
-        left = errors(A, torque[:, j])
+        left = compute_errors(A, torque[:, j])
         total = left.sum(axis=0)
         sharp = np.ptp(shifts[total <= ALIKE * total.min()]) < 3 * STEP
         for beyond, lower in ((True, EARLIEST), (False, -SMALL)):
             inside = (late >= lower) & (late <= SLOWEST)
-            k = best_outside(left, inside)
+            k = find_best_outside(left, inside)
             if k is not None and (beyond or (sharp and EARLIEST <= late[k] < 0)):
-                by, within = float(late[k] + STEP * vertex(total, k)), float(total[inside].min())
+                by, within = float(late[k] + STEP * find_vertex(total, k)), float(total[inside].min())
                 found.append(Shift(joint, by, float(total[k]), within, beyond))
                 break
     return tuple(found)
@@ -173,7 +172,7 @@ def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list
     return rows, torques
 
 
-def errors(A: Array, b: Array) -> Array:
+def compute_errors(A: Array, b: Array) -> Array:
     """Return the share of torques' squares, (m, s), that columns, (m, k), leave in each of `BLOCKS`, (blocks, s)."""
     left, size, _ = np.linalg.svd(A / np.linalg.norm(A, axis=0), full_matrices=False)
     left = left[:, size > 1e-9 * size[0]]
@@ -181,7 +180,7 @@ def errors(A: Array, b: Array) -> Array:
     return np.stack([part.sum(axis=0) for part in np.array_split(squares, BLOCKS)])
 
 
-def best_outside(left: Array, inside: Flags) -> int | None:
+def find_best_outside(left: Array, inside: Flags) -> int | None:
     """Return the number of the shift outside the bounds that clearly leaves less than any within, or None.
 
     Args:
@@ -199,7 +198,7 @@ def best_outside(left: Array, inside: Flags) -> int | None:
     return k if not inside[k] and total[k] < CLEARER * total[within] and better >= AGREEING else None
 
 
-def vertex(y: Array, k: int) -> float:
+def find_vertex(y: Array, k: int) -> float:
     """Return how far beyond place k a parabola through it and its neighbours is least, in places."""
     bend = float(y[k - 1] - 2 * y[k] + y[k + 1])
     return float(y[k - 1] - y[k + 1]) / (2 * bend) if bend > 0 else 0.0

@@ -106,14 +106,14 @@ class Holding:
 
     def taught(self, rig: str, payload: str | None) -> Log | None:
         """Return the log that teaches, if one is named; say what is wrong with its platform's IMU."""
-        from gimbal_pin.checks import sound
+        from gimbal_pin.checks import check_platform_log
 
         if self.learn is None:
             return None
         own: Sequence[str] = self.learn_map or (() if self.platform_log is not None else self.map)
         loaded, (log,) = load_logs(rig, payload, [self.learn], own)
         if loaded.base in log.imus:
-            noted(sound(log.t, log.imus[loaded.base], log.name).notes)
+            noted(check_platform_log(log.t, log.imus[loaded.base], log.name).notes)
         return log
 
     def verified(

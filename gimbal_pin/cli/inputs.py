@@ -107,7 +107,7 @@ def carried(
 
     Raises:
         UsageError: Both were given.
-        LogError: The log cannot be used, see `platform_log.sound`.
+        LogError: The log cannot be used, see `checks.check_platform_log`.
     """
     import numpy as np
 
@@ -127,12 +127,12 @@ def measured_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array,
     """Return time, s, (N,), and what the base's IMU reported in a log; say what is wrong with it.
 
     Raises:
-        LogError: The log cannot be used, see `platform_log.sound`.
+        LogError: The log cannot be used, see `checks.check_platform_log`.
     """
-    from gimbal_pin.checks import sound
+    from gimbal_pin.checks import check_platform_log
     from gimbal_pin.log.io import read_imu
 
-    t, imu, notes = sound(*read_imu(log, rig, rig.base, mapping), str(log))
+    t, imu, notes = check_platform_log(*read_imu(log, rig, rig.base, mapping), str(log))
     noted(notes)
     return t, imu
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.checks import CheckedLog, Fault, check_log
 from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
-from gimbal_pin.checks.torque_time import misplaced, mistimed, told
+from gimbal_pin.checks.torque_time import find_shifted_torques, find_time_fault, report_shifts
 from gimbal_pin.diagnosis.agreement import agreement, alone, outright
 from gimbal_pin.diagnosis.band import alternate, usual
 from gimbal_pin.diagnosis.counterfactual import off_centre, ridden
@@ -96,11 +96,11 @@ def examined(
     fitted = {log.name for log in train}
     checked = [one if one.log.name in fitted else one.judged_only() for one in checked]
     reliable = all(one.is_reliable for one in checked)
-    shifts = [(log, misplaced(rig, log, filtering)) for log in mended]
-    late = next((fault for log, found in shifts if (fault := mistimed(log, found)) is not None), None)
+    shifts = [(log, find_shifted_torques(rig, log, filtering)) for log in mended]
+    late = next((fault for log, found in shifts if (fault := find_time_fault(log, found)) is not None), None)
     if late is not None or not all(one.is_usable for one in checked):
         return spoilt(rig, logs, checked if late is None else with_fault(checked, late), filtering)
-    noticed = tuple(note for log, found in shifts for note in told(log, found))
+    noticed = tuple(note for log, found in shifts for note in report_shifts(log, found))
     try:
         said = searched(rig, logs, causes, rng, filtering, Parted(checked, train, test, whole))
     except DataError:

@@ -8,7 +8,7 @@ from math import isfinite
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.checks import Fault, stuck_channel
+from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis.engine import Explained
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.parameter import Parameter
@@ -61,7 +61,7 @@ def swing(rig: Rig, log: Log, cutoff: float) -> Fault | None:
         "swings, and such a log shows little but that limit"
     )
     mend = "record one that the loop holds, of lower gains or less delay"
-    return Fault(stuck_channel.NAME, rig.joints[j], sentence, figures, share / MOSTLY, True, mend).in_units(rig)
+    return Fault("stuck-channel", rig.joints[j], sentence, figures, share / MOSTLY, True, mend).in_units(rig)
 
 
 def spectrum(torque: Array) -> Array:

@@ -184,7 +184,7 @@ def identify(
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
         UsageError: An unknown way of holding out, or a log without torque.
         LogError: A log lacks a joint of the rig, a torque has the wrong sign, or two have changed places, see
-            `channel_assignment.check_assignment`; or one acts too early or late, see `torque_time.check_time`.
+            `checks.check_assignment`; or one acts too early or late, see `checks.check_time`.
     """
     checked = [check_log(rig, log, filtering=filtering, repairs_only=examined == "never") for log in logs]
     logs = [one.log for one in checked]

@@ -314,8 +314,8 @@ def identify_several(
     Raises:
         UsageError: Another way of holding out.
         DataError: The logs are too short, or some parameters leave no trace in them.
-        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`; or
-            one is in another unit, or acts too early or late, see `torque_time.check_time`.
+        LogError: A torque has the wrong sign, or two have changed places, see `checks.check_assignment`; or
+            one is in another unit, or acts too early or late, see `checks.check_time`.
     """
     reference = BARE if BARE in rigs else next(iter(rigs))
     order = (reference, *(name for name in rigs if name != reference))
@@ -382,8 +382,8 @@ def identify_new(
     Raises:
         UsageError: The known model was not identified, or is of another rig.
         DataError: The logs are too short, do not show the camera, or are of another gimbal.
-        LogError: A torque has the wrong sign, or two have changed places, see `channel_assignment.check_assignment`; or
-            one is in another unit, or acts too early or late, see `torque_time.check_time`.
+        LogError: A torque has the wrong sign, or two have changed places, see `checks.check_assignment`; or
+            one is in another unit, or acts too early or late, see `checks.check_time`.
     """
     rig, before = standing(rig, known), estimated(known)
     reduction = reduce(rig)

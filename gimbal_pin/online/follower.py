@@ -273,7 +273,7 @@ class Online:
 
         Raises:
             DataError: As `estimate`.
-            LogError: A torque has the wrong sign, see `channel_assignment.check_assignment`.
+            LogError: A torque has the wrong sign, see `checks.check_assignment`.
         """
         estimate = self.estimate(memory).estimate
         task = memory.task

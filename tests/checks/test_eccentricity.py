@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.checks import Eccentricity, eccentricity
+from gimbal_pin.checks import Eccentricity, fit_eccentricity
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import CAUSES
@@ -41,7 +41,7 @@ def test_a_pause_of_a_year_costs_nothing() -> None:
     t, q, v = swinging(5)
     size = Eccentricity(0.03, 0.04, 0.0)
     read, v = measured(5, q + size.error(q), v)
-    found = eccentricity(np.where(t < SECONDS / 2, t, t + 3e7), read, v)
+    found = fit_eccentricity(np.where(t < SECONDS / 2, t, t + 3e7), read, v)
     assert found is not None
     assert found.size == pytest.approx(0.05, abs=4 * found.std)
 
@@ -50,7 +50,7 @@ def test_a_pause_of_a_year_costs_nothing() -> None:
 def test_what_was_planted_is_found_and_mended(seed: int, size: float, phase: float, offset: float) -> None:
     t, q, v = swinging(seed)
     read, rate = measured(seed, q + offset + size * np.sin(q + phase), v)
-    found = eccentricity(t, read, rate)
+    found = fit_eccentricity(t, read, rate)
     assert found is not None
     assert found.size == pytest.approx(size, abs=5 * found.std)
     error = found.mended(read) - q
@@ -61,7 +61,7 @@ def test_what_was_planted_is_found_and_mended(seed: int, size: float, phase: flo
 def test_a_rates_own_faults_are_no_eccentricity(seed: int, scale: float, bias: float, late: int) -> None:
     t, q, v = swinging(seed)
     read, rate = measured(seed, q, np.roll(v, late) * scale + bias)
-    assert eccentricity(t[late:], read[late:], rate[late:]) is None
+    assert fit_eccentricity(t[late:], read[late:], rate[late:]) is None
 
 
 @given(a=st.floats(-0.15, 0.15), b=st.floats(-0.15, 0.15))
@@ -74,7 +74,7 @@ def test_mended_undoes_error(a: float, b: float) -> None:
 def test_rates_made_from_the_angles_show_nothing() -> None:
     t, q, _ = swinging(3)
     read = q + 0.05 * np.sin(q)
-    assert eccentricity(t, read, np.gradient(read, DT)) is None
+    assert fit_eccentricity(t, read, np.gradient(read, DT)) is None
 
 
 @pytest.fixture(scope="module")

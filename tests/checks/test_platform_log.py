@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.checks import sound
+from gimbal_pin.checks import check_platform_log
 from gimbal_pin.errors import LogError
 from gimbal_pin.log import Array, Imu, profile_s
 
@@ -27,7 +27,7 @@ def motion() -> tuple[Array, Array, Array]:
 
 def test_a_sound_log_passes_as_it_is() -> None:
     t, gyro, accel = motion()
-    kept, imu, notes = sound(t, Imu(gyro, accel), "ride.csv")
+    kept, imu, notes = check_platform_log(t, Imu(gyro, accel), "ride.csv")
     assert notes == ()
     np.testing.assert_array_equal(kept, t)
     np.testing.assert_array_equal(imu.accel, accel)
@@ -39,7 +39,7 @@ def test_frozen_readings_are_told_and_nothing_of_them_is_used(first: int, count:
     gyro[:, 2] = 0.5 + np.abs(gyro[:, 2])  # it turns all the time: whoever stands may repeat himself
     held = gyro if sensor == "gyro" else accel
     held[first : first + count] = held[first - 1]
-    kept, _, notes = sound(t, Imu(gyro, accel), "ride.csv")
+    kept, _, notes = check_platform_log(t, Imu(gyro, accel), "ride.csv")
     assert "repeats itself once" in notes[0] and f"from {t[first - 1]:.4g} s" in notes[0] and "ride.csv" in notes[0]
     assert not np.isin(t[first : first + count], kept).any()
     bridged = (count + 1) * DT <= 0.25
@@ -49,43 +49,43 @@ def test_frozen_readings_are_told_and_nothing_of_them_is_used(first: int, count:
 def test_one_axis_that_is_stuck_is_told_too_and_a_coarse_one_is_not() -> None:
     t, gyro, accel = (x.copy() for x in motion())
     gyro[600:700, 1] = gyro[600, 1]
-    assert "the gyro repeats itself once for 0.8" in sound(t, Imu(gyro, accel), "a")[2][0]
+    assert "the gyro repeats itself once for 0.8" in check_platform_log(t, Imu(gyro, accel), "a")[2][0]
     coarse = np.round(motion()[1] / 0.05) * 0.05
-    assert not any("gyro" in note for note in sound(t, Imu(coarse, accel), "a")[2])
+    assert not any("gyro" in note for note in check_platform_log(t, Imu(coarse, accel), "a")[2])
 
 
 def test_a_platform_that_pauses_is_not_frozen() -> None:
     t, gyro, accel = (x.copy() for x in motion())
     gyro[400:700], accel[400:700] = 0.0, [0.0, 0.0, 9.81]
-    assert sound(t, Imu(gyro, accel), "a").notes == ()
+    assert check_platform_log(t, Imu(gyro, accel), "a").notes == ()
 
 
 def test_gaps_are_told_and_of_long_ones_the_longest_stretch_between_is_used() -> None:
     t, gyro, accel = motion()
     keep = np.ones(N, dtype=bool)
     keep[200:220] = keep[500:600] = False  # 0.17 s and 0.81 s
-    kept, imu, notes = sound(t[keep], Imu(gyro[keep], accel[keep]), "a")
+    kept, imu, notes = check_platform_log(t[keep], Imu(gyro[keep], accel[keep]), "a")
     assert kept[0] == t[600] and kept[-1] == t[-1] and imu.gyro is not None and len(imu.gyro) == len(kept)
     assert "1 gap of more than 0.25 s, up to 0.808 s" in notes[0] and "4.8 to 11.99 s" in notes[0]
     keep[500:600] = True
-    (note,) = sound(t[keep], Imu(gyro[keep], accel[keep]), "a")[2]
+    (note,) = check_platform_log(t[keep], Imu(gyro[keep], accel[keep]), "a")[2]
     assert "1 gap of up to 0.168 s" in note and "interpolated" in note
 
 
 def test_what_nobody_can_be_carried_along_is_refused_with_the_mend() -> None:
     t, gyro, accel = motion()
     with pytest.raises(LogError, match="gyro never changes"):
-        sound(t, Imu(np.ones_like(gyro), accel), "a")
+        check_platform_log(t, Imu(np.ones_like(gyro), accel), "a")
     with pytest.raises(LogError, match=r"9\.81 where it is in g"):
-        sound(t, Imu(gyro, accel / 9.81), "a")
+        check_platform_log(t, Imu(gyro, accel / 9.81), "a")
     keep = np.arange(N) % 150 < 100  # 0.8 s, then 0.4 s of nothing
     with pytest.raises(LogError, match="no 2 s in a row"):
-        sound(t[keep], Imu(gyro[keep], accel[keep]), "a")
+        check_platform_log(t[keep], Imu(gyro[keep], accel[keep]), "a")
     with pytest.raises(LogError, match="gyro never changes"):  # and never did: no platform turns so evenly
-        sound(t, Imu(np.full_like(gyro, 0.25), np.full_like(accel, 5.66)), "a")
-    assert "the platform stands" in sound(t, Imu(0 * gyro, np.full_like(accel, 5.66)), "a")[2][0]
-    assert "pi/180" in sound(t, Imu(gyro * 57.3, accel), "a")[2][0]
-    assert "sampled at 25 Hz" in sound(t[::5], Imu(gyro[::5], accel[::5]), "a")[2][0]
+        check_platform_log(t, Imu(np.full_like(gyro, 0.25), np.full_like(accel, 5.66)), "a")
+    assert "the platform stands" in check_platform_log(t, Imu(0 * gyro, np.full_like(accel, 5.66)), "a")[2][0]
+    assert "pi/180" in check_platform_log(t, Imu(gyro * 57.3, accel), "a")[2][0]
+    assert "sampled at 25 Hz" in check_platform_log(t[::5], Imu(gyro[::5], accel[::5]), "a")[2][0]
 
 
 def test_the_command_line_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from gimbal_pin.checks.stuck_channel import denied_torque
+from gimbal_pin.checks.stuck_channel import compute_denial
 from gimbal_pin.control import perturbed, tune
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import Model, Sensors, base, noisy, nominal, readings, reduce, simulate
@@ -273,7 +273,7 @@ def test_a_torque_that_sticks_while_the_base_moves_is_told_by_what_the_rest_of_t
     log = replace(log, imus={rig.base: Imu(platform.w, platform.f)})
     rest = log.part(np.flatnonzero(still))
     assert classify_base_motion(rig, rest) == "fixed" != classify_base_motion(rig, log)
-    assert 0.0 <= denied_torque(rig, log, 0, ~still, EXACT) < np.inf
+    assert 0.0 <= compute_denial(rig, log, 0, ~still, EXACT) < np.inf
 
 
 def test_a_platform_log_without_an_accelerometer_is_refused(run: Run, tmp_path: Path) -> None:
