@@ -21,7 +21,7 @@ RNG = np.random.default_rng
 
 def recorded(rig: Rig, *planted: str, seed: int = 0) -> Log:
     model = plant_with(nominal(rig), [parse_effect(one, rig) for one in planted]).plant
-    return prescribed(model, seed, seconds=12.0, torque_noise=2e-3, dt=4e-3)
+    return prescribed(model, seed, seconds=16.0, torque_noise=2e-3, dt=2e-3)
 
 
 def fitted(rig: Rig, log: Log, *causes: Cause) -> State:
