@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from enum import Enum
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -158,6 +159,8 @@ def size(thing: object) -> int:
         return (thing if thing.base is None else thing.base).nbytes
     if isinstance(thing, (tuple, list)):
         return sum(size(part) for part in thing)
+    if isinstance(thing, Enum):
+        return 0
     return sum(size(part) for part in vars(thing).values()) if hasattr(thing, "__dict__") else 0
 
 
