@@ -56,7 +56,8 @@ def check_outliers(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """
     if len(log) < 8 * WINDOW / log.dt:
         return None
-    left = {name: leave_out(log.t, values) for name, values in get_channels(log).items()}
+    names, values = zip(*get_channels(log).items())
+    left = dict(zip(names, np.split(leave_out(log.t, np.hstack(values)), len(names), axis=1)))
     found = find_spikes(log, left)
     smooth = interpolate_spikes(log, found)
     left |= {name: leave_out(log.t, getattr(smooth, name)) for name in {wild.channel for wild in found}}

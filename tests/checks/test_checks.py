@@ -18,11 +18,12 @@ from gimbal_pin.checks import CHECKS, Fault, check_log
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.control import bench_run, tune
 from gimbal_pin.dynamics import nominal, weight
-from gimbal_pin.log import Array, Log, read_log
+from gimbal_pin.log import Array, Log, read_log, write_log
 from gimbal_pin.regression import Filtering, fit_weighted
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
 from tests.checks.corruption import CORRUPTIONS
+from tests.command_line import Run, result
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 CONTRACT = Path(__file__).parents[3] / "shared" / "CONTRACT.md"
@@ -140,6 +141,17 @@ def test_what_is_altered_is_what_differs(turret: tuple[Rig, Log]) -> None:
     assert [one.channel for one in slow.alterations] == [f"dq_{joint}" for joint in rig.joints]
     stale = check_log(rig, bad := corrupted(log, "clock", jitter=0.0, stale=0.2))
     assert [(one.kind, one.samples) for one in stale.alterations] == [("rows-left-out", len(bad) - len(stale.log))]
+
+
+def test_verbs_list_what_they_alter(turret: tuple[Rig, Log], run: Run, tmp_path: Path) -> None:
+    rig, log = turret
+    path = tmp_path / "spikes.csv"
+    write_log(corrupted(log, "outliers", channel="q", share=0.001), path)
+    (shown,) = result(run, "inspect", path, "--rig", rig.name)["files"][0]["altered"]
+    (fitted,) = result(run, "identify", rig.name, path)["altered"]
+    assert (fitted["cause"], fitted["kind"], fitted["unit"]) == ("outliers", "changed", "rad")
+    assert shown.items() <= fitted.items() and fitted["log"] == str(path)
+    assert f"altered: {path}: {fitted['channel']}: {fitted['samples']} samples" in run("identify", rig.name, path)[1]
 
 
 @pytest.mark.parametrize("planted", ["outliers", "stuck-channel"])
