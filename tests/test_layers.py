@@ -46,9 +46,9 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 335,
+    "names at the top of more than one module": 330,
     "percent of functions that are one word": 52,
-    "upper-case constants": 1025,
+    "upper-case constants": 1006,
     "distinct deep names imported by the tests": 150,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""

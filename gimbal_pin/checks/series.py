@@ -52,7 +52,8 @@ def estimate_local_noise(t: Array, x: Array, parts: int) -> Array:
     """
     whole = t[4:] - t[:-4] < 6.0 * np.median(np.diff(t))
     split = np.array_split(leave_out(t, x)[whole] ** 2, parts)
-    return np.sqrt([np.sort(part, axis=0)[: max(1, int(signals.KEPT * len(part)))].mean(axis=0) for part in split])
+    kept = ((part, max(1, int(signals.KEPT_SHARE * len(part)))) for part in split)
+    return np.sqrt([np.sort(part, axis=0)[:count].mean(axis=0) for part, count in kept])
 
 
 def compute_medians(values: Array, length: int) -> Array:

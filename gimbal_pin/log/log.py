@@ -61,8 +61,6 @@ SMALLEST_VALUE = 1e-40
 """What is smaller, in any unit, is zero: no length is less than 1.6e-35 m, and fourth powers do not underflow."""
 LEAST_INTERVAL = 1e-9
 """Samples closer than this, s, are one: a thousandth of the interval of the fastest of drives."""
-_LONGEST = 1e6
-"""A log of more than this, s, eleven days, is several, or not in seconds."""
 
 
 def find_implausible(channel: str, values: Array) -> tuple[int, int, str, str] | None:
@@ -99,7 +97,7 @@ def find_untimely(t: Array) -> tuple[int, str, str] | None:
             return row, f"time goes back from {before!r} to {now!r} s", "sort the rows, or split the file there"
         what = f"time {now!r} s {'repeats' if now == before else 'is less than a nanosecond after'} the row before"
         return row, what, "delete one of the two rows, or write more digits"
-    if t[-1] - t[0] > _LONGEST:
+    if t[-1] - t[0] > 1e6:  # eleven days
         row = int(np.argmax(steps)) + 1
         what = f"time steps from {t[row - 1]:.6g} to {t[row]:.6g} s in a log of {t[-1] - t[0]:.3g} s"
         return row, what, "split the file there, or map t if it is not in s: --map t=COLUMN*FACTOR"

@@ -7,15 +7,16 @@ from scipy.signal import butter, sosfiltfilt
 
 from gimbal_pin.log.log import Array
 
-KEPT, KEPT_POWER = 0.98, 0.8735
+KEPT_SHARE, _KEPT_POWER = 0.98, 0.8735
 """Share of the samples that a noise estimate keeps, and the mean square of that share of a unit Gaussian."""
-ORDER = 3
-"""Order of the Butterworth low-pass; run forwards and backwards it falls by 6 dB at the cutoff."""
 
 
 def lowpass(cutoff: float, rate: float) -> Array:
-    """Return the second-order sections of the low-pass at `cutoff` Hz for samples at `rate` Hz."""
-    return butter(ORDER, min(cutoff, 0.45 * rate), fs=rate, output="sos")
+    """Return the second-order sections of a Butterworth low-pass at `cutoff` Hz for samples at `rate` Hz.
+
+    It is of third order; run forwards and backwards it falls by 6 dB at the cutoff.
+    """
+    return butter(3, min(cutoff, 0.45 * rate), fs=rate, output="sos")
 
 
 def compute_lowpass_settling(cutoff: float) -> float:
@@ -80,7 +81,7 @@ def jumping_noise_std(signal: Array) -> Array:
     across = jumps[:-2] | jumps[1:-1] | jumps[2:]
     share = np.mean(across, axis=0) if len(across) else np.zeros(signal.shape[1:])
     out = noise_std(signal)
-    for j in np.flatnonzero((share > 1 - KEPT) & (share < 0.5)):
+    for j in np.flatnonzero((share > 1 - KEPT_SHARE) & (share < 0.5)):
         out[j] = _estimate_spread(np.diff(signal[:, j], 3)[~across[:, j]])
     return out
 
@@ -88,8 +89,8 @@ def jumping_noise_std(signal: Array) -> Array:
 def _estimate_spread(differences: Array) -> Array:
     """Standard deviation of the white noise that third differences are of, per column."""
     squares = np.sort(differences**2, axis=0)
-    kept = squares[: max(1, int(KEPT * len(squares)))].mean(axis=0)
-    return np.asarray(np.sqrt(kept / (20.0 * KEPT_POWER)))
+    kept = squares[: max(1, int(KEPT_SHARE * len(squares)))].mean(axis=0)
+    return np.asarray(np.sqrt(kept / (20.0 * _KEPT_POWER)))
 
 
 def compute_noise_gain(sections: Array, rate: float, derivatives: int) -> float:

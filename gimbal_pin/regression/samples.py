@@ -104,7 +104,7 @@ def compute_decimation(filtering: Filtering, dt: float) -> int:
     """Return the whole factor by which smoothed channels can be decimated: to `LEAST_CORNERS` of the smoother.
 
     Of what folds back into the band the noise of the acceleration, which rises with f², is the largest. At a rate of r
-    corners c of a smoother of `signals.ORDER` 3, run twice, it comes from near r c and has ``r² / (1 + r⁶)`` of what it
+    corners c of a smoother of order 3, run twice, it comes from near r c and has ``r² / (1 + r⁶)`` of what it
     has at the corner: 1/1300 at 6. Columns that jump are smoothed before, at the full rate. Beside it, `LEAST_RATE`.
     """
     return max(1, int(1.000001 / (max(LEAST_RATE, LEAST_CORNERS * filtering.cutoff * filtering.smoothing) * dt)))

@@ -21,12 +21,8 @@ from gimbal_pin.log.io.files import open_replacement, wrap_os_errors
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import LARGEST_LOG, check_size, read_bytes
 
-_SEPARATORS = (";", "\t", ",")
 COMMENT_LINE = re.compile(rb"(?m)^[ \t]*#.*$")
 _SPACES = re.compile(rb"(?m)^ +| +(?=\r?$)|( +)")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
-_FOC = ("MOT:", "CS:")
-"""How the lines begin that SimpleFOC writes before its numbers."""
 _FOC_COLUMNS = {
     4: ("target", "voltage.q", "velocity", "angle"),
     7: ("target", "voltage.q", "voltage.d", "current.q_ma", "current.d_ma", "velocity", "angle"),
@@ -44,7 +40,7 @@ class CsvTable:
     Attributes:
         name: The file's path.
         columns: Names in the header; ``column1, column2, …`` where the file starts with numbers.
-        separator: One of `_SEPARATORS`.
+        separator: What stands between values.
         body: What follows the header.
         first: Number of the body's first line in the file, from 1.
         spaced: Whether spaces stand between values: read as tabs.
@@ -214,7 +210,7 @@ def read_header(name: str, data: bytes) -> CsvTable | None:
             line = data[start:end].decode("latin-1").rstrip("\r\n")
         if line.lstrip().startswith("#"):
             remark = line.lstrip().lstrip("#")
-        elif line.startswith(_FOC):
+        elif line.startswith(("MOT:", "CS:")):  # what SimpleFOC writes before its numbers
             remark = "MOT:"
         elif line.strip():
             break
@@ -222,7 +218,7 @@ def read_header(name: str, data: bytes) -> CsvTable | None:
     else:
         return None
     _check_length(f"{name}:{number}", end - start)
-    separator = max(_SEPARATORS, key=re.sub('"[^"]*"', "", line).count)
+    separator = max((";", "\t", ","), key=re.sub('"[^"]*"', "", line).count)
     fields = _split_fields(line, separator)
     if spaced := len(fields) < 2:
         separator, fields = "\t", _split_fields(line.strip(), " ")
@@ -265,7 +261,7 @@ def _find_flaw(field: str) -> tuple[str, str] | None:
         return None
     if value is not None:
         return f"is {field}", "repair the value, or delete the row"
-    if _DECIMAL_COMMA.fullmatch(field):
+    if re.fullmatch(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", field):
         return f"has a decimal comma ({field})", "write decimal points"
     return f"holds the text '{field[:40]}'", "write a number, or leave the row out"
 

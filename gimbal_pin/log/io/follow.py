@@ -23,10 +23,6 @@ from gimbal_pin.log.mapping import ROW_COLUMN, Entries, Source
 from gimbal_pin.rig.reading import wrap_read_errors
 from gimbal_pin.rig.rig import Rig
 
-_PIPE = "-"
-_POLL = 0.05
-"""Time between two polls, s: reading row by row would cost more than identifying from it."""
-
 
 def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> Iterator[Log]:
     """Yield a CSV log's samples as they come, until the pipe ends or the file has not grown for `idle` seconds.
@@ -42,8 +38,8 @@ def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> 
     Raises:
         LogError, UsageError: As `read_log`, once the samples before that are yielded; and where a file becomes shorter.
     """
-    file, payload = (Path(path), None) if path == _PIPE or is_link(path) else split_payload(path)
-    name = "standard input" if path == _PIPE else path if is_link(path) else str(file)
+    file, payload = (Path(path), None) if path == "-" or is_link(path) else split_payload(path)
+    name = "standard input" if path == "-" else path if is_link(path) else str(file)
     links = list_links(rig)
     groups = make_log_groups(rig.joints, links, True)
     sources = resolve_mapping(rig, groups, mapping)
@@ -132,14 +128,14 @@ def _read_growing(path: Path, idle: float) -> Iterator[bytes]:
             if grows and file.seekable() and os.fstat(file.fileno()).st_size < os.lseek(file.fileno(), 0, os.SEEK_CUR):
                 raise LogError(str(path), "became shorter while it was followed", "follow the new file")
             if len(part) < BLOCK:
-                time.sleep(_POLL)
-                waited += _POLL
+                time.sleep(0.05)  # to read row by row would cost more than to identify from it
+                waited += 0.05
 
 
 @contextmanager
 def _open_growing(path: Path) -> Iterator[BinaryIO]:
     """Open a file, or standard input, which stays open."""
-    if str(path) == _PIPE:
+    if str(path) == "-":
         if sys.stdin is None:
             raise LogError("standard input", "is closed", "pipe a log into it")
         yield sys.stdin.buffer

@@ -18,9 +18,6 @@ from gimbal_pin.log.log import GAP, SMALLEST_VALUE, Array
 from gimbal_pin.log.mapping import ROW_COLUMN, format_expression
 from gimbal_pin.rig.rig import Rig
 
-_HUGE = 1e30
-"""More than any column holds: of nanoseconds since 1970 there are 2e18, of counts a day at 1e5 rad/s 2e14."""
-
 
 @dataclass(frozen=True, eq=False)
 class InspectedStream:
@@ -132,8 +129,8 @@ def _inspect_stream(table: Table, rig: Rig | None, notes: list[str]) -> tuple[In
     """Return a table's columns and what they are; `notes` takes a sentence on each flaw."""
     data, flaws = read_numeric_columns(table)
     notes += flaws
-    # What no machine has in any unit must not overflow in what is made of it.
-    bounded = {name: np.clip(values, -_HUGE, _HUGE) for name, values in data.items()}
+    # What no column holds must not overflow: since 1970 there are 2e18 ns, in a day at 1e5 rad/s 2e14 counts.
+    bounded = {name: np.clip(values, -1e30, 1e30) for name, values in data.items()}
     data = {name: np.where(np.abs(values) < SMALLEST_VALUE, 0.0, values) for name, values in bounded.items()}
     if odd := [name for name in data if "'" in name and '"' in name]:
         notes.append(f"{table.name}: no mapping can name {quote_names(odd)}; rename them")

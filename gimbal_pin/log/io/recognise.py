@@ -24,29 +24,28 @@ from gimbal_pin.rig.config import Motor
 from gimbal_pin.rig.reading import split_words
 from gimbal_pin.rig.rig import Rig
 
-_WORDS = {
-    "temperature": "temp temps temperature celsius",
-    "gyro": "gyr gyro gyros angvel",
-    "accel": "acc accel accelerometer",
-    "quaternion": "quat quaternion orientation",
-    "attitude": "euler rpy attitude",
-    "torque": "tau torque torques effort trq moment",
-    "current": "iq current currents curr amps amp ampere",
-    "voltage": "uq ud vsupply voltage volt volts vbus",
-    "rate": "vel velocity velocities dq qd qdot speed omega rate velo rpm dps",
-    "position": "pos position positions angle angles theta q ang encoder enc winkel counts ticks",
+_KINDS: Mapping[str, frozenset[str]] = {
+    kind: frozenset(text.split())
+    for kind, text in {
+        "temperature": "temp temps temperature celsius",
+        "gyro": "gyr gyro gyros angvel",
+        "accel": "acc accel accelerometer",
+        "quaternion": "quat quaternion orientation",
+        "attitude": "euler rpy attitude",
+        "torque": "tau torque torques effort trq moment",
+        "current": "iq current currents curr amps amp ampere",
+        "voltage": "uq ud vsupply voltage volt volts vbus",
+        "rate": "vel velocity velocities dq qd qdot speed omega rate velo rpm dps",
+        "position": "pos position positions angle angles theta q ang encoder enc winkel counts ticks",
+    }.items()
 }
-_KINDS: Mapping[str, frozenset[str]] = {kind: frozenset(text.split()) for kind, text in _WORDS.items()}
 """Kind of channel → words of which one stands in its name; the first kind that has one."""
 _WANTED = {"des", "desired", "ref", "reference", "cmd", "command", "commanded", "target", "setpoint", "sp", "goal"}
 """Words of references and commands, which are not measured."""
-_MEASURED, _PLAIN, _DERIVED, _CONTROLLER = 0, 1, 2, 3
-_RANK = {
-    **dict.fromkeys(("meas", "measured", "actual", "raw"), _MEASURED),
-    **dict.fromkeys(("filt", "filtered", "filter", "est", "estimated", "smooth", "lp"), _DERIVED),
-    **dict.fromkeys(("con", "control", "ctrl", "fric", "friction", "ff", "feedforward", "ext", "int"), _CONTROLLER),
-}
-"""Words beside a kind's → which of several columns of one joint is taken: the lowest."""
+_RANKED = ("meas measured actual raw", "", "filt filtered filter est estimated smooth lp",
+           "con control ctrl fric friction ff feedforward ext int")  # fmt: skip
+_RANK = {word: rank for rank, text in enumerate(_RANKED) for word in text.split()}
+"""Words beside a kind's → which of several columns of one joint is taken: the lowest; 1 is plain."""
 _UNITS: Mapping[str, Mapping[str, str]] = {
     "position": {"rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "counts": "counts",
                  "ticks": "counts", "turns": "turns", "rev": "turns", "revs": "turns", "mrad": "mrad", "mdeg": "mdeg"},
@@ -64,19 +63,10 @@ _VALUES = {"rad": 1.0, "deg": pi / 180, "turns": 2 * pi, "mrad": 1e-3, "mdeg": 1
 _TIME_UNITS = (("s", 1.0, ""), ("ms", 1e-3, "1e-3"), ("µs", 1e-6, "1e-6"), ("ns", 1e-9, "1e-9"))
 _TIME_WORDS = {"s": 0, "sec": 0, "secs": 0, "seconds": 0, "ms": 1, "msec": 1, "millis": 1, "us": 2, "usec": 2,
               "micros": 2, "ns": 3, "nsec": 3, "nanos": 3}  # fmt: skip
-_SLOWEST = 5.0
-"""Samples a second below which no joint is logged: the coarsest unit of time that makes it faster is the clock's."""
 _NEAR = 0.1
 """Relative error of k up to which it is a ratio of units: slow filters of a rate take some of its size."""
-_EXPLAINED = 0.5
-"""Least share of a column that the joints' motion explains for it to be a torque: in the measured logs of the tests,
-names taken away, torques and currents have 0.79 to 1 (two have 0.45), references and supply voltages 0.36 at most."""
 OTHER_UNIT = 3.0
 """Ratio from which a rate in no known unit is given what makes it its angle's rate: readers refuse it otherwise."""
-_FAST = 6.0
-"""A platform that turns faster, rad/s rms, is most likely given in degrees (as `platform_log` refuses it)."""
-_AVERAGED = 0.05
-"""Time over which motion and torque are averaged before they are compared, s: differentiated steps of encoders go."""
 _POWERS = range(6, 25)
 """Powers of two that encoders count in a turn: 64 to 16 million."""
 
@@ -209,7 +199,10 @@ def _find_interval(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> flo
 
 
 def find_time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
-    """Return unit, its seconds, the mapping's factor and why: by the name's last word, or by the usual interval."""
+    """Return unit, its seconds, the mapping's factor and why: by the name's last word, or by the usual interval.
+
+    No joint is logged at less than 5 Hz: the coarsest unit that makes it faster is the clock's.
+    """
     if name == ROW_COLUMN:
         return ROW_COLUMN, 1.0, "", "the sample's number"
     split = split_words(name)
@@ -218,7 +211,7 @@ def find_time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
         unit, scale, factor = _TIME_UNITS[_TIME_WORDS[split[-1]]]
         return unit, scale, factor, f"its name says {unit}"
     for unit, scale, factor in _TIME_UNITS:
-        if 0 < step * scale <= 1 / _SLOWEST:
+        if 0 < step * scale <= 0.2:
             return unit, scale, factor, f"increases by {digits(step, 3)}: {digits(1 / (step * scale), 3)} Hz in {unit}"
     return "s", 1.0, "", "nothing tells its unit"
 
@@ -364,8 +357,8 @@ def _set_units(ties: Sequence[_Tie], channels: Mapping[str, Channel], room: floa
                 channel.unit = channels[of.x].unit
                 channel.reasons.append(_describe_tie(of))
             elif not channel.unit:
-                channel.unit = "deg" if most > _FAST else "rad"
-                fast = ", too fast for rad/s" if most > _FAST else ""
+                channel.unit = "deg" if most > 6.0 else "rad"  # no platform turns so fast, rad/s rms
+                fast = ", too fast for rad/s" if channel.unit == "deg" else ""
                 channel.reasons.append(f"the gyro's largest axis has {digits(most, 3)} rms{fast}")
             channel.factor = _FACTORS[channel.unit]
         elif channel.quantity == "accel":
@@ -486,8 +479,8 @@ def _assign_by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wante
         sets.setdefault(rest, {}).setdefault(key, channel.column)
     best: tuple[tuple[float, float], dict[str, str]] = (0, 0), {}
     for rest, each in sets.items():
-        ranks = [_RANK.get(word, _PLAIN) for word in rest]
-        rank = _MEASURED if _MEASURED in ranks else max(ranks, default=_PLAIN)
+        ranks = [_RANK.get(word, 1) for word in rest]
+        rank = 0 if 0 in ranks else max(ranks, default=1)
         found = {joint: each[joint] for joint in rig.joints if joint in each}
         numbered = sorted((int(key), column) for key, column in each.items() if key.isdigit())
         if len(numbered) == rig.n and all(b - a == 1 for (a, _), (b, _) in pairwise(numbered)):
@@ -504,14 +497,16 @@ def _find_torques(
     """Return joint → a column without a name that the joints' motion explains: the first n that stand side by side.
 
     Regressed on a constant, all accelerations, rates and their signs, and sines and cosines of the angles' sums from
-    the base on (gravity), all averaged over `_AVERAGED`. The joints are in the columns' order: what moves one axis
+    the base on (gravity), all averaged over 50 ms, so that differentiated steps of encoders go. A torque is explained
+    by more than half: in the measured logs of the tests, names taken away, torques and currents by 0.79 to 1 (two by
+    0.45), references and supply voltages by 0.36 at most. The joints are in the columns' order: what moves one axis
     of several moves all, so that the explained share does not tell them apart.
     """
     free = [c for c in channels.values() if c.quantity == "unknown" and not c.still]
     lengths = {len(channels[column].values) for column in (*q.values(), *v.values())}
     if not (len(q) == len(v) == rig.n and len(free) >= rig.n and lengths == {len(t)}):
         return {}
-    width = min(max(round(_AVERAGED / float(np.median(np.diff(t)))), 1), len(t) // 4)
+    width = min(max(round(0.05 / float(np.median(np.diff(t)))), 1), len(t) // 4)
 
     def averaged(x: Array) -> Array:
         return np.convolve(x, np.ones(width) / width, "valid")
@@ -526,7 +521,7 @@ def _find_torques(
     for channel in free:
         y = averaged(channel.values)
         rest = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
-        if (share := 1 - float(np.var(rest) / max(np.var(y), 1e-300))) > _EXPLAINED:
+        if (share := 1 - float(np.var(rest) / max(np.var(y), 1e-300))) > 0.5:
             explained.append(channel)
             channel.reasons.append(f"{100 * share:.0f} % of it follow from the joints' motion")
     order = {column: k for k, column in enumerate(channels)}

@@ -14,16 +14,12 @@ from gimbal_pin.log.io.recognise import find_time_unit, is_measured_motion
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import check_size, split_words
 
-_SHOWN = 24
-"""Most names in a list of an error."""
 DEEPEST_NESTING = 8
 """Deepest nesting of groups that are read; a Simulink log has four."""
 WIDEST_ARRAY = 64
 """Most numbers of one array in a sample that each get a column: a pose's covariance has 36, an image far more."""
 _TIMES = {"t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit"}
 """Words of which one stands in the name of a column of times."""
-_TORN = 10.0
-"""Longest interval, in median intervals of a table, over which another's samples are interpolated."""
 
 
 class Table(Protocol):
@@ -48,10 +44,10 @@ class Table(Protocol):
         """Return where a value stands: file, line or row, and column."""
 
 
-def quote_names(names: Sequence[str]) -> str:
-    """Return the names in quotes, of a long list the first `_SHOWN`."""
-    text = ", ".join(f"'{name}'" for name in names[:_SHOWN])
-    return text if len(names) <= _SHOWN else f"{text}, … {len(names)} in all"
+def quote_names(names: Sequence[str], most: int = 24) -> str:
+    """Return the names in quotes, of a long list the first so many."""
+    text = ", ".join(f"'{name}'" for name in names[:most])
+    return text if len(names) <= most else f"{text}, … {len(names)} in all"
 
 
 def _find_time_name(names: Iterable[str]) -> str | None:
@@ -294,10 +290,10 @@ class JoinedTable:
 
 
 def _is_surrounded(t: Array, own: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Whether each of the times `t` lies on one of the increasing times `own`, or between two not `_TORN` apart."""
+    """Whether each of `t` is one of the increasing times `own`, or between two not over 10 median intervals apart."""
     same = np.isin(t, own)
     if len(own) < 2:
         return same
     after = np.clip(np.searchsorted(own, t), 1, len(own) - 1)
-    near = own[after] - own[after - 1] <= _TORN * np.median(np.diff(own))
+    near = own[after] - own[after - 1] <= 10.0 * np.median(np.diff(own))
     return same | (near & (t >= own[0]) & (t <= own[-1]))
