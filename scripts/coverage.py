@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.errors import GimbalPinError
 from gimbal_pin.identification import identify
-from gimbal_pin.identification.bodies import figures
+from gimbal_pin.identification.bodies import compute_figures
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST
 from gimbal_pin.regression.consistency import compute_deformation_root
@@ -55,7 +55,7 @@ def inside(rig: Rig, kind: str, rng: np.random.Generator) -> Iterator[bool]:
     added = missed(kind, log.q[:, joint], np.asarray(log.v)[:, joint], rng.uniform(0, 2 * np.pi))
     tau[:, joint] += SHARE * np.std(tau[:, joint]) * added / max(float(np.std(added)), 1e-12)
     for body, own in zip(identify(rig, [replace(log, tau=tau)], filtering=EXACT).bodies, phi.reshape(-1, 10)):
-        for figure, true in zip((body.mass, *body.com, *body.inertia), figures(own)):
+        for figure, true in zip((body.mass, *body.com, *body.inertia), compute_figures(own)):
             yield abs(figure.value - true) <= 1.96 * figure.std
 
 

@@ -138,14 +138,16 @@ def identified(
 ) -> Identified:
     """Identify a rig from logs of one payload; with `refit` from all data, once the held-out error is known."""
     from gimbal_pin.identification import identify as run
-    from gimbal_pin.identification import refitted
+    from gimbal_pin.identification import keep_held_out_accuracy
 
     examined: WhenTested = "always" if bias else "noisy"
     found = run(rig, logs, causes, **vars(fit), examined=examined, trust=trust)
     if not refit:
         return found
     kept = tuple(term.effect for term in found.model.terms if term.effect in causes)
-    return refitted(found, run(rig, logs, kept, **vars(replace(fit, holdout="none")), examined=examined, trust=trust))
+    return keep_held_out_accuracy(
+        found, run(rig, logs, kept, **vars(replace(fit, holdout="none")), examined=examined, trust=trust)
+    )
 
 
 def write(

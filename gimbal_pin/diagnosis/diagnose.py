@@ -27,7 +27,7 @@ from gimbal_pin.dynamics.reduction import reduce
 from gimbal_pin.dynamics.threads import one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import greatest_base_motion, split
+from gimbal_pin.identification import greatest_base_motion, split_logs
 from gimbal_pin.log.io.columns import LEAST_TRAVEL, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, subsample_log
@@ -92,7 +92,7 @@ def examined(
     checked = [check_log(rig, log, filtering=filtering) for log in logs]
     whole = holdout is None and len(logs) == 1  # its blocks are parted
     mended = [one.log for one in checked]
-    train, test = (mended, ()) if whole else split(mended, holdout, filtering)[:2]
+    train, test = (mended, ()) if whole else split_logs(mended, holdout, filtering)[:2]
     fitted = {log.name for log in train}
     checked = [one if one.log.name in fitted else one.judged_only() for one in checked]
     reliable = all(one.is_reliable for one in checked)

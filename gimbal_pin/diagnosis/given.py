@@ -16,7 +16,7 @@ from gimbal_pin.dynamics.regressor import inertia_columns
 from gimbal_pin.effects.rig_effect import AXES, carried, facing, gyration, payload, shifted, turning_axis
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification import Identified, given_beta
-from gimbal_pin.identification.balance import reported as weighed
+from gimbal_pin.identification.balance import report_with_balance as weighed
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import (
     build_discrepancy_columns,

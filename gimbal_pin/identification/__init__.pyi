@@ -8,9 +8,9 @@ from .fitting import assemble_result as assemble_result
 from .fitting import given_beta as given_beta
 from .fitting import greatest_base_motion as greatest_base_motion
 from .fitting import identify as identify
+from .fitting import keep_held_out_accuracy as keep_held_out_accuracy
 from .fitting import refittable_effects as refittable_effects
-from .fitting import refitted as refitted
-from .fitting import split as split
+from .fitting import split_logs as split_logs
 from .fitting import to_model as to_model
 from .identified import Identified as Identified
 from .identified import describe_faults as describe_faults
@@ -26,6 +26,6 @@ from .payloads import identify_several as identify_several
 from .requirements import LEAST_MOVING as LEAST_MOVING
 from .requirements import check_enough as check_enough
 from .requirements import check_seen as check_seen
-from .requirements import unseen as unseen
+from .requirements import find_unseen as find_unseen
 from .validation import Accuracy as Accuracy
-from .validation import accuracy as accuracy
+from .validation import measure_accuracy as measure_accuracy

@@ -34,7 +34,7 @@ TIGHT = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """The result of `balance`.
+    """The result of `compute_balance`.
 
     Attributes:
         way: How far to slide the payload forward, left and up, m, (3,); zero along what gravity does not show.
@@ -111,7 +111,7 @@ class Balance:
         }
 
 
-def balance(found: Identified, mass: float | None = None, loose: float = 0.0) -> Balance | None:
+def compute_balance(found: Identified, mass: float | None = None, loose: float = 0.0) -> Balance | None:
     """``argmin_s Σ_q ‖W (G(q) + S(q) s)‖²`` over poses q within the limits; None where no payload is mounted.
 
     G = Y(q) β is gravity with the identified base parameters, S its change per way s of the payload, W one over the
@@ -147,7 +147,7 @@ def balance(found: Identified, mass: float | None = None, loose: float = 0.0) ->
     return Balance(way, std, weighs, not found.swapped, before, after, available, forces)
 
 
-def reported(found: Identified, mass: float | None = None, loose: float = 0.0) -> dict[str, Any]:
-    """Return what JSON holds of an identification, the balance with it; `mass` and `loose`: see `balance`."""
-    balanced = balance(found, mass, loose)
+def report_with_balance(found: Identified, mass: float | None = None, loose: float = 0.0) -> dict[str, Any]:
+    """Return what JSON holds of an identification, the balance with it; `mass` and `loose`: see `compute_balance`."""
+    balanced = compute_balance(found, mass, loose)
     return {**found.to_dict(), "balance": None if balanced is None else balanced.to_dict()}

@@ -75,7 +75,7 @@ class Body:
         return {"link": self.link, "mass": self.mass.to_dict(), "com": com, "inertia": inertia}
 
 
-def bodies(
+def estimate_bodies(
     links: Sequence[str],
     given: Array,
     phi: Array,
@@ -96,25 +96,25 @@ def bodies(
         trust: Relative standard deviation of the URDF's masses; lengths to half of that.
     """
     before = trust * compute_deformation_root(given)
-    middle, after = believed(given, mixing, beta, covariance, trust)
+    middle, after = update_bodies(given, mixing, beta, covariance, trust)
     draws = after @ np.random.default_rng(0).standard_normal((len(phi), DRAWS))
     found = []
     for k, own in enumerate(np.reshape(phi, (-1, 10))):
-        at, slope = slice(10 * k, 10 * k + 10), slopes(own)
+        at, slope = slice(10 * k, 10 * k + 10), compute_figure_slopes(own)
         std, prior = (np.linalg.norm(slope @ root[at], axis=1) for root in (after, before))
         shown = std < SHOWN * prior
-        std = std * bent(own, middle[at] - own, slope, draws[at])
-        values = zip(figures(own).tolist(), std.tolist(), shown.tolist(), UNITS)
+        std = std * _compare_widths(own, middle[at] - own, slope, draws[at])
+        values = zip(compute_figures(own).tolist(), std.tolist(), shown.tolist(), UNITS)
         mass, *rest = (Figure(*each) for each in values)
         found.append(Body(links[k], mass, tuple(rest[:3]), tuple(rest[3:])))
     return tuple(found)
 
 
-def believed(given: Array, mixing: Array, beta: Array, covariance: Array, trust: float) -> tuple[Array, Array]:
+def update_bodies(given: Array, mixing: Array, beta: Array, covariance: Array, trust: float) -> tuple[Array, Array]:
     """The mean of bodies' parameters, (10 n,), and a root of their covariance, ``(G⁻¹ + Kᵀ P⁻¹ K)⁻¹``, (10 n, 10 n).
 
     G = B Bᵀ is the trust's, so that is ``B (1 + BᵀKᵀP⁻¹KB)⁻¹ Bᵀ``: orthogonal factors, as variances span ten orders of
-    magnitude. Arguments as for `bodies`.
+    magnitude. Arguments as for `estimate_bodies`.
     """
     root, size = trust * compute_deformation_root(given), np.sqrt(np.diag(covariance))
     lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
@@ -124,7 +124,7 @@ def believed(given: Array, mixing: Array, beta: Array, covariance: Array, trust:
     return given + moved, np.asarray(np.linalg.solve(R.T, root.T).T)
 
 
-def bent(phi: Array, apart: Array, slope: Array, draws: Array) -> Array:
+def _compare_widths(phi: Array, apart: Array, slope: Array, draws: Array) -> Array:
     """How many times as wide as their slopes say the figures' 95 % intervals are, (10,).
 
     A centre of mass is a quotient and an inertia about it a product: where the mass is uncertain by a third, their
@@ -133,25 +133,25 @@ def bent(phi: Array, apart: Array, slope: Array, draws: Array) -> Array:
     Args:
         phi: One body's parameters, (10,).
         apart: Mean of its parameters less these, (10,).
-        slope: Of the figures, see `slopes`.
+        slope: Of the figures, see `compute_figure_slopes`.
         draws: Changes of the parameters as likely as their covariance says, (10, N).
     """
     each = [phi + apart + draw for draw in draws.T]
-    curved = np.array([figures(one) - figures(phi) for one in each if is_physical(one)])
+    curved = np.array([compute_figures(one) - compute_figures(phi) for one in each if is_physical(one)])
     if not len(curved):
         return np.ones(10)
     wide, narrow = (np.quantile(np.abs(x), INTERVAL, axis=0) for x in (curved, (slope @ draws).T))
     return np.asarray(np.where(narrow > 0, wide / np.maximum(narrow, 1e-300), 1.0))
 
 
-def figures(phi: Array) -> Array:
+def compute_figures(phi: Array) -> Array:
     """Mass, centre of mass, and inertia about it, of one body's ten parameters, (10,); complex ones, too."""
     m, h = phi[0], phi[1:4]
     turned = (h @ h * np.eye(3) - np.outer(h, h)) / m
     return np.array([m, *(h / m), *(phi[4:] - turned[np.tril_indices(3)])])
 
 
-def slopes(phi: Array) -> Array:
-    """Change of `figures` per parameter, (10, 10)."""
+def compute_figure_slopes(phi: Array) -> Array:
+    """Change of `compute_figures` per parameter, (10, 10)."""
     steps = phi + COMPLEX * 1j * np.eye(10)
-    return np.stack([figures(step).imag / COMPLEX for step in steps], axis=1)
+    return np.stack([compute_figures(step).imag / COMPLEX for step in steps], axis=1)

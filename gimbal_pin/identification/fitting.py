@@ -19,8 +19,8 @@ from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification import payload_change
 from gimbal_pin.identification.bias_test import WhenTested, check_bias
 from gimbal_pin.identification.identified import Identified, describe_faults
-from gimbal_pin.identification.requirements import check_enough, check_seen, unseen
-from gimbal_pin.identification.validation import Validation, accuracy
+from gimbal_pin.identification.requirements import check_enough, check_seen, find_unseen
+from gimbal_pin.identification.validation import Validation, measure_accuracy
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BASE_MOTIONS, BaseMotion
 from gimbal_pin.regression import (
@@ -46,7 +46,9 @@ WIDE = 16.0
 """Cutoff of the rows that the bound is taken from, Hz: of thesis's 60 s it is the same at 12 and at 25."""
 
 
-def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple[tuple[Log, ...], tuple[Log, ...], str]:
+def split_logs(
+    logs: Sequence[Log], holdout: str | None, filters: Filtering
+) -> tuple[tuple[Log, ...], tuple[Log, ...], str]:
     """Return training logs, held-out logs, and how they were parted."""
     if not logs:
         raise UsageError("logs", "none was given", "give at least one log")
@@ -54,7 +56,7 @@ def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple
     if how == "none":
         return tuple(logs), (), "none"
     if how == "last-third":
-        halves = [two_thirds(log, filters) for log in logs]
+        halves = [_split_log(log, filters) for log in logs]
         return tuple(a for a, _ in halves), tuple(b for _, b in halves), "last third"
     match = re.fullmatch(r"log:(\d+)", how)
     if not match or not 1 <= int(match[1]) <= len(logs) or len(logs) < 2:
@@ -64,7 +66,7 @@ def split(logs: Sequence[Log], holdout: str | None, filters: Filtering) -> tuple
     return (*logs[:k], *logs[k + 1 :]), (logs[k],), f"log {k + 1} of {len(logs)}"
 
 
-def two_thirds(log: Log, filters: Filtering) -> tuple[Log, Log]:
+def _split_log(log: Log, filters: Filtering) -> tuple[Log, Log]:
     """Split at two thirds of the time; the filters' settling at the cut keeps a gap between the two."""
     cut = int(np.searchsorted(log.t, log.t[0] + (log.t[-1] - log.t[0]) * 2 / 3))
     return log.part(slice(0, cut)), log.part(slice(cut, None))
@@ -80,12 +82,12 @@ def assemble_result(
         estimate: Parameters in the order of the design's names.
         tested: Blocks that were held out, or None.
         how: How they were parted.
-        trust: Relative standard deviation of the URDF's masses, see `bodies`.
+        trust: Relative standard deviation of the URDF's masses, see `estimate_bodies`.
     """
     design = blocks.design
     rig, model = design.rig, to_model(design, estimate)
-    train = accuracy(rig.joints, blocks, estimate.theta, "training part")
-    held_out = None if tested is None else accuracy(rig.joints, tested, estimate.theta, how)
+    train = measure_accuracy(rig.joints, blocks, estimate.theta, "training part")
+    held_out = None if tested is None else measure_accuracy(rig.joints, tested, estimate.theta, how)
     if held_out is not None:
         model = replace(model, doubts=tuple(Validation(train, held_out).doubts()))
     consistent, shift = _find_nearest_physical(design, estimate, trust)
@@ -178,7 +180,7 @@ def identify(
         examined: Whether to test if least squares is biased on these logs, see `check_bias`, and, unless "never",
             what is wrong with the data beside what is mended, whether the halves are of one rig, see
             `payload_change.compare_halves`, and the least deviations that logs of a base that turned allow.
-        trust: Relative standard deviation of the URDF's masses, see `bodies`.
+        trust: Relative standard deviation of the URDF's masses, see `estimate_bodies`.
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
@@ -190,7 +192,7 @@ def identify(
     logs = [one.log for one in checked]
     filters = filtering or _choose_filter(logs, greatest_base_motion(rig, logs))
     notes = check_time(rig, logs, filters)
-    train, test, how = split(logs, holdout, filters)
+    train, test, how = split_logs(logs, holdout, filters)
     base = greatest_base_motion(rig, train)
     parted = _LogSplit(rig, train, test, filters, estimator, base)
     (blocks, estimate, tested), left_out = parted.fit_without_overfitted(friction_effects(rig.joints) + tuple(effects))
@@ -217,7 +219,9 @@ def identify(
         faults=describe_faults(checked),
         bound=_bound_deviations(blocks.design, base) if base == "rotating" else None,
     )
-    return replace(found, notes=(*notes, payload_change.sentence(len(logs)))) if found.is_of_two_rigs else found
+    return (
+        replace(found, notes=(*notes, payload_change.describe_two_rigs(len(logs)))) if found.is_of_two_rigs else found
+    )
 
 
 class _Trial(NamedTuple):
@@ -233,7 +237,9 @@ class _Trial(NamedTuple):
         if not self.tested:
             return None
         each = ((self.blocks, "training part"), (self.tested, "held-out part"))
-        return Validation(*(accuracy(self.blocks.design.rig.joints, x, self.estimate.theta, how) for x, how in each))
+        return Validation(
+            *(measure_accuracy(self.blocks.design.rig.joints, x, self.estimate.theta, how) for x, how in each)
+        )
 
 
 @dataclass(frozen=True)
@@ -283,7 +289,7 @@ def refittable_effects(model: Model) -> tuple[Effect, ...]:
     return tuple(effect for effect in free if effect.name not in always and not effect.loaded)
 
 
-def refitted(judged: Identified, whole: Identified) -> Identified:
+def keep_held_out_accuracy(judged: Identified, whole: Identified) -> Identified:
     """Return an estimate from all data with the held-out accuracy of one that had not seen what was held out.
 
     That accuracy is of fewer data than the result has, so it errs on the safe side.
@@ -315,7 +321,7 @@ def _fit_shown(
     blocks = compute_blocks(Design(rig, reduce(rig, base=base), effects, logs, filters))
     check_enough(blocks)
     estimate = estimator(blocks)
-    if base != "fixed" and unseen(blocks.design.names, blocks, estimate):
+    if base != "fixed" and find_unseen(blocks.design.names, blocks, estimate):
         return _fit_shown(rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1])
     check_seen(logs[0].name, blocks.design.names, blocks, estimate)
     return blocks, estimate

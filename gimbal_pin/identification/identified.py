@@ -15,7 +15,7 @@ from gimbal_pin.dynamics.regressor import columns
 from gimbal_pin.effects import ALWAYS
 from gimbal_pin.errors import digits
 from gimbal_pin.identification.bias_test import BiasCheck
-from gimbal_pin.identification.bodies import Body, bodies
+from gimbal_pin.identification.bodies import Body, estimate_bodies
 from gimbal_pin.identification.validation import EXPLAINED, Accuracy
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base
@@ -46,12 +46,12 @@ def describe_faults(checked: Sequence[CheckedLog]) -> tuple[str, ...]:
     )
 
 
-def warnings(found: Identified) -> Iterator[str]:
+def _iterate_warnings(found: Identified) -> Iterator[str]:
     """Yield what does not hold, which joints are not explained, the logs' faults, then what else is wrong."""
     yield from map(str, found.model.doubts)
-    yield from unexplained(found)
+    yield from _iterate_unexplained(found)
     yield from found.faults
-    yield from negative(found)
+    yield from _iterate_negative(found)
     if found.held_out is not None:
         said = {doubt.joint for doubt in found.model.doubts if doubt.unsafe}
         for joint, fit in found.held_out.fit_percent.items():
@@ -64,7 +64,7 @@ def warnings(found: Identified) -> Iterator[str]:
             yield f"{joint}: {100 * (1 - used):.0f} % of the samples are {what}: the parameters are of the rest"
 
 
-def unexplained(found: Identified) -> Iterator[str]:
+def _iterate_unexplained(found: Identified) -> Iterator[str]:
     """Yield the joints whose torque follows from their motion in a way that the model does not hold."""
     judged = found.held_out or found.train
     for joint, one in found.missed.items():
@@ -75,7 +75,7 @@ def unexplained(found: Identified) -> Iterator[str]:
             yield f"{joint} is not explained: {digits(fit, 2)} %; run diagnose ({size}; deviations hold it)"
 
 
-def negative(found: Identified) -> Iterator[str]:
+def _iterate_negative(found: Identified) -> Iterator[str]:
     """Yield the friction and the moments of inertia that are significantly under zero; then those that only may be.
 
     A value under zero that its deviation explains is a value that the logs do not determine.
@@ -172,7 +172,7 @@ class Identified:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What has to be known before the parameters are read, in sentences."""
-        return tuple(warnings(self))
+        return tuple(_iterate_warnings(self))
 
     @property
     def physical(self) -> bool:
@@ -186,7 +186,7 @@ class Identified:
         covariance = self.estimate.covariance[:width, :width]
         mixing = map_phi_to_base(rig, self.reduction)
         known = self.estimate.theta[:width], covariance
-        return bodies(rig.links, self.given, self.consistent.phi, mixing, *known, self.trust)
+        return estimate_bodies(rig.links, self.given, self.consistent.phi, mixing, *known, self.trust)
 
     @property
     def stated(self) -> Array:
@@ -251,7 +251,14 @@ class Identified:
             "physical": self.physical,
             "consistent": {"distance": self.consistent.distance, "torque_change_rms": dict(self.torque_change)},
             "base_parameters": [
-                {"name": name, "value": x, "std": s, "unit": unit, "urdf": number(given), "deviations": number(z)}
+                {
+                    "name": name,
+                    "value": x,
+                    "std": s,
+                    "unit": unit,
+                    "urdf": _convert_number(given),
+                    "deviations": _convert_number(z),
+                }
                 for name, unit, x, s, given, z in rows
             ],
             "least_std": None if self.bound is None else dict(zip(self.names, self.bound.tolist())),
@@ -265,6 +272,6 @@ class Identified:
         }
 
 
-def number(value: float) -> float | None:
+def _convert_number(value: float) -> float | None:
     """Return a number as JSON holds it: null where there is none."""
     return value if np.isfinite(value) else None

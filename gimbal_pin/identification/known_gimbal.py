@@ -41,12 +41,12 @@ class Updated(NamedTuple):
     apart: Array
 
 
-def limit(squares: int) -> float:
+def compute_limit(squares: int) -> float:
     """Mean of so many squares of unit deviation that chance exceeds once in a thousand, see `payload_change`."""
     return float(fdtri(squares, SQUARES, 1 - CHANCE))
 
 
-def update(before: Estimated, alone: Estimate, reach: Array, place: str) -> Updated:
+def update_gimbal(before: Estimated, alone: Estimate, reach: Array, place: str) -> Updated:
     """Return the gimbal and the camera from what was known and what the log says.
 
     Args:
@@ -82,7 +82,7 @@ def update(before: Estimated, alone: Estimate, reach: Array, place: str) -> Upda
     apart = np.zeros(len(seen))
     apart[seen] = rest @ d / np.sqrt(np.diag(known + P))
     widening = 1.0
-    if squares > 0 and excess(0.0) + 1.0 > limit(squares):
+    if squares > 0 and excess(0.0) + 1.0 > compute_limit(squares):
         if excess(np.log(WIDEST)) > 0:
             mend = "identify the gimbal anew: logs of all cameras together, LOG@PAYLOAD …"
             raise DataError(place, "is of another gimbal than --known, whatever camera is mounted", mend)
@@ -97,7 +97,7 @@ def update(before: Estimated, alone: Estimate, reach: Array, place: str) -> Upda
     return Updated(theta, left @ wide @ left.T + noise, widening, apart)
 
 
-def contradiction(found: Updated, before: Estimated) -> tuple[str, ...]:
+def describe_contradiction(found: Updated, before: Estimated) -> tuple[str, ...]:
     """Say that the log contradicts what was known, if it does."""
     if found.widening <= 1:
         return ()

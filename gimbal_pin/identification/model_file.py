@@ -25,13 +25,18 @@ def write_model(identified: Identified, path: str | Path, payloads: Mapping[str,
 
     `payloads`: the same gimbal with other payloads, by their names; `read_model` takes the one that is mounted.
     """
-    content = {"kind": KIND, "schema": 1, "joints": list(identified.model.rig.joints), **body(identified, path)}
+    content = {
+        "kind": KIND,
+        "schema": 1,
+        "joints": list(identified.model.rig.joints),
+        **_describe_payload_model(identified, path),
+    }
     if payloads is not None:
-        content["payloads"] = {name: body(one, path) for name, one in payloads.items()}
+        content["payloads"] = {name: _describe_payload_model(one, path) for name, one in payloads.items()}
     write_yaml(content, path)
 
 
-def body(identified: Identified, path: str | Path) -> dict[str, Any]:
+def _describe_payload_model(identified: Identified, path: str | Path) -> dict[str, Any]:
     """Return the part of a file that speaks of one payload."""
     model, known = identified.model, identified.model.estimated
     if known is None:
@@ -43,7 +48,7 @@ def body(identified: Identified, path: str | Path) -> dict[str, Any]:
         "phi": model.rig.phi.tolist(),
         "terms": [term.to_dict() for term in model.terms],
         "covariance": known.covariance.tolist(),
-        **doubted(model),
+        **_describe_doubts(model),
     }
 
 
@@ -51,18 +56,25 @@ def write_extended(model: Model, path: str | Path) -> None:
     """Write a model with all that `diagnose` found, and its uncertainty where it is known."""
     rows = {"joints": list(model.rig.joints), "rig": model.rig.name, "payload": model.rig.payload}
     write_yaml(
-        {"kind": KIND, "schema": 1, **rows, **plain_model(model), **uncertainty(model.estimated), **doubted(model)},
+        {
+            "kind": KIND,
+            "schema": 1,
+            **rows,
+            **plain_model(model),
+            **_describe_uncertainty(model.estimated),
+            **_describe_doubts(model),
+        },
         path,
     )
 
 
-def doubted(model: Model) -> dict[str, Any]:
-    """Return what does not hold as `doubts` reads it."""
+def _describe_doubts(model: Model) -> dict[str, Any]:
+    """Return what does not hold as `_read_doubts` reads it."""
     return {"doubts": [asdict(doubt) for doubt in model.doubts]}
 
 
-def uncertainty(estimated: Estimated | None) -> dict[str, Any]:
-    """Return the parameters' values and covariance as `known` reads them."""
+def _describe_uncertainty(estimated: Estimated | None) -> dict[str, Any]:
+    """Return the parameters' values and covariance as `_read_known_parameters` reads them."""
     if estimated is None:
         return {}
     columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
@@ -76,12 +88,12 @@ def read_model(path: str | Path, rig: Rig) -> Model:
     Raises:
         ModelError: The file is of another kind, for other joints, or lacks something.
     """
-    own = filed(path, rig)
-    model = replace(model_from(own, rig, str(path)), doubts=doubts(own, str(path)))
-    return model if "covariance" not in own else replace(model, estimated=known(own, str(path)))
+    own = _read_own_part(path, rig)
+    model = replace(model_from(own, rig, str(path)), doubts=_read_doubts(own, str(path)))
+    return model if "covariance" not in own else replace(model, estimated=_read_known_parameters(own, str(path)))
 
 
-def doubts(data: Mapping[str, Any], path: str) -> tuple[Doubt, ...]:
+def _read_doubts(data: Mapping[str, Any], path: str) -> tuple[Doubt, ...]:
     """Return what a file says that does not hold; nothing where it is older than that."""
     rows = convert_value(tuple[Any, ...], data.get("doubts", []), f"{path}: doubts", ModelError)
     return tuple(read_record(Doubt, row, f"{path}: doubts[{k}]", ModelError) for k, row in enumerate(rows))
@@ -95,11 +107,13 @@ def read_known(path: str | Path, rig: Rig) -> Model:
     Raises:
         ModelError: As `read_model` does, and where the file states no covariance.
     """
-    own = filed(path, rig)
-    return replace(model_from({**own, "phi": rig.phi.tolist()}, rig, str(path)), estimated=known(own, str(path)))
+    own = _read_own_part(path, rig)
+    return replace(
+        model_from({**own, "phi": rig.phi.tolist()}, rig, str(path)), estimated=_read_known_parameters(own, str(path))
+    )
 
 
-def filed(path: str | Path, rig: Rig) -> Mapping[str, Any]:
+def _read_own_part(path: str | Path, rig: Rig) -> Mapping[str, Any]:
     """Return what a model's file says of a rig with its payload."""
     data = read_yaml(path, ModelError)
     if not isinstance(data, dict) or data.get("kind") != KIND:
@@ -128,7 +142,7 @@ class Known:
     covariance: tuple[tuple[float, ...], ...]
 
 
-def known(data: Any, place: str) -> Estimated:
+def _read_known_parameters(data: Any, place: str) -> Estimated:
     """Return the parameters' uncertainty from a model file; `ModelError` if that is none.
 
     The correlations' matrix has no negative eigenvalue but for rounding: a millionth, as whoever writes digits may.

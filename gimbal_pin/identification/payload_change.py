@@ -27,7 +27,7 @@ TELLING = 3.0
 """Rows per parameter that each half must have."""
 
 
-def halves(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
+def split_halves(blocks: Sequence[Block]) -> tuple[list[Block], list[Block]]:
     """Return the first and the second half of the rows, in the order in which they stand."""
     parts: tuple[list[Block], list[Block]] = ([], [])
     left = sum(len(block.t) for block in blocks) // 2
@@ -59,17 +59,17 @@ def compare_halves(blocks: Sequence[Block], rows: Design) -> float:
 
     `rows`: what the blocks are of.
     """
-    parts = halves(blocks)
+    parts = split_halves(blocks)
     if any(count_effective_rows(part).sum() < TELLING * len(rows.names) for part in parts if part) or not all(parts):
         return 0.0
     count = count_effective_rows(blocks)
     factors = factor_rows(blocks)
     *_, scale = weigh_and_solve(factors, lambda theta: compute_residual_power(factors, theta, count))
     each = [solve(part, scale=scale) for part in parts]
-    return score([(one.theta, one.covariance) for one in each], payload_directions(rows))
+    return score_halves([(one.theta, one.covariance) for one in each], payload_directions(rows))
 
 
-def score(parts: Sequence[tuple[Array, Array]], directions: Array) -> float:
+def score_halves(parts: Sequence[tuple[Array, Array]], directions: Array) -> float:
     """Return what `compare_halves` does, of parameters (k,) and covariance (k, k) of two halves."""
     (first, one), (second, two) = parts
     P = one + two
@@ -84,7 +84,7 @@ def score(parts: Sequence[tuple[Array, Array]], directions: Array) -> float:
     return found / float(fdtri(basis.shape[1], SQUARES, 1 - CHANCE))
 
 
-def sentence(logs: int) -> str:
+def describe_two_rigs(logs: int) -> str:
     """Say that the halves are of two rigs, and what to do."""
     where = "the log" if logs == 1 else "the logs"
     return (

@@ -16,10 +16,10 @@ from gimbal_pin.dynamics.regressor import SCAN
 from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import payload
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.identification.balance import reported
-from gimbal_pin.identification.fitting import assemble_result, refitted, split
+from gimbal_pin.identification.balance import report_with_balance
+from gimbal_pin.identification.fitting import assemble_result, keep_held_out_accuracy, split_logs
 from gimbal_pin.identification.identified import Identified, describe_faults
-from gimbal_pin.identification.known_gimbal import contradiction, limit, update
+from gimbal_pin.identification.known_gimbal import compute_limit, describe_contradiction, update_gimbal
 from gimbal_pin.identification.requirements import check_enough, check_seen
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
@@ -115,7 +115,7 @@ class Several:
 
     def refitted(self, whole: Several) -> Several:
         """Return an estimate from all data with the held-out accuracy of this one, which had not seen all of it."""
-        each = {name: refitted(self.identified[name], one) for name, one in whole.identified.items()}
+        each = {name: keep_held_out_accuracy(self.identified[name], one) for name, one in whole.identified.items()}
         return replace(whole, identified=each)
 
     @property
@@ -129,7 +129,7 @@ class Several:
         """Return what JSON holds (CONTRACT, `identify`): the reference's, and every payload's under `payloads`."""
         cameras = {name: one.to_dict() for name, one in self.cameras.items()}
         each = {
-            name: {**reported(one, self.cameras[name].mass), "camera": cameras[name]}
+            name: {**report_with_balance(one, self.cameras[name].mass), "camera": cameras[name]}
             for name, one in self.identified.items()
         }
         first = each.get(self.reference, next(iter(each.values())))
@@ -163,7 +163,7 @@ def _build_part(
     checked = tuple(check_log(rig, log, filtering=filtering) for log in logs)
     logs = [one.log for one in checked]
     notes = check_time(rig, logs, filters)
-    train, test, how = split(logs, holdout or "last-third", filters)
+    train, test, how = split_logs(logs, holdout or "last-third", filters)
     blocks = compute_blocks(Design(rig, reduction, tuple(effects), train, filters))
     check_enough(blocks)
     return _Part(checked, blocks, compute_blocks(replace(blocks.design, logs=test)) if test else None, how, notes)
@@ -215,7 +215,7 @@ class Carried:
         return np.eye(size, total, width + size * (place - 1)) if place else np.zeros((size, total))
 
 
-def conclude(
+def _conclude_camera(
     part: _Part,
     own: Carried,
     estimate: Estimate,
@@ -240,7 +240,7 @@ def conclude(
     pick, whole = own.map_change(place, width, len(estimate.theta)), np.eye(width, len(estimate.theta))
     whole[: len(own.columns)] += own.columns @ pick
     one = replace(estimate, theta=whole @ estimate.theta, covariance=whole @ estimate.covariance @ whole.T)
-    base, urdf = stated(reference[1]), stated(design.rig)
+    base, urdf = get_stated_payload(reference[1]), get_stated_payload(design.rig)
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
     gamma = own.shown(base) + pick @ estimate.theta, pick @ estimate.covariance @ pick.T
     mounted = Camera(own.reduction.base_names, units(leading), *gamma, own.shown(urdf))
@@ -265,7 +265,7 @@ def _hedge_camera(
     Torques show the reference together with the body that carries it. Where that sum is significantly not as the URDFs
     say, any share of the difference may be the reference's, and is then missing in the camera.
 
-    `given`: the URDFs' bodies with the reference, (10 n,); `mixing`: K, (b, 10 n); the others as for `conclude`.
+    `given`: the URDFs' bodies with the reference, (10 n,); `mixing`: K, (b, 10 n); others as for `_conclude_camera`.
     """
     if reference == BARE or not mounted.covariance.any():
         return mounted, ()
@@ -273,7 +273,8 @@ def _hedge_camera(
     phi = find_likeliest_bodies(given, mixing, known[0][:width], known[1][:width, :width], TRUST)
     apart, size = own.shown((phi - given)[own.parameters]), mounted.std
     correlation = mounted.covariance / np.outer(size, size)
-    if float(apart / size @ np.linalg.lstsq(correlation, apart / size, rcond=1e-9)[0]) < limit(len(apart)) * len(apart):
+    squares = float(apart / size @ np.linalg.lstsq(correlation, apart / size, rcond=1e-9)[0])
+    if squares < compute_limit(len(apart)) * len(apart):
         return mounted, ()
     worst = int(np.argmax(np.abs(apart) / size))
     what = f"{mounted.names[worst]} by {digits(abs(apart[worst]) / size[worst], 2)} deviations"
@@ -284,7 +285,7 @@ def _hedge_camera(
     return replace(mounted, covariance=mounted.covariance + np.outer(apart, apart)), (said,)
 
 
-def stated(rig: Rig) -> Array:
+def get_stated_payload(rig: Rig) -> Array:
     """Ten parameters of the payload as its URDF states it, about the joint; zero where nothing is mounted."""
     try:
         return np.array(payload(rig)[1].toDynamicParameters())
@@ -323,7 +324,7 @@ def identify_several(
     own = Carried.of(rigs[reference], reduction)
     everything = (*friction_effects(rigs[reference].joints), *effects)
     parts = {name: _build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order}
-    joint = [block for k, part in enumerate(parts.values()) for block in widened(part.blocks, own, k, len(order))]
+    joint = [block for k, part in enumerate(parts.values()) for block in _widen_blocks(part.blocks, own, k, len(order))]
     estimate, missed = add_misfit(joint, estimator(joint), len(order))
     first = parts[reference].blocks.design
     names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
@@ -334,13 +335,13 @@ def identify_several(
         one = replace(estimate, residual_std=estimate.residual_std[mine])
         known = (estimate.theta, estimate.covariance)
         base = (reference, rigs[reference])
-        identified[name], cameras[name] = conclude(part, own, one, k, base, known, missed[mine])
+        identified[name], cameras[name] = _conclude_camera(part, own, one, k, base, known, missed[mine])
     for part in parts.values():  # by itself: in the sum with the others' a wrong sign may hide
         check_assignment(part.blocks, fit_weighted(part.blocks))
     return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
 
 
-def widened(blocks: Sequence[Block], own: Carried, place: int, count: int) -> Iterator[Block]:
+def _widen_blocks(blocks: Sequence[Block], own: Carried, place: int, count: int) -> Iterator[Block]:
     """Yield blocks with columns for `count - 1` further cameras, those of camera `place` filled in, (m, n count, …).
 
     The joints with each camera are joints of their own, a camera's after another's: each weighs by its own residual,
@@ -385,7 +386,7 @@ def identify_new(
         LogError: A torque has the wrong sign, or two have changed places, see `checks.check_assignment`; or
             one is in another unit, or acts too early or late, see `checks.check_time`.
     """
-    rig, before = standing(rig, known), estimated(known)
+    rig, before = _apply_known_changes(rig, known), get_known_parameters(known)
     reduction = reduce(rig)
     effects = [term.effect for term in known.terms if term not in rotors(known.rig)]
     width, count = len(reduction.independent), sum(len(effect.coefficients) for effect in effects)
@@ -400,24 +401,24 @@ def identify_new(
     check_seen(place, own.reduction.base_names, heard, fit_weighted(mine))
     alone, missed = add_misfit(blocks, estimator(blocks))
     reach = np.vstack([own.columns, np.zeros((len(design.names) - width, own.columns.shape[1]))])
-    found = update(before, alone, reach, place)
+    found = update_gimbal(before, alone, reach, place)
     joint = replace(alone, theta=found.theta, covariance=found.covariance, phi=None)
     name, mounted = rig.payload or "camera", known.rig.payload or BARE
     was = (before.theta, before.covariance)
-    identified, one = conclude(part, own, joint, 1, (mounted, known.rig), was, missed)
+    identified, one = _conclude_camera(part, own, joint, 1, (mounted, known.rig), was, missed)
     check_assignment(blocks, identified.estimate)
-    identified = replace(identified, faults=(*contradiction(found, before), *identified.faults))
+    identified = replace(identified, faults=(*describe_contradiction(found, before), *identified.faults))
     return Several({name: identified}, {name: one}, mounted)
 
 
-def standing(rig: Rig, known: Model) -> Rig:
+def _apply_known_changes(rig: Rig, known: Model) -> Rig:
     """Return the rig as the known gimbal stands: its encoders' offsets and its base; the bodies are as given."""
     for change in known.changes:
         rig = change.apply(rig).with_phi(rig.phi)
     return rig
 
 
-def estimated(known: Model) -> Estimated:
+def get_known_parameters(known: Model) -> Estimated:
     """Return what is known of a model's parameters; `UsageError` if it was not identified."""
     if known.estimated is None:
         raise UsageError("--known", "holds no uncertainty", "give a model that 'gimbal-pin identify -o' wrote")

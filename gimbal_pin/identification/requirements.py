@@ -25,18 +25,18 @@ def check_enough(blocks: DesignBlocks) -> None:
         need = want / design.rig.n / (2 * design.filtering.cutoff) + 2 * compute_settling_time(design.filtering)
         raise DataError(name, what, f"record at least {max(need * 2, 10):.0f} s of motion", design.names)
     torque = np.max([np.abs(block.b).max(axis=0, initial=0.0) for block in blocks], axis=0)
-    check_driven(name, design.rig.joints, torque, used_shares(blocks) > LEAST_MOVING)
+    check_driven(name, design.rig.joints, torque, compute_used_shares(blocks) > LEAST_MOVING)
 
 
 def check_seen(place: str, names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> None:
     """Raise `DataError` with the parameters whose uncertainty alone moves more torque than the whole log has."""
-    if hidden := unseen(names, blocks, estimate):
-        raise DataError(place, *why_hidden(blocks), hidden)
+    if hidden := find_unseen(names, blocks, estimate):
+        raise DataError(place, *_explain_hidden(blocks), hidden)
 
 
-def why_hidden(blocks: Sequence[Block]) -> tuple[str, str]:
+def _explain_hidden(blocks: Sequence[Block]) -> tuple[str, str]:
     """Say why parameters leave no trace, and what to do: too little motion, or more noise than motion."""
-    kept = used_shares(blocks).min()
+    kept = compute_used_shares(blocks).min()
     if kept >= LEAST_MOVING:
         return "its motion leaves no trace of", "move every joint, several at a time: see 'gimbal-pin excite'"
     what = f"no faster than their rate's noise, or still, are all but {100 * kept:.2g} % of a joint's samples"
@@ -44,12 +44,12 @@ def why_hidden(blocks: Sequence[Block]) -> tuple[str, str]:
     return f"{what}; the rest leaves no trace of", mend
 
 
-def used_shares(blocks: Sequence[Block]) -> Array:
+def compute_used_shares(blocks: Sequence[Block]) -> Array:
     """Return the share of each joint's samples that tell which way it turns, (n,)."""
     return np.asarray(np.mean(np.concatenate([block.share for block in blocks]) ** 2, axis=0))
 
 
-def unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:
+def find_unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimate) -> tuple[str, ...]:
     """Return the parameters whose uncertainty alone moves more torque than the whole log has."""
     power = np.mean([np.mean(block.A**2, axis=0) for block in blocks], axis=0)
     torque = np.sqrt(np.mean([np.mean(block.b**2, axis=0) for block in blocks], axis=0))

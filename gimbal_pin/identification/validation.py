@@ -59,7 +59,7 @@ class Accuracy:
         return bool(self.torque_rmse[joint] > least)
 
 
-def accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:
+def measure_accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:
     """Compare predicted and measured filtered torque; `DataError` if there is no row to compare."""
     if not blocks:
         raise DataError("held-out part", "is shorter than the filters' memory", "hold out more, or use --holdout none")

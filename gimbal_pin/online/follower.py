@@ -18,12 +18,12 @@ from gimbal_pin.identification import (
     LEAST_MOVING,
     Accuracy,
     Identified,
-    accuracy,
     assemble_result,
+    measure_accuracy,
     to_model,
 )
 from gimbal_pin.identification.payload_change import payload_directions
-from gimbal_pin.identification.payloads import estimated
+from gimbal_pin.identification.payloads import get_known_parameters
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.online.causal import (
     FIRST,
@@ -316,7 +316,7 @@ def appended(memory: Memory, log: Log) -> Memory:
 
 def prior_of(rows: Design, directions: Array, model: Model) -> Prior:
     """Return what a model of the gimbal with another payload leaves known."""
-    known = estimated(model)
+    known = get_known_parameters(model)
     if known.names != rows.names:
         raise UsageError("the known model", "holds other parameters than this rig", f"identify {rows.rig.name} once")
     silent = np.zeros((LAGS + 1, rows.rig.n))
@@ -333,7 +333,7 @@ def tested_accuracy(joints: Sequence[str], known: Learned) -> Accuracy | None:
     lines = roots.swapaxes(0, 1)  # rows with the same squares and products
     nowhere = np.zeros(lines.shape[:2])
     block = Block(np.zeros(3), lines[:, :, :1], lines[:, :, 1], nowhere, nowhere, lines[:, :, 2])
-    return accuracy(joints, [block], np.ones(1), "predicted before it was learned")
+    return measure_accuracy(joints, [block], np.ones(1), "predicted before it was learned")
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from math import inf
 
 import numpy as np
 
-from gimbal_pin.identification import unseen
+from gimbal_pin.identification import find_unseen
 from gimbal_pin.log.log import Array
 from gimbal_pin.online.causal import Row
 from gimbal_pin.online.change import ALIKE, LONGER, LOOK, WINDOWS, Score, Watch, onset, scores, scores_without_transient
@@ -216,7 +216,7 @@ def too_few(task: Task, moments: Moments, prior: Prior | None) -> bool:
 def hidden_parameters(task: Task, moments: Moments, estimate: Estimate, prior: Prior | None) -> tuple[str, ...]:
     """Return the parameters whose uncertainty alone moves more torque than the rows have."""
     block = moments.to_block()
-    names = unseen(task.names, [block], estimate)
+    names = find_unseen(task.names, [block], estimate)
     if prior is None:
         return names
     # What was known beforehand need not show again.

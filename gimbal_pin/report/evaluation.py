@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.identification import Identified, split
+from gimbal_pin.identification import Identified, split_logs
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, Design, compute_blocks
 from gimbal_pin.report.format import SURE, figures, joints_of
@@ -90,7 +90,7 @@ class Evaluated:
 
 def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
     """Return the held-out rows and the model's prediction of them; the training rows where nothing was held out."""
-    train, test, how = split(logs, holdout(found), found.filtering)
+    train, test, how = split_logs(logs, holdout(found), found.filtering)
     effects = tuple(term.effect for term in found.model.terms)
     rig = found.model.rig
     rows = Design(rig, found.reduction, effects, test or train, found.filtering)

@@ -146,11 +146,13 @@ def inspected(found: Inspected, altered: Sequence[Alteration] = ()) -> str:
 
 def identified(found: Identified, apart: Given | None = None) -> str:
     """Parameters with uncertainty, accuracy, the payload's place and mass, and how to balance it."""
-    from gimbal_pin.identification.balance import balance
+    from gimbal_pin.identification.balance import compute_balance
 
     aims = found.model.rig.aims
     # Advice from the parameters of neither rig would lead astray.
-    balanced = balance(found, *(() if apart is None else apart.weighs)) if aims and not found.is_of_two_rigs else None
+    balanced = (
+        compute_balance(found, *(() if apart is None else apart.weighs)) if aims and not found.is_of_two_rigs else None
+    )
     against = (f"given model: {line}" for line in apart.lines) if apart is not None and aims else ()
     warned = (f"warning: {said}" for said in found.warnings)
     return "\n".join([*warned, *described(found), *against, *(() if balanced is None else balanced.sentences)])
@@ -225,12 +227,12 @@ def within(figure: Figure, factor: float = 1.0) -> str:
 
 def several(found: Several) -> str:
     """What is wrong; every camera's own parameters, the accuracy with it and its balance; then the gimbal's."""
-    from gimbal_pin.identification.balance import balance
+    from gimbal_pin.identification.balance import compute_balance
 
     parts = [f"warning: {said}" for said in found.warnings]
     for name, one in found.identified.items():
         camera = found.cameras[name]
-        balanced = balance(one, camera.mass)
+        balanced = compute_balance(one, camera.mass)
         rows = [
             (symbol, unit, figures(value, 4), figures(1.96 * std, 2) if std else "–", figures(given, 4))
             for symbol, unit, value, std, given in zip(

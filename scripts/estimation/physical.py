@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.identification import accuracy, identify
+from gimbal_pin.identification import identify, measure_accuracy
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     Block,
@@ -93,7 +93,7 @@ def unavoidable(blocks: Sequence[Block], covariance: Array) -> float:
 
 def left(rig: Rig, blocks: Sequence[Block], theta: Array) -> list[float]:
     """Return each joint's torque error, N m rms."""
-    return list(accuracy(rig.joints, blocks, theta, "held out").torque_rmse.values())
+    return list(measure_accuracy(rig.joints, blocks, theta, "held out").torque_rmse.values())
 
 
 def physical(

@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.library import library
 from gimbal_pin.dynamics import Model, Plant, nominal, reduce
 from gimbal_pin.dynamics import State as At
 from gimbal_pin.effects import FrictionDrift, Losses, Sample, Term
-from gimbal_pin.identification import split
+from gimbal_pin.identification import split_logs
 from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
@@ -49,7 +49,7 @@ def warming(seed: int, *terms: Term, seconds: float = 24.0) -> Log:
 
 def opened(log: Log) -> tuple[State, Evidence]:
     """The refitted model without any cause, and the held-out part."""
-    train, test, _ = split([log], None, ALIGNED)
+    train, test, _ = split_logs([log], None, ALIGNED)
     origins = {log.name: float(log.t[0])}
     problem = Problem.of(gather(RIG, train, ALIGNED, origins), reduce(RIG))
     return solved(problem, (), solved(problem, ())), judged(RIG, test, ALIGNED, origins, {log.name: log})

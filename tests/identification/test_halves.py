@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gimbal_pin.dynamics import nominal
-from gimbal_pin.identification import Identified, identify, refitted
+from gimbal_pin.identification import Identified, identify, keep_held_out_accuracy
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
@@ -40,7 +40,7 @@ def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() ->
     rig, options = Rig.load("turret"), Filtering(alignment=0.0)
     logs = [prescribed(nominal(rig), seed, 8.0, torque_noise=0.05) for seed in (1, 2)]
     held, everything = (identify(rig, logs, filtering=options, holdout=how) for how in (None, "none"))
-    final = refitted(held, everything)
+    final = keep_held_out_accuracy(held, everything)
     np.testing.assert_array_equal(final.estimate.theta, everything.estimate.theta)
     assert final.held_out == held.held_out and final.held_out is not None and "all data" in final.notes[-1]
     assert np.median(final.estimate.std / held.estimate.std) < 0.9

@@ -9,7 +9,7 @@ import pytest
 
 from gimbal_pin.dynamics import nominal, reduce
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.identification import ESTIMATORS, given_beta, identify, split
+from gimbal_pin.identification import ESTIMATORS, given_beta, identify, split_logs
 from gimbal_pin.log import Log
 from gimbal_pin.regression import (
     Filtering,
@@ -148,15 +148,15 @@ def test_a_log_without_torque_is_refused(turret: Rig, clean: Log) -> None:
 
 
 def test_holding_out(clean: Log) -> None:
-    train, test, how = split([clean], None, EXACT)
+    train, test, how = split_logs([clean], None, EXACT)
     assert how == "last third" and len(train[0]) + len(test[0]) == len(clean)
     assert abs(len(train[0]) / len(clean) - 2 / 3) < 1e-3 and test[0].t[0] > train[0].t[-1]
-    assert split([clean] * 3, None, EXACT)[2] == "log 3 of 3"
-    assert split([clean] * 3, "log:1", EXACT)[2] == "log 1 of 3"
-    assert split([clean], "none", EXACT)[1] == ()
+    assert split_logs([clean] * 3, None, EXACT)[2] == "log 3 of 3"
+    assert split_logs([clean] * 3, "log:1", EXACT)[2] == "log 1 of 3"
+    assert split_logs([clean], "none", EXACT)[1] == ()
     for wrong in ("log:4", "log:0", "half"):
         with pytest.raises(UsageError):
-            split([clean] * 3, wrong, EXACT)
+            split_logs([clean] * 3, wrong, EXACT)
 
 
 def test_no_table_is_wider_than_a_terminal() -> None:

@@ -15,7 +15,7 @@ from gimbal_pin.dynamics import nominal, plant_with, reduce
 from gimbal_pin.effects import Cogging, PayloadShift, parse_effect
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.identification import Identified, Several, given_beta, identify, identify_new, identify_several
-from gimbal_pin.identification.payloads import Carried, stated
+from gimbal_pin.identification.payloads import Carried, get_stated_payload
 from gimbal_pin.log import Array, Log, read_log, write_log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
@@ -54,7 +54,7 @@ def test_every_camera_has_its_own_parameters(name: str, payloads: tuple[str, ...
     assert found.reference == ("none" if "none" in payloads else payloads[0])
     for payload in payloads:
         camera = found.cameras[payload]
-        true = own_of(found).shown(stated(Rig.load(name, payload)))
+        true = own_of(found).shown(get_stated_payload(Rig.load(name, payload)))
         assert np.allclose(camera.urdf, true)
         if payload != found.reference:
             z += ((camera.value - true) / camera.std).tolist()
@@ -100,7 +100,7 @@ def new_camera(name: str, known: Identified, record, filtering: Filtering):  # t
     camera = found.cameras["zoom-lens"]
     own, reference = Carried.of(rig, known.reduction), Rig.load(name, "mirrorless")
     mine = slice(10 * own.body, 10 * own.body + 10)
-    truth = own.shown(stated(reference) + true.phi[mine] - reference.phi[mine])
+    truth = own.shown(get_stated_payload(reference) + true.phi[mine] - reference.phi[mine])
     away = camera.value - truth
     return {unit: share(away, truth, camera.units, unit) for unit in ("kg m", "kg m^2")}, away / camera.std
 
@@ -168,7 +168,7 @@ def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_pat
     assert cinema["balance"]["slide_mm"] and both["base_parameters"]
     third = result(run, "identify", "turret", tagged[2], *exact, "--known", model)["payloads"]["zoom-lens"]
     moment = {one["name"]: one["value"] for one in third["camera"]}
-    assert moment["camera.mx"] == pytest.approx(stated(Rig.load("turret", "zoom-lens"))[1], rel=0.02)
+    assert moment["camera.mx"] == pytest.approx(get_stated_payload(Rig.load("turret", "zoom-lens"))[1], rel=0.02)
     refused(run("identify", "turret", tagged[0], f"{tmp_path}/cinema.csv"), 2, "tag each of them")
     urdf = tmp_path / "new.urdf"
     again = result(run, "identify", "turret", tagged[2], *exact, "--known", model, "--urdf", urdf, "--refit")
@@ -209,7 +209,7 @@ def test_deviations_of_several_cameras_hold_what_the_model_lacks() -> None:
     name, found = "turret", toothed()
     rig, first, camera = Rig.load(name, "mirrorless"), found.first, found.cameras["cinema"]
     true = np.concatenate([given_beta(rig, first.reduction), rig.friction.ravel()])
-    own = own_of(found).shown(stated(Rig.load(name, "cinema")))
+    own = own_of(found).shown(get_stated_payload(Rig.load(name, "cinema")))
     z = np.concatenate([(first.estimate.theta - true) / first.estimate.std, (camera.value - own) / camera.std])
     assert np.abs(z).max() < 4 and 0.4 < np.sqrt(np.mean(z**2)) < 1.3
 
@@ -238,7 +238,10 @@ def test_what_is_known_is_no_truth_where_the_log_contradicts_it(off: str) -> Non
     one, camera = found.first, found.cameras["zoom-lens"]
     true = np.concatenate([given_beta(rig, one.reduction), now.friction.ravel()])
     z = np.concatenate(
-        [(one.estimate.theta - true) / one.estimate.std, (camera.value - own_of(found).shown(stated(rig))) / camera.std]
+        [
+            (one.estimate.theta - true) / one.estimate.std,
+            (camera.value - own_of(found).shown(get_stated_payload(rig))) / camera.std,
+        ]
     )
     assert np.abs(z).max() < 4 and np.sqrt(np.mean(z**2)) < 1.4
     assert any("not as --known has it" in said for said in found.warnings[:1]) == (off != "nothing")
@@ -255,7 +258,7 @@ def test_a_camera_is_no_surer_than_the_one_that_it_is_measured_against(whole: bo
     else:
         found = identify_new(rig, logs[1], identify(reference, logs[0], filtering=ALIGNED).model, filtering=ALIGNED)
     camera = found.cameras["zoom-lens"]
-    assert np.abs((camera.value - own_of(found).shown(stated(rig))) / camera.std).max() < 4
+    assert np.abs((camera.value - own_of(found).shown(get_stated_payload(rig))) / camera.std).max() < 4
     assert any("with mirrorless is not as the URDFs say" in said for said in found.warnings)
     right = identify_new(
         rig, logs[1], identify(reference, [log_of(reference, 1)], filtering=ALIGNED).model, filtering=ALIGNED
@@ -280,7 +283,7 @@ def test_a_swap_keeps_the_causes_that_were_found_with_the_first_camera(run: Run,
     both = result(run, "identify", "turret", first, second, *exact, "--extended", extended)
     for each in (swapped, both):
         assert min(each["train"]["fit_percent"].values()) > 97 and not any("explained" in x for x in each["warnings"])
-    true = stated(Rig.load("turret", "cinema"))[1]
+    true = get_stated_payload(Rig.load("turret", "cinema"))[1]
     for each in (swapped, both):
         moment = {one["name"]: one for one in each["payloads"]["cinema"]["camera"]}["camera.mx"]
         assert abs(moment["value"] - true) < 4 * moment["std"]

@@ -13,7 +13,7 @@ from gimbal_pin.control import bounds
 from gimbal_pin.dynamics import nominal, reduce
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.identification import Bootstrap, Identified, identify
-from gimbal_pin.identification.bodies import bodies, figures
+from gimbal_pin.identification.bodies import compute_figures, estimate_bodies
 from gimbal_pin.log import Array
 from gimbal_pin.regression import (
     Block,
@@ -87,7 +87,7 @@ def simulating(blocks: object) -> Estimate:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_figures_are_pinocchios(name: str) -> None:
     for phi in Rig.load(name, "cinema").phi.reshape(-1, 10):
-        own, body = figures(phi), pin.Inertia.FromDynamicParameters(phi)
+        own, body = compute_figures(phi), pin.Inertia.FromDynamicParameters(phi)
         assert own[0] == pytest.approx(body.mass) and np.allclose(own[1:4], body.lever)
         assert np.allclose(own[4:], body.inertia[np.tril_indices(3)], atol=1e-12)
 
@@ -103,10 +103,10 @@ def test_intervals_of_bodies_hold_the_truth() -> None:
             continue
         beta = mixing @ true + std * rng.standard_normal(len(std))
         phi = find_likeliest_bodies(rig.phi, mixing, beta, np.diag(std**2), trust)
-        said = bodies(rig.links, rig.phi, phi, mixing, beta, np.diag(std**2), trust)
+        said = estimate_bodies(rig.links, rig.phi, phi, mixing, beta, np.diag(std**2), trust)
         for body, own in zip(said, true.reshape(-1, 10)):
             every = (body.mass, *body.com, *body.inertia)
-            hits += [abs(f.value - x) <= 1.96 * f.std for f, x in zip(every, figures(own)) if f.std > 1e-12]
+            hits += [abs(f.value - x) <= 1.96 * f.std for f, x in zip(every, compute_figures(own)) if f.std > 1e-12]
     assert len(hits) > 150 and 0.90 < np.mean(hits) < 0.99
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.effects import Sample, Term
 from gimbal_pin.identification import Identified
-from gimbal_pin.identification.balance import balance
+from gimbal_pin.identification.balance import compute_balance
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
@@ -53,7 +53,7 @@ def parameters(found: Identified, evaluated: Evaluated, apart: Given | None) -> 
     every, width = known(found, evaluated), len(found.reduction.independent)
     force, aims = forces(joints_of(found.model.rig)), found.model.rig.aims
     bound = None if found.bound is None else found.bound.tolist()
-    payload = balance(found, *(() if apart is None else apart.weighs))
+    payload = compute_balance(found, *(() if apart is None else apart.weighs))
     caption = (
         "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
         "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."
