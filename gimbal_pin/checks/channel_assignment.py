@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations, permutations, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -164,7 +164,9 @@ def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
         words = f"{first} and {second} hold each other's torque"
         mend = format_remapping(sources, {first: (second, 1.0), second: (first, 1.0)})
         yield AssignmentTrial(
-            compute_bounded_misfit(compute_blocks(exchange_torques(rows, pair))), words, f"exchange them: {mend}"
+            compute_bounded_misfit(compute_blocks(reorder_channels(rows, swap_places(range(n), *pair), ("tau",)))),
+            words,
+            f"exchange them: {mend}",
         )
 
 
@@ -173,9 +175,9 @@ def try_orders(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
     rows, joints = blocks.design, blocks.design.rig.joints
     if not rows.logs:
         return
-    given = compute_free_misfit(blocks)
+    given, beginnings = compute_free_misfit(blocks), replace(rows, logs=tuple(map(take_beginning, rows.logs)))
     for order in list_orders(rows.rig.n):
-        put = compute_blocks(reorder_joints(rows, order))
+        put = compute_blocks(reorder_channels(beginnings, order, CHANNELS))
         if compute_free_misfit(put) < BETTER * given:
             places = [(joints[j], joints[k]) for j, k in enumerate(order) if j != k]
             to, of = (",".join(side) for side in zip(*places))
@@ -213,11 +215,11 @@ def swap_places(order: Sequence[int], i: int, k: int) -> list[int]:
     return [order[k] if j == i else order[i] if j == k else order[j] for j in range(len(order))]
 
 
-def reorder_joints(rows: Design, order: Sequence[int]) -> Design:
-    """Return the rows of the beginnings of logs in which joint j has the angle, rate and torque of ``order[j]``."""
+def reorder_channels(rows: Design, order: Sequence[int], channels: Sequence[str]) -> Design:
+    """Return the rows of logs in which joint j has these channels of ``order[j]``."""
     logs = []
-    for log in map(take_beginning, rows.logs):
-        columns = {name: x[:, list(order)] for name in CHANNELS if (x := getattr(log, name)) is not None}
+    for log in rows.logs:
+        columns: dict[str, Any] = {name: x[:, list(order)] for name, x in log.channels.items() if name in channels}
         logs.append(replace(log, **columns))
     return replace(rows, logs=tuple(logs))
 
@@ -235,12 +237,6 @@ def factor_in_shares(blocks: DesignBlocks) -> Array:
     """Triangular factors of each joint's [A b], in shares of its torque's rms, (n, k + 1, k + 1)."""
     size = np.sqrt(np.maximum(count_effective_rows(blocks), 1.0)) * compute_torque_size(blocks)
     return np.asarray(factor_rows(blocks) / size[:, None, None])
-
-
-def exchange_torques(rows: Design, pair: tuple[int, int]) -> Design:
-    """Return the rows of logs in which two joints' torques have changed places."""
-    order = swap_places(range(rows.rig.n), *pair)
-    return replace(rows, logs=tuple(replace(log, tau=np.asarray(log.tau)[:, order]) for log in rows.logs))
 
 
 def compute_bounded_misfit(blocks: DesignBlocks) -> float:
