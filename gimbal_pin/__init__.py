@@ -19,13 +19,13 @@ if typing.TYPE_CHECKING:
     from gimbal_pin.export.sources import export_controller as export_controller
     from gimbal_pin.fleet.fleet import compare_fleet as compare_fleet
     from gimbal_pin.fleet.montecarlo import monte_carlo as monte_carlo
+    from gimbal_pin.identification import Online as Online
     from gimbal_pin.identification import identify as identify
     from gimbal_pin.log.io import read_log as read_log
     from gimbal_pin.log.io import write_log as write_log
     from gimbal_pin.log.log import Log as Log
     from gimbal_pin.log.platform import Platform as Platform
     from gimbal_pin.log.profile import profile_s as profile_s
-    from gimbal_pin.online import Online as Online
     from gimbal_pin.report.pipeline import auto as auto
     from gimbal_pin.report.view import animate as animate
     from gimbal_pin.rig.rig import Rig as Rig
@@ -35,7 +35,7 @@ __version__ = "0.1.0"
 HOMES = {
     "GimbalPinError": "errors",
     "Log": "log.log",
-    "Online": "online",
+    "Online": "identification",
     "Platform": "log.platform",
     "Rig": "rig.rig",
     "animate": "report.view",

@@ -17,7 +17,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 ROOMS = sorted({path.relative_to(PACKAGE).parts[0] for path in FILES})
 
 BELOW = "errors rig log effects dynamics regression checks identification excitation control diagnosis"
-ORDER = f"{BELOW} online pointing export report fleet cli".split()
+ORDER = f"{BELOW} pointing export report fleet cli".split()
 """Rooms of the package, each of which imports only what stands before it."""
 
 SHARED = {

@@ -18,9 +18,8 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.report import text
 
 if TYPE_CHECKING:
-    from gimbal_pin.identification import Identified
+    from gimbal_pin.identification import Identified, Online
     from gimbal_pin.log.log import Log
-    from gimbal_pin.online import Online
     from gimbal_pin.regression import Filtering
 
 
@@ -62,8 +61,8 @@ class Following:
         self, rig: str, payload: str | None, logs: Sequence[str], known: str | None, filters: Filtering
     ) -> Online:
         """Return the estimator of the one log; it knows a gimbal already where a model's YAML is given."""
+        from gimbal_pin.identification import Online
         from gimbal_pin.identification.model_file import read_model
-        from gimbal_pin.online import Online
 
         if len(logs) != 1:
             raise UsageError("LOG", f"names {len(logs)} logs", "follow one at a time")
@@ -82,26 +81,26 @@ def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, 
 
     With `lines` as JSON, else as text; `wish` says how long to wait for more, and where the way is drawn in the end.
     """
+    from gimbal_pin.identification import iterate_progress, report_progress
     from gimbal_pin.log.io.files import open_replacement, to_json
     from gimbal_pin.log.io.follow import follow
-    from gimbal_pin.online import progress, steps
-    from gimbal_pin.online.chart import chart
+    from gimbal_pin.report.progress_chart import chart
 
     history, told, spoken, memory, broken = [], 0, 0, online.start(log), list[str]()
     try:
-        come = heard(follow(log, online.rows.rig, mapping, idle=inf if wish.idle is None else wish.idle))
-        for memory in steps(online, come, log):
+        come = heard(follow(log, online.design.rig, mapping, idle=inf if wish.idle is None else wish.idle))
+        for memory in iterate_progress(online, come, log):
             second = int(memory.t + 1e-6) if memory.samples else 0
             if second == spoken and len(memory.events) == told:
                 continue
-            now = progress(online, memory)
+            now = report_progress(online, memory)
             history += [now] if wish.plot is not None else []
             say(to_json(now.to_dict(), None)[:-1] if lines else text.following(now, told))
             told, spoken = len(memory.events), second
     except KeyboardInterrupt:
         pass
     except LogError as error:
-        if not online.ready(memory):
+        if not online.is_ready(memory):
             raise
         broken = [f"learned up to {memory.t:.1f} s; from there on the log cannot be used: {error}"]
     found = online.identified(memory)

@@ -12,6 +12,12 @@ from .fitting import keep_held_out_accuracy as keep_held_out_accuracy
 from .fitting import refittable_effects as refittable_effects
 from .fitting import split_logs as split_logs
 from .fitting import to_model as to_model
+from .follow import Event as Event
+from .follow import Memory as Memory
+from .follow import Online as Online
+from .follow import Progress as Progress
+from .follow import iterate_progress as iterate_progress
+from .follow import report_progress as report_progress
 from .identified import Identified as Identified
 from .identified import describe_faults as describe_faults
 from .model_file import read_known as read_known

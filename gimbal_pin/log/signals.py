@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
@@ -16,6 +18,12 @@ def lowpass(cutoff: float, rate: float) -> Array:
 
     It is of third order; run forwards and backwards it falls by 6 dB at the cutoff.
     """
+    return _design_lowpass(cutoff, rate).copy()
+
+
+@lru_cache(maxsize=64)
+def _design_lowpass(cutoff: float, rate: float) -> Array:
+    """Design it once: a stream asks for the same several times a second."""
     return butter(3, min(cutoff, 0.45 * rate), fs=rate, output="sos")
 
 
@@ -95,9 +103,15 @@ def _estimate_spread(differences: Array) -> Array:
 
 def compute_noise_gain(sections: Array, rate: float, derivatives: int) -> float:
     """Standard deviation of white noise of unit size after `zero_phase` and so many derivatives."""
+    return _compute_noise_gain(sections.tobytes(), rate, derivatives)
+
+
+@lru_cache(maxsize=64)
+def _compute_noise_gain(sections: bytes, rate: float, derivatives: int) -> float:
+    """`noise_gain` of the bytes of (any, 6) sections: windows of a stream ask for it several times a second."""
     impulse = np.zeros((4097, 1))
     impulse[2048] = 1.0
-    response = zero_phase(impulse, sections)
+    response = zero_phase(impulse, np.frombuffer(bytearray(sections)).reshape(-1, 6))
     for _ in range(derivatives):
         response = differentiate(response, 1.0 / rate)
     return float(np.linalg.norm(response))

@@ -11,6 +11,7 @@ from gimbal_pin.regression.consistency import compute_deformation_root as comput
 from gimbal_pin.regression.consistency import find_likeliest_bodies as find_likeliest_bodies
 from gimbal_pin.regression.consistency import find_nearest_bodies as find_nearest_bodies
 from gimbal_pin.regression.consistency import fit_bodies as fit_bodies
+from gimbal_pin.regression.covariance import ResidualNoise as ResidualNoise
 from gimbal_pin.regression.covariance import bound_deviations as bound_deviations
 from gimbal_pin.regression.covariance import compute_coloured_covariance as compute_coloured_covariance
 from gimbal_pin.regression.covariance import compute_score_covariance as compute_score_covariance
@@ -63,13 +64,9 @@ from gimbal_pin.regression.physical import factor_wide_states as factor_wide_sta
 from gimbal_pin.regression.physical import fit_bounded_bodies as fit_bounded_bodies
 from gimbal_pin.regression.physical import fit_physical as fit_physical
 from gimbal_pin.regression.physical import fit_ridge as fit_ridge
-from gimbal_pin.regression.recursive import LAGS as LAGS
-from gimbal_pin.regression.recursive import Known as Known
-from gimbal_pin.regression.recursive import Moments as Moments
-from gimbal_pin.regression.recursive import Prior as Prior
+from gimbal_pin.regression.recursive import TRUSTED as TRUSTED
+from gimbal_pin.regression.recursive import Past as Past
 from gimbal_pin.regression.recursive import loosen_prior as loosen_prior
-from gimbal_pin.regression.recursive import solve_recursive as solve_recursive
-from gimbal_pin.regression.recursive import taper_lags as taper_lags
 from gimbal_pin.regression.samples import Filtering as Filtering
 from gimbal_pin.regression.samples import Flags as Flags
 from gimbal_pin.regression.samples import Samples as Samples
@@ -107,3 +104,6 @@ from gimbal_pin.regression.solve import solve as solve
 from gimbal_pin.regression.solve import solve_factors as solve_factors
 from gimbal_pin.regression.solve import weigh_and_solve as weigh_and_solve
 from gimbal_pin.regression.solve import weigh_joints as weigh_joints
+from gimbal_pin.regression.stream import Recording as Recording
+from gimbal_pin.regression.stream import join_logs as join_logs
+from gimbal_pin.regression.stream import read_window as read_window

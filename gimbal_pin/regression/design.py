@@ -27,6 +27,7 @@ from gimbal_pin.regression.samples import (
     Segment,
     SelectiveFilter,
     compute_decimation,
+    compute_row_step,
     compute_settling_time,
     design_row_filter,
     filter_rows,
@@ -261,7 +262,7 @@ class Design:
         """
         pad = int(np.ceil(compute_settling_time(self.filtering) / segment.dt))
         thin = compute_decimation(self.filtering, segment.dt)
-        step, chunk = thin * max(1, round(1.0 / (2 * self.filtering.cutoff * segment.dt * thin))), thin * CHUNK_SAMPLES
+        step, chunk = compute_row_step(self.filtering, segment.dt), thin * CHUNK_SAMPLES
         for begin in range(pad, segment.length - pad, chunk):
             end = min(begin + chunk, segment.length - pad)
             first, last = begin - pad, end + pad
@@ -367,15 +368,14 @@ def compute_effect_columns(
 def _filter_columns(columns: Array, low_pass: SelectiveFilter, keep: slice, mask: Array | None = None) -> Array:
     """Run a filter over columns, (m, n, k), and return the samples `keep`, (r, n, k).
 
-    Joint by joint, and only those columns that a joint feels: of a long chain's most feel hardly half.
+    Only those columns that a joint feels: of a long chain's most feel hardly half.
 
     `mask`: weight of each sample, (m, n).
     """
     out = np.zeros((len(range(*keep.indices(len(columns)))), *columns.shape[1:]))
-    for j in range(columns.shape[1]):
-        felt = np.flatnonzero(columns[:, j].any(axis=0))
-        own = columns[:, j, felt] if mask is None else columns[:, j, felt] * mask[:, [j]]
-        out[:, j, felt] = low_pass(own, keep)
+    joints, places = np.nonzero(columns.any(axis=0))
+    felt = columns[:, joints, places]
+    out[:, joints, places] = low_pass(felt if mask is None else felt * mask[:, joints], keep)
     return out
 
 

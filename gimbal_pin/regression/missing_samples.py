@@ -43,7 +43,12 @@ Side = tuple[Array, Array, Array]
 
 def holes(log: Log, cutoff: float) -> Indices:
     """Return the last sample before every gap."""
-    return np.flatnonzero(np.diff(log.t) > max(GAP * log.dt, PERIODS / cutoff))
+    return np.flatnonzero(np.diff(log.t) > compute_gap_length(log.dt, cutoff))
+
+
+def compute_gap_length(dt: float, cutoff: float) -> float:
+    """Return the interval, s, from which on two samples have a gap between them."""
+    return max(GAP * dt, PERIODS / cutoff)
 
 
 def filled(log: Log, cutoff: float) -> Filled:

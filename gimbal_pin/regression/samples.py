@@ -110,6 +110,12 @@ def compute_decimation(filtering: Filtering, dt: float) -> int:
     return max(1, int(1.000001 / (max(LEAST_RATE, LEAST_CORNERS * filtering.cutoff * filtering.smoothing) * dt)))
 
 
+def compute_row_step(filtering: Filtering, dt: float) -> int:
+    """Samples from row to row, a whole number of decimated ones: half a period of the cutoff, or nearly so."""
+    thin = compute_decimation(filtering, dt)
+    return thin * max(1, round(1.0 / (2 * filtering.cutoff * dt * thin)))
+
+
 class Segment(NamedTuple):
     """Uniform grid over a part of a log: `length` samples every `dt` s from `start`.
 
@@ -220,14 +226,19 @@ def smooth_samples(
     return Samples(grid, q, v, signals.differentiate(v, dt), tau, slide, rate_std, platform, lost)
 
 
-def _compute_torque_delay(segment: Segment, filtering: Filtering) -> float:
+def _compute_torque_delay(filtering: Filtering, dt: float) -> float:
     """Time by which the torque acts later than its stamp, s."""
-    return segment.dt / 2 if filtering.alignment is None else filtering.alignment
+    return dt / 2 if filtering.alignment is None else filtering.alignment
+
+
+def compute_reach(filtering: Filtering, dt: float) -> float:
+    """Time around a sample of the grid from which it is resampled, s: four samples, and the torque's delay."""
+    return 4 * dt + abs(_compute_torque_delay(filtering, dt))
 
 
 def _find_log_rows(segment: Segment, filtering: Filtering, grid: Array) -> slice:
     """Rows of the log that a grid is resampled from."""
-    reach = 4 * segment.dt + abs(_compute_torque_delay(segment, filtering))
+    reach = compute_reach(filtering, segment.dt)
     begin, end = np.searchsorted(segment.log.t, [grid[0] - reach, grid[-1] + reach])
     return slice(max(begin, segment.rows.start), min(end, segment.rows.stop))
 
@@ -236,7 +247,7 @@ def resample_torque(segment: Segment, filtering: Filtering, grid: Array) -> Arra
     """The measured torque as it acts at the times of a grid, N m, (m, n), not smoothed."""
     log, near = segment.log, _find_log_rows(segment, filtering, grid)
     assert log.tau is not None
-    return signals.resample(log.t[near] + _compute_torque_delay(segment, filtering), log.tau[near], grid)
+    return signals.resample(log.t[near] + _compute_torque_delay(filtering, segment.dt), log.tau[near], grid)
 
 
 class UnfilteredTorque(NamedTuple):
@@ -270,7 +281,7 @@ class UnfilteredTorque(NamedTuple):
         cutoff = filtering.cutoff * filtering.smoothing
         sections = signals.lowpass(cutoff, 1 / segment.dt)
         return UnfilteredTorque(
-            log.t[near] + _compute_torque_delay(segment, filtering), log.tau[near], grid, sections, step, cutoff
+            log.t[near] + _compute_torque_delay(filtering, segment.dt), log.tau[near], grid, sections, step, cutoff
         )
 
     def smoothed(self, torque: Array) -> Array:

@@ -14,6 +14,7 @@ from scipy.linalg.lapack import dgeqrf
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.covariance import compute_coloured_covariance
 from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.recursive import Past
 from gimbal_pin.rig.brief import brief
 
 LEAF = 8192
@@ -232,7 +233,9 @@ def compute_residuals(block: Block, theta: Array) -> Array:
     return block.b - block.A @ theta
 
 
-def compute_covariance(blocks: Sequence[Block], solution: Solution, scale: Array, prior: Array | None = None) -> Array:
+def compute_covariance(
+    blocks: Sequence[Block], solution: Solution, scale: Array, prior: Array | None = None, past: Past | None = None
+) -> Array:
     """Covariance of weighted least squares under coloured, joint-wise different residuals, (k, k).
 
     ``H⁻¹ (S + UᵀU) H⁻¹`` with H = AᵀWA + UᵀU and S the covariance of AᵀWe: the residual's own colour instead of the
@@ -243,19 +246,26 @@ def compute_covariance(blocks: Sequence[Block], solution: Solution, scale: Array
         solution: Of their factors.
         scale: Square root of each joint's weight, (n,).
         prior: As for `solve_factors`.
+        past: As for `solve`.
     """
     gain = solution.gain
     out = compute_coloured_covariance(blocks, [block.A for block in blocks], solution.theta, gain, scale**2)
     if prior is not None:
         half = prior[:, :-1] @ gain
         out = out + half.T @ half
+    if past is not None:
+        out = out + gain @ np.einsum("j,jab->ab", scale**4, past.score) @ gain
     blind = ~np.isfinite(np.diag(solution.information))
     out[blind, blind] = np.inf
     return out
 
 
 def solve(
-    blocks: Sequence[Block], prior: Array | None = None, scale: Array | None = None, method: Method = Method.WEIGHTED
+    blocks: Sequence[Block],
+    prior: Array | None = None,
+    scale: Array | None = None,
+    method: Method = Method.WEIGHTED,
+    past: Past | None = None,
 ) -> Estimate:
     """``theta = argmin Σ_j ‖b_j - A_j theta‖² / σ_j² + ‖U theta - z‖²`` by triangular factors.
 
@@ -266,15 +276,18 @@ def solve(
             torques and small errors; equal weights would let the heavy axes' errors drown what only that axis shows.
             The factors are computed once; every pass only reweights them.
         method: The estimator.
+        past: Rows before these that are not held any longer.
     """
     factors, count = factor_rows(blocks), count_effective_rows(blocks)
+    if past is not None:
+        factors, count = merge_factors([past.factors[:, :, :-1], factors]), count + past.count
     if scale is None:
         found, power, scale = weigh_and_solve(factors, lambda x: compute_residual_power(factors, x, count), prior)
     else:
         found = solve_factors(factors, scale, prior)
         power = compute_residual_power(factors, found.theta, count)
-    spread = compute_covariance(blocks, found, scale, prior)
-    rows = sum(len(block.t) for block in blocks)
+    spread = compute_covariance(blocks, found, scale, prior, past)
+    rows = sum(len(block.t) for block in blocks) + (0 if past is None else past.rows)
     return Estimate(found.theta, spread, np.sqrt(power), found.condition, rows, method)
 
 

@@ -25,11 +25,10 @@ if TYPE_CHECKING:
     from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.export import Exported
-    from gimbal_pin.identification import Identified
+    from gimbal_pin.identification import Identified, Progress
     from gimbal_pin.identification.bodies import Figure
     from gimbal_pin.identification.payloads import Several
     from gimbal_pin.log.io.inspection import Inspected
-    from gimbal_pin.online import Progress
     from gimbal_pin.pointing.result import Row
     from gimbal_pin.pointing.verify import Verified
     from gimbal_pin.report.pipeline import Auto

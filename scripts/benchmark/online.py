@@ -10,8 +10,8 @@ from benchmark.data import DT, noisy_log
 from benchmark.figure import Figure
 from benchmark.timing import alternating
 from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.identification import Memory, Online
 from gimbal_pin.log.log import Log
-from gimbal_pin.online import Memory, Online
 from gimbal_pin.rig.rig import Rig
 
 SETTLED, MEASURED = 30_000, 10_000
@@ -27,7 +27,7 @@ def measure() -> Iterator[Figure]:
     log = noisy_log(nominal(rig), SETTLED + MEASURED, np.random.default_rng(0))
     online = Online.of(rig)
     start = online.advance(online.start(), log.part(slice(0, SETTLED)))
-    assert online.ready(start), "the motion does not show every parameter"
+    assert online.is_ready(start), "the motion does not show every parameter"
     cuts = {"one by one": 1, "in blocks of 50 ms": round(0.05 / DT)}
     parts = {name: blocks(log, SETTLED, size) for name, size in cuts.items()}
     ways = {name: (lambda part=part: advanced(online, start, part)) for name, part in parts.items()}

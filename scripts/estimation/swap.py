@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gimbal_pin.online import Online
 
 from estimation.jobs import CORES, results
 from gimbal_pin.control.experiment import bench_run
@@ -15,7 +16,6 @@ from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Log
-from gimbal_pin.online import Online
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
 from gimbal_pin.rig.rig import Rig
 from tests.bench_logs import fourier

@@ -24,10 +24,9 @@ from gimbal_pin.diagnosis.limit_cycle import swing, swung
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Cause, Cogging, Delay, Saturation
 from gimbal_pin.errors import DataError, LogError
-from gimbal_pin.identification import identify
+from gimbal_pin.identification import Online, identify
 from gimbal_pin.log import PLAUSIBLE_RANGES, Array, Imu, Log, log_columns, read_log, read_mapping, write_log
 from gimbal_pin.log.io.csv import write_csv
-from gimbal_pin.online import Online
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
@@ -126,7 +125,7 @@ def test_a_wrong_sign_is_told_of_a_log_that_was_followed_too(kind: str) -> None:
     log, online = recorded(Rig.load(name), 1), Online.of(Rig.load(name))
     mixed = replace(log, tau=mix(np.asarray(log.tau)))
     right, wrong = (online.advance(online.start("it"), one) for one in (log, mixed))
-    assert online.identified(right).names == online.rows.names
+    assert online.identified(right).names == online.design.names
     with pytest.raises(LogError, match=f"it: {words}"):
         online.identified(wrong)
 
@@ -226,9 +225,7 @@ def test_a_rate_of_one_value_is_the_angles_derivative(run: Run, tmp_path: Path) 
             empty.estimate.theta, without.estimate.theta, atol=1e-6 * np.abs(without.estimate.theta).max()
         )
     online = Online.of(rig)
-    found = [
-        online.estimate(online.advance(online.start(), one)).estimate.theta for one in (replace(log, v=None), none)
-    ]
+    found = [online.estimate(online.advance(online.start(), one)).theta for one in (replace(log, v=None), none)]
     assert np.allclose(*found, atol=1e-2 * np.abs(found[0]).max())
 
 

@@ -1,65 +1,81 @@
-"""The recursive solve: rows in any portions are the batch, and what is loosened is forgotten alone."""
+"""Rows that are not held any longer count as if they were, and what is loosened is forgotten alone."""
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.log import Array
-from gimbal_pin.regression import Block, Known, Moments, fit_weighted, loosen_prior, solve_recursive
+from gimbal_pin.regression import Block, Past, fit_residual_noise, fit_weighted, loosen_prior, solve
 
 
-def draw_rows(seed: int, rows: int = 120) -> Array:
-    """``[A b share]`` of two joints with four parameters of one and noise, (m, n, 6)."""
+def draw_rows(seed: int, rows: int = 120) -> Block:
+    """Rows of two joints with four parameters of one and noise."""
     rng = np.random.default_rng(seed)
-    A, share = rng.standard_normal((rows, 2, 4)), rng.uniform(0.2, 1.0, (rows, 2, 1))
-    b = A.sum(axis=2, keepdims=True) + 0.1 * rng.standard_normal((rows, 2, 1))
-    return np.concatenate([A * share, b * share, share], axis=2)
+    A, share = rng.standard_normal((rows, 2, 4)), rng.uniform(0.2, 1.0, (rows, 2))
+    b = A.sum(axis=2) + 0.1 * rng.standard_normal((rows, 2))
+    nowhere = np.zeros((rows, 2))
+    return Block(0.1 * np.arange(rows), A * share[:, :, None], b * share, nowhere, nowhere, share)
 
 
-@given(st.integers(0, 2**32 - 1), st.lists(st.integers(1, 119), max_size=6))
-def test_rows_in_any_portions_are_the_batch(seed: int, cuts: list[int]) -> None:
-    rows, moments = draw_rows(seed), Moments.empty(2, 4)
-    for part in np.split(rows, sorted(cuts)):
-        moments = moments.with_rows(part)
-    stream, whole = solve_recursive(moments), solve_recursive(Moments.empty(2, 4).with_rows(rows))
-    nowhere = np.zeros(rows.shape[:2])
-    batch = fit_weighted(
-        [Block(0.1 * np.arange(len(rows)), rows[..., :4], rows[..., 4], nowhere, nowhere, rows[..., 5])]
-    )
-    np.testing.assert_allclose(stream.estimate.theta, batch.theta, rtol=1e-9)
-    np.testing.assert_allclose(stream.estimate.residual_std, batch.residual_std, rtol=1e-9)
-    np.testing.assert_allclose(stream.estimate.covariance, whole.estimate.covariance, rtol=1e-7, atol=1e-12)
-    assert moments.rows == len(rows) and np.allclose(moments.count, np.sum(rows[..., 5] ** 2, axis=0))
+def select(block: Block, rows: slice) -> Block:
+    return Block(*(x[rows] for x in block))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.lists(st.integers(1, 79), max_size=6))
+def test_a_past_in_any_portions_is_the_batch(seed: int, cuts: list[int]) -> None:
+    rows, past = draw_rows(seed), Past.empty(2, 4)
+    edges = sorted({0, *cuts, 80})
+    for begin, end in pairwise(edges):
+        past = past.add([select(rows, slice(begin, end))])
+    stream, batch = solve([select(rows, slice(80, None))], past=past), fit_weighted([rows])
+    np.testing.assert_allclose(stream.theta, batch.theta, rtol=1e-9)
+    np.testing.assert_allclose(stream.residual_std, batch.residual_std, rtol=1e-9)
+    assert stream.rows == len(rows.t) and np.allclose(past.count, np.sum(rows.share[:80] ** 2, axis=0))
+
+
+def test_the_past_brings_its_own_covariance_of_the_score() -> None:
+    """Of white rows, the covariance is that of all of them, to what the noise is told from some of them."""
+    rows = draw_rows(1, 4000)
+    early, late, batch = select(rows, slice(0, 3000)), select(rows, slice(3000, None)), fit_weighted([rows])
+    noise = fit_residual_noise([early], [early.A], batch.theta, np.zeros((4, 4)), np.ones(2))
+    past = Past.empty(2, 4).add([early], noise.processes)
+    np.testing.assert_allclose(solve([late], past=past).std, batch.std, rtol=0.05)
 
 
 def test_forgetting_weighs_each_row_by_those_after_it() -> None:
-    rows, fade = draw_rows(1), 0.97
-    fading = np.full(rows.shape[:2], fade)
-    faded = Moments.empty(2, 4).with_rows(rows, fading).of_rows
-    weights = np.sqrt(fade ** np.arange(len(rows))[::-1])[:, None]
-    for R, x in zip(faded, rows.swapaxes(0, 1)):
-        np.testing.assert_allclose(R.T @ R, (weights * x[:, :5]).T @ (weights * x[:, :5]), rtol=1e-9)
+    rows, fade = draw_rows(1), np.array([0.5, 0.9])
+    whole = Past.empty(2, 4).add([select(rows, slice(0, 60))]).fade(fade).add([select(rows, slice(60, None))])
+    weights = np.sqrt(np.where(np.arange(120)[:, None] < 60, fade, 1.0))
+    for j, R in enumerate(whole.factors):
+        x = np.column_stack([rows.A[:, j], rows.b[:, j], rows.share[:, j]]) * weights[:, [j]]
+        np.testing.assert_allclose(R.T @ R, x.T @ x, rtol=1e-9, atol=1e-12)
 
 
-def test_the_moments_as_rows_have_their_mean_squares() -> None:
+def test_the_past_as_rows_has_their_mean_squares() -> None:
     rows = draw_rows(2)
-    block = Moments.empty(2, 4).with_rows(rows).to_block()
-    np.testing.assert_allclose(np.mean(block.b**2, axis=0), np.mean(rows[..., 4] ** 2, axis=0), rtol=1e-9)
-    np.testing.assert_allclose(np.mean(block.A**2, axis=0), np.mean(rows[..., :4] ** 2, axis=0), rtol=1e-9)
+    block = Past.empty(2, 4).add([rows]).to_block()
+    np.testing.assert_allclose(np.mean(block.b**2, axis=0), np.mean(rows.b**2, axis=0), rtol=1e-9)
+    np.testing.assert_allclose(np.mean(block.A**2, axis=0), np.mean(rows.A**2, axis=0), rtol=1e-9)
+
+
+def test_noise_that_was_known_weighs_the_joints() -> None:
+    """Without rows of its own a joint has that residual, and no parameter moves."""
+    rows = draw_rows(3)
+    known = solve([rows], past=Past.empty(2, 4).with_noise(np.array([0.01, 100.0])))
+    assert known.rows == len(rows.t) and known.residual_std[1] > 3 > 0.3 > known.residual_std[0]
 
 
 def test_loosening_forgets_along_its_directions_only() -> None:
     """What is orthogonal to them in the metric of the information keeps value and covariance."""
-    rng = np.random.default_rng(1)
-    moments = Moments.empty(2, 4).with_rows(np.dstack([rng.standard_normal((50, 2, 5)), np.ones((50, 2))]))
-    known = solve_recursive(moments)
+    rng, known = np.random.default_rng(1), fit_weighted([draw_rows(4)])
     D = rng.standard_normal((4, 2))
-    U, z = np.split(loosen_prior(known, D).equations, [4], axis=1)
+    U, z = np.split(loosen_prior(known.theta, known.covariance, D), [4], axis=1)
     np.testing.assert_allclose(U @ D, 0.0, atol=1e-9)
-    np.testing.assert_allclose(U @ known.estimate.theta, z[:, 0], atol=1e-9)
+    np.testing.assert_allclose(U @ known.theta, z[:, 0], atol=1e-9)
     kept = np.linalg.svd(D.T)[2][2:]  # combinations that the change does not move
-    expected = kept @ known.estimate.covariance @ kept.T
+    expected = kept @ known.covariance @ kept.T
     np.testing.assert_allclose(kept @ np.linalg.pinv(U.T @ U) @ kept.T, expected, rtol=1e-6)
-    assert isinstance(known, Known)

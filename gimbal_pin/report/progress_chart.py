@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gimbal_pin.errors import DataError
+from gimbal_pin.identification import Progress
 from gimbal_pin.log.log import Array
-from gimbal_pin.online.follower import Progress
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,5 +1,0 @@
-"""Identification on the running gimbal, sample by sample; see `Online`."""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
