@@ -54,7 +54,7 @@ class GimbalPinError(Exception):
         place: File, line, column, joint or argument that the error speaks of.
         what: What is wrong there.
         mend: What the reader can do about it.
-        exit_code: Status of the command line (CONTRACT: 2 bad input, 3 the data cannot answer).
+        exit_code: Status of the command line (2 bad input, 3 the data cannot answer).
     """
 
     exit_code = 2

@@ -1,4 +1,4 @@
-"""Run the verbs on measured logs and print what DIAGNOSIS asks of them, one line each, and a table of all runs.
+"""Run the verbs on measured logs and print what is known of them, one line each, and a table of all runs.
 
 Every run is a process of its own; what is in the folder of results is not run again, so that a run that was stopped
 goes on where it was. ``--only NAME`` runs logs again whose names begin so, and no others. ``--compare A B`` prints the

@@ -1,6 +1,6 @@
 """Gyros on several links against the encoders between them: misalignment and bias of each, and joint rates from them.
 
-``w_i = R_iᵀ w_0 + J_i q̇`` (THESIS 4.5.1): the gyro of link i against the base's gyro and the encoders.
+``w_i = R_iᵀ w_0 + J_i q̇`` (thesis 4.5.1): the gyro of link i against the base's gyro and the encoders.
 """
 
 from __future__ import annotations

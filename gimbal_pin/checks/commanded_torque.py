@@ -34,7 +34,7 @@ def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined
     combination of the other channels' on samples that the fit has not seen, or if there is nothing left at all, the
     column holds what was asked for and not what the motor did.
 
-    That is allowed (CONTRACT.md): a command is the motor's torque as long as the drive follows. What the drive does to
+    That is allowed: a command is the motor's torque as long as the drive follows. What the drive does to
     it (lag, delay, dead zone, gain) are physical causes, tested with the others. It makes the physics unreliable only
     where the column itself shows that the motor cannot have followed: beyond its limit.
     """

@@ -126,7 +126,7 @@ class Fault:
     """One thing that is wrong with a log.
 
     Attributes:
-        cause: Name in CONTRACT.md, group *data*.
+        cause: Name of the fault of the data, as `diagnose` says it.
         joint: The joint concerned most; None for the whole log.
         sentence: What is wrong, for one who builds rigs.
         parameters: What was measured, with deviations and units.
@@ -155,7 +155,7 @@ class Fault:
         return replace(self, sentence=rig.in_units(self.joint, self.sentence), parameters=shown)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds of a data finding; CONTRACT's figures of physical findings are null."""
+        """Return what JSON holds of a data finding; the figures of physical findings are null."""
         physical = ("gain", "p_value", "selection_frequency", "explained_share", "visible_fraction")
         return {
             "cause": self.cause,

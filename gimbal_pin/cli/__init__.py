@@ -61,7 +61,7 @@ VERBS: Mapping[str, Callable[..., None]] = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the verb that the arguments name, and leave with CONTRACT's exit code."""
+    """Run the verb that the arguments name, and leave with its exit code."""
     os.environ["MPLBACKEND"] = "agg"  # no verb opens a window of Matplotlib's, whatever a notebook or shell asks for
     try:
         with ending_orderly():

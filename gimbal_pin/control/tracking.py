@@ -1,4 +1,4 @@
-"""Step tracking (THESIS ch. 6): minimum-jerk references, all axes together, and one at a time."""
+"""Step tracking (thesis ch. 6): minimum-jerk references, all axes together, and one at a time."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ class Tracking:
         raise UsageError("experiment", f"'{name}/{controller}' was not run", f"there are {have}")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds (CONTRACT, `track`), in SI units and radians; null for what a joint has none of."""
+        """Return what `track --json` writes, in SI units and radians; null for what a joint has none of."""
         return {
             "schema": 1,
             "rig": self.rig,

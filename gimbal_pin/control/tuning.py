@@ -115,7 +115,7 @@ class Tuning:
         return chart(joints, inner(self.gains, self.robust), self.worst, wish.dt, wish.delay, drives, self.ratios)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON and YAML hold (CONTRACT, `tune`); `stored` reads it back.
+        """Return what `tune` writes as JSON and YAML; `stored` reads it back.
 
         Gains are in acceleration (1/s², 1/s³, 1/s), whatever the kind: times `inertia` they are N m/rad and so on.
         `bandwidth_hz` is the granted one, `crossover_hz` where the loop's gain is one. Infinite margins are null, and

@@ -1,4 +1,4 @@
-"""Logs in, what the simulation gets wrong out (DIAGNOSIS)."""
+"""Logs in, what the simulation gets wrong out."""
 
 from __future__ import annotations
 

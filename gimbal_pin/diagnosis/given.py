@@ -309,7 +309,7 @@ class Given:
         return f"{self.body}: products of inertia differ from the URDF, {figures} kg m^2: {meaning}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return `given_model` of CONTRACT: grams and millimetres, null where nothing is shown."""
+        """Return `given_model` of `diagnose --json`: grams and millimetres, null where nothing is shown."""
         shown, com, std = self.shift.axes, 1e3 * self.shift.change, 1e3 * self.shift.std
         weighed = len(self.mass.value) > 0
         row = {

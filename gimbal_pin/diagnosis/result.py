@@ -1,4 +1,4 @@
-"""What `diagnose` says: findings, what was left, and what the log could not show (CONTRACT, `diagnose --json`)."""
+"""What `diagnose` says: findings, what was left, and what the log could not show."""
 
 from __future__ import annotations
 
@@ -325,7 +325,7 @@ class Diagnosis:
 
 
 def overall(statuses: Sequence[str], residual: Sequence[Residual]) -> str:
-    """The verdict on the physics (CONTRACT): named before ambiguous, unknown before nothing."""
+    """The verdict on the physics: named before ambiguous, unknown before nothing."""
     if "named" in statuses or "unconfirmed" in statuses:
         return "named"
     if "ambiguous" in statuses:

@@ -1,4 +1,4 @@
-"""What the joint torques of a rig can show: base parameters with friction counted in (THESIS 4.33 and its table)."""
+"""What the joint torques of a rig can show: base parameters with friction counted in (thesis 4.33 and its table)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Base:
         return tuple(written(terms) for terms in self.terms)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds (CONTRACT, `base`)."""
+        """Return what `base --json` writes."""
         return {
             "schema": 1,
             "rig": self.rig,

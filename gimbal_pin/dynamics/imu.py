@@ -15,7 +15,7 @@ from gimbal_pin.rig.rig import Rig
 
 
 def readings(rig: Rig, links: Sequence[str], q: Array, v: Array, a: Array, platform: Platform) -> dict[str, Imu]:
-    """``w_i = R_iᵀ(w_{i-1} + q̇_i z)`` (THESIS 4.5.1) and ``f_i``, specific force of the link's origin, without error.
+    """``w_i = R_iᵀ(w_{i-1} + q̇_i z)`` (thesis 4.5.1) and ``f_i``, specific force of the link's origin, without error.
 
     Behind a free-flyer without gravity a link's classical acceleration is its specific force. The base's IMU is the
     platform's motion itself, attitude included.

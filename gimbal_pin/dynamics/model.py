@@ -78,7 +78,7 @@ class Doubt:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """``tau = rnea(q, v, a; phi) + sum of terms`` (THESIS 3.70).
+    """``tau = rnea(q, v, a; phi) + sum of terms`` (thesis 3.70).
 
     Attributes:
         rig: The rig; its Pinocchio model carries the inertial parameters in force.
@@ -305,7 +305,7 @@ def with_bodies(rig: Rig, phi: Array) -> Rig:
 
 
 def friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
-    """Coulomb and viscous friction of every joint: always part of the model (THESIS 3.61)."""
+    """Coulomb and viscous friction of every joint: always part of the model (thesis 3.61)."""
     return tuple(kind(joint) for joint in joints for kind in (Coulomb, Viscous))
 
 

@@ -69,7 +69,7 @@ class Step(NamedTuple):
 
 
 class Plant:
-    """``a = D^-1 (tau - C v - G - F)`` (THESIS 3.71), with dry friction by the stick rule.
+    """``a = D^-1 (tau - C v - G - F)`` (thesis 3.71), with dry friction by the stick rule.
 
     A joint whose rate is zero sticks as long as the torque that holds it is within its total dry friction;
     otherwise it slides where that torque pushes it. A rate that changes sign within a step is brought to zero at

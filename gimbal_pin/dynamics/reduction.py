@@ -1,4 +1,4 @@
-"""Base parameters: which combinations of inertial parameters the joint torques can show (THESIS 4.20-4.27)."""
+"""Base parameters: which combinations of inertial parameters the joint torques can show (thesis 4.20-4.27)."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def scan(matrix: Array, names: tuple[str, ...]) -> Reduction:
 
 
 def regrouping(matrix: Array, independent: list[int]) -> Array:
-    """``beta = R_i^-1 R_d`` (THESIS 4.27) as a (b, p) mixing; entries that are zero to rounding are set to zero."""
+    """``beta = R_i^-1 R_d`` (thesis 4.27) as a (b, p) mixing; entries that are zero to rounding are set to zero."""
     mixing = np.linalg.lstsq(matrix[:, independent], matrix, rcond=None)[0]
     mixing = np.round(mixing, 12)  # what is left of the sums' own rounding
     mixing[:, independent] = np.eye(len(independent))

@@ -12,7 +12,7 @@ from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.rig import PHI, Rig
 
 SCAN = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "m")
-"""A body's inertial parameters in the order in which the reduction scans them (THESIS, "Base parameters")."""
+"""A body's inertial parameters in the order in which the reduction scans them (thesis, base parameters)."""
 
 DIAGONAL = ("Ixx", "Iyy", "Izz", "mx", "my", "mz")
 """The parameters of a body whose inertia is assumed diagonal, as in the thesis; concentric axes never show its mass."""
@@ -94,7 +94,7 @@ def across(mass: Array, joint: int, rotor: float = 0.0) -> Array:
 
 
 def rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
-    """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (THESIS 3.70 without F), N m, for q, v, a of shape (N, n).
+    """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (thesis 3.70 without F), N m, for q, v, a of shape (N, n).
 
     On a platform that moves, G and C v hold what its specific force and its turning ask of the joints.
     """

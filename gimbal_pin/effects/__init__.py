@@ -66,4 +66,4 @@ CAUSES: Mapping[str, type[Cause]] = MappingProxyType(
         if isinstance(kind, type) and issubclass(kind, Cause) and hasattr(kind, "name") and kind not in ALWAYS
     }
 )
-"""Every physical cause of CONTRACT.md by its name there but platform-motion, which is measured rather than fitted."""
+"""Every physical cause by its name but platform-motion, which is measured rather than fitted."""

@@ -24,7 +24,7 @@ class Cause(ABC):
     """
 
     name: ClassVar[str]
-    """Its name in CONTRACT.md, "Causes that `diagnose` may name"."""
+    """Its name, as `diagnose` says it."""
     shapes: ClassVar[tuple[Parameter, ...]] = ()
     """Bounds, unit and default of the fields that are shape parameters; a default of nan must be stated."""
     chosen: ClassVar[tuple[str, ...]] = ()

@@ -1,4 +1,4 @@
-"""Coulomb friction (THESIS 3.61)."""
+"""Coulomb friction (thesis 3.61)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Viscous friction (THESIS 3.61)."""
+"""Viscous friction (thesis 3.61)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Excitation: the motion that teaches most about a rig within its limits (THESIS 4.4.2-4.4.3)."""
+"""Excitation: the motion that teaches most about a rig within its limits (thesis 4.4.2-4.4.3)."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ class Excitation:
         return f"too few repeats to tell noise from what a model misses ({self.periods}): --seconds 25 has five"
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as `gimbal-pin excite --json` writes it (CONTRACT)."""
+        """The result as `gimbal-pin excite --json` writes it."""
         return {
             "schema": 1,
             "rig": self.rig,

@@ -227,7 +227,7 @@ class Identified:
         return replace_friction(to_urdf(model.rig, self.consistent.phi), friction)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds (CONTRACT, `identify`)."""
+        """Return what `identify --json` writes."""
         values = (self.estimate.theta, self.estimate.std, self.stated, self.moved)
         rows = zip(self.names, self.units, *(x.tolist() for x in values))
         return {

@@ -126,7 +126,7 @@ class Several:
         return f"the cameras' own parameters stand on {self.reference} being as its URDF says: add a log of '@{BARE}'"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds (CONTRACT, `identify`): the reference's, and every payload's under `payloads`."""
+        """Return what `identify --json` writes: the reference's, and every payload's under `payloads`."""
         cameras = {name: one.to_dict() for name, one in self.cameras.items()}
         each = {
             name: {**report_with_balance(one, self.cameras[name].mass), "camera": cameras[name]}

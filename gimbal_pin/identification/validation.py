@@ -31,7 +31,7 @@ class Accuracy:
     Attributes:
         how: Which rows.
         torque_rmse: Joint → root mean square error, N m, over all samples but those near standstill.
-        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (THESIS 4.28), over the same samples; nan where the torque
+        fit_percent: Joint → ``100 (1 - ‖y - ŷ‖ / ‖y - ȳ‖)`` (thesis 4.28), over the same samples; nan where the torque
             does not change.
         used: Joint → share of the rows that were used; the rest is near standstill, where a joint's motion does not
             tell its torque.

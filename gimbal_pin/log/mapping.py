@@ -1,6 +1,6 @@
 """Where a log's columns come from: ``value = factor * column`` of a file, read and written as text.
 
-The grammar of an entry of a mapping from a file's own headers to the CONTRACT's columns:
+The grammar of an entry of a mapping from a file's own headers to the columns of a log:
 
 - entry := target "=" expression | joint {"," joint} "=" joint {"," joint}
 - expression := [product "*"] column {("*" | "/") factor}

@@ -193,7 +193,7 @@ class Row:
         return tuple(sorted({swing.joint: swing for swing in every}.values(), key=lambda swing: -swing.share))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds (CONTRACT, `track`)."""
+        """Return what `track --json` writes."""
         return {
             "controller": self.controller,
             "platform": self.runs[0].platform,

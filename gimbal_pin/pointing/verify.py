@@ -197,7 +197,7 @@ class Verified:
         return slack(self.loops, self.joints)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds (CONTRACT, `track`)."""
+        """Return what `track --json` writes."""
         more: dict[str, Any] = {} if self.steps is None else {"experiments": self.steps.to_dict()["experiments"]}
         if self.demand is not None:
             more["pointing_demand"] = self.demand.to_dict(self.contests[-1])

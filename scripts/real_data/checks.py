@@ -21,12 +21,12 @@ Json = dict[str, Any]
 Judged = tuple[bool, str]
 
 NAMED = ("named", "unconfirmed")
-"""Statuses of a finding that has a name (CONTRACT): `unconfirmed` is a mark on one."""
+"""Statuses of a finding that has a name: `unconfirmed` is a mark on one."""
 PARTS = {12 * k for k in range(1, 17)} | {14 * k for k in range(1, 15)}
 """Harmonics per turn that 12 slots and 14 poles show (the data's README)."""
 LAGS = ("delay", "actuator-lag")
 LATE = 0.005
-"""A current's lag behind the angle, s, up to which it is the channels' alignment and no finding (DIAGNOSIS, 9)."""
+"""A current's lag behind the angle, s, up to which it is the channels' alignment and no finding."""
 FIRST_LOT = ("double_055640", "double_060143", "double_061157")
 WRISTS = ("wrist_1", "wrist_2", "wrist_3")
 
@@ -278,7 +278,7 @@ def nothing_denied(case: Case) -> Callable[[Outcome], Judged]:
 
 
 def denials(finding: Json, case: Case) -> list[str]:
-    """Return why a named finding cannot be: DIAGNOSIS 3 (bounds), 6 (a size known to two deviations), 9 (lags)."""
+    """Return why a named finding cannot be: by bounds, by a size known to two deviations, by lags."""
     cause, known = finding["cause"], [p for p in finding["parameters"].values() if p["std"]]
     why = []
     if known and all(abs(p["value"]) < 2 * p["std"] for p in known):

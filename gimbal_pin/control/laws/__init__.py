@@ -1,4 +1,4 @@
-"""Control laws with explicit memory (THESIS ch. 5), their sampled loop and its margins."""
+"""Control laws with explicit memory (thesis ch. 5), their sampled loop and its margins."""
 
 from gimbal_pin.control.laws.base import JointPid, Memory, Pid
 from gimbal_pin.control.laws.computed_torque import ComputedTorque, Robust

@@ -1,4 +1,4 @@
-"""Feedback linearisation with a PID outer loop, and Lyapunov redesign on top (THESIS ch. 5)."""
+"""Feedback linearisation with a PID outer loop, and Lyapunov redesign on top (thesis ch. 5)."""
 
 from __future__ import annotations
 

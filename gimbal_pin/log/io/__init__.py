@@ -28,7 +28,7 @@ from gimbal_pin.rig.rig import Rig
 
 
 def read_log(path: str | Path, rig: Rig, mapping: Entries = (), *, need_tau: bool = True) -> Log:
-    """Read one trajectory with the CONTRACT's columns, ``value = factor * column`` where a mapping says so.
+    """Read one trajectory with the columns of a log, ``value = factor * column`` where a mapping says so.
 
     Args:
         path: File, or several joined by + (`readers.open_table`), with the mounted payload behind an @ if there is one

@@ -1,4 +1,4 @@
-"""Which columns a log has (CONTRACT.md), and how a table's columns become channels in SI units."""
+"""Which columns a log has, and how a table's columns become channels in SI units."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
 _JOINT_COLUMNS = {"q": "q", "v": "dq", "tau": "tau", "q_ref": "q_ref", "temperature": "temp"}
-"""Attribute of `Log` → prefix of its columns, in the CONTRACT's order."""
+"""Attribute of `Log` → prefix of its columns, in the order of files."""
 IMU_COLUMNS = {"gyro": "xyz", "accel": "xyz", "quat": "wxyz"}
 """Attribute of `Imu` (and prefix of its columns) → its axes."""
 _LOST = 0.1
@@ -33,7 +33,7 @@ class Group:
     """Columns that stand together: a file has all of them or none.
 
     Attributes:
-        columns: Names as in the CONTRACT.
+        columns: Names as in files.
         required: Whether a file without them is refused.
     """
 
@@ -63,7 +63,7 @@ def make_log_groups(joints: Sequence[str], links: Sequence[str], need_tau: bool)
 
 
 def log_columns(log: Log) -> dict[str, Array]:
-    """Return column → (N,) values of everything in a log, in the CONTRACT's order."""
+    """Return column → (N,) values of everything in a log, in the order of files."""
     columns = {"t": log.t}
     for attribute, prefix in _JOINT_COLUMNS.items():
         if (values := getattr(log, attribute)) is not None:

@@ -135,7 +135,7 @@ class Recognised(NamedTuple):
 
     Attributes:
         channels: Every column, that of the times first.
-        mapping: Target → (column, factor, remark) for the rig, in the CONTRACT's order; empty without a rig.
+        mapping: Target → (column, factor, remark) for the rig, in the order of files; empty without a rig.
         t: Times, s, of the samples that are later than all before them, (M,).
         scale: Seconds of one unit of the times.
     """
@@ -424,7 +424,7 @@ def _find_quantum(x: Array) -> float:
 
 
 def assign_columns(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple[str, str, str]]:
-    """Return target → (column, factor, remark) of a rig's log, in the CONTRACT's order.
+    """Return target → (column, factor, remark) of a rig's log, in the order of files.
 
     Args:
         t: Time, s, (N,).
