@@ -3,12 +3,14 @@ from .calibration import estimate_joint_rates as estimate_joint_rates
 from .calibration import estimate_mountings as estimate_mountings
 from .channel_assignment import check_assignment as check_assignment
 from .checked import CHECKS as CHECKS
+from .checked import HARMLESS as HARMLESS
 from .checked import CheckedLog as CheckedLog
 from .checked import check_log as check_log
 from .checked import collect_alterations as collect_alterations
 from .eccentricity import Eccentricity as Eccentricity
 from .eccentricity import fit_eccentricity as fit_eccentricity
 from .platform_log import check_platform_log as check_platform_log
+from .record import REASONS as REASONS
 from .record import Alteration as Alteration
 from .record import Fault as Fault
 from .record import list_alterations as list_alterations

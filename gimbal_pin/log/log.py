@@ -216,7 +216,7 @@ class Imu:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One trajectory as it was recorded or simulated .
+    """One trajectory as it was recorded or simulated.
 
     Lists and arrays are copied. What takes a rig and a log finds the log's columns by the names of the rig's joints.
 

@@ -130,7 +130,7 @@ def anchor(data: Array, wide: Array) -> Array:
     """Rows ``wide (theta - theta_0)``, theta_0 being the data's own solution, in so far as the data show theta.
 
     In coordinates in which the data's squares are the identity, singular values beyond √MOST are cut to it: so what
-    the data hardly show, and hence theta_0 does not know, is not fixed_values there.
+    the data hardly show, and hence theta_0 does not know, is not fixed there.
 
     Args:
         data: ``[A b]``, (any, k + 1).
@@ -176,7 +176,7 @@ def _fit_bodies(
     """Return the bodies, (10 n,), and the other coefficients, that fit best ``[U z]``, (any, k + 1).
 
     The others are not constrained, so they are eliminated: with their columns first, what stands under their part of
-    the triangle is free of them. Those that are fixed_values at a value, not NaN, go over to the torque.
+    the triangle is free of them. Those that are fixed at a value, not NaN, go over to the torque.
     """
     width, total = len(mixing), stacked.shape[1] - 1
     rows = stacked.copy()

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gimbal_pin.checks import CHECKS, Fault, check_log
+from gimbal_pin.checks import CHECKS, HARMLESS, REASONS, Fault, check_log
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.control import bench_run, tune
 from gimbal_pin.dynamics import nominal, weight
@@ -75,6 +75,10 @@ def test_every_check_bears_a_name_of_the_contract() -> None:
     if CONTRACT.is_file():
         row = next(line for line in CONTRACT.read_text(encoding="utf-8").splitlines() if line.startswith("| data |"))
         assert {*NAMES, "logs-disagree"} == {*re.findall(r"`([a-z-]+)`", row)}
+
+
+def test_what_repairs_says_why() -> None:
+    assert set(CHECKS) - HARMLESS <= set(REASONS)
 
 
 @pytest.mark.parametrize("planted", NAMES)

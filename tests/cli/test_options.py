@@ -21,11 +21,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tyro.constructors import PrimitiveConstructorSpec
 
-from gimbal_pin.cli import VERBS, ending_orderly
+from gimbal_pin.cli import VERBS, ending_orderly, options
 from gimbal_pin.cli.paths import label
 from gimbal_pin.cli.present import say
 from gimbal_pin.cli.work import affordable
 from gimbal_pin.errors import LONGEST, UNSAFE, DataError, GimbalPinError, UsageError
+from gimbal_pin.identification import ESTIMATORS
 from gimbal_pin.log.io import files
 from tests.command_line import Run, refused
 
@@ -41,6 +42,10 @@ def numbers(of: Any) -> Iterator[tuple[str, Any, list[PrimitiveConstructorSpec[A
             yield from numbers(type(default))
         elif {int, float} & {kind, *get_args(kind)}:
             yield label(name, tuple(marks)), default, [m for m in marks if isinstance(m, PrimitiveConstructorSpec)]
+
+
+def test_every_estimator_can_be_asked_for() -> None:
+    assert set(get_args(options.EstimatorName)) == {str(method) for method in ESTIMATORS}
 
 
 @pytest.mark.parametrize("verb", VERBS)

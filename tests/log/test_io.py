@@ -645,7 +645,9 @@ def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: fl
     with pytest.raises(LogError, match=r"moves 0\.01.* times as far as dq_yaw says"):
         units.check_units("x", rig, t, q, np.degrees(noisy))
     with pytest.raises(LogError, match=r"t is in ms, not s: map it: --map 't=t\*0.001'"):
-        units.check_units("x", rig, 1e3 * t, seen, noisy)
+        units.check_units("x", rig, 1e3 * t, q, noisy)
+    with pytest.raises(LogError, match=r"dq_yaw is negative where q_yaw rises.*--map dq_yaw=-dq_yaw"):
+        units.check_units("x", rig, t, q, -noisy)
 
 
 def test_two_channels_of_one_name_are_refused(rig: Rig) -> None:

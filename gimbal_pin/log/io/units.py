@@ -70,11 +70,14 @@ def _check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, 
 
 
 def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q: Array, v: Array) -> None:
-    """Raise `LogError` if an angle plainly follows its rate, but many times faster or slower."""
+    """Raise `LogError` if an angle plainly follows its rate, but many times faster or slower, or the other way."""
     each = zip(rig.joints, take_increments(t, q).T, take_increments(t, v, integrated=True).T)
-    ratios = {joint: ratio for joint, moved, sums in each if (ratio := find_ratio(moved, sums)[1]) > 0}
+    ratios = {joint: ratio for joint, moved, sums in each if (ratio := find_ratio(moved, sums)[1])}
     off = {joint: ratio for joint, ratio in ratios.items() if not 1 / OTHER_UNIT < ratio < OTHER_UNIT}
     for joint, factor in list(off.items())[:1]:
+        if 1 / OTHER_UNIT < -factor < OTHER_UNIT:
+            maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", -1.0)})
+            raise LogError(name, f"dq_{joint} is negative where q_{joint} rises", f"turn the sign of one: {maps}")
         what = f"q_{joint} moves {factor:.3g} times as far as dq_{joint} says"
         if len(off) == len(ratios) and abs(np.log10(factor) + 3) < 0.3:
             maps = format_remapping(sources, {"t": ("t", 1e-3)})
