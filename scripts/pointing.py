@@ -23,12 +23,12 @@ from scipy.spatial.transform import Rotation
 from gimbal_pin.control.experiment import perturbed
 from gimbal_pin.control.laws import JointPid
 from gimbal_pin.control.laws.equal import Equal
-from gimbal_pin.dynamics.imu import noisy
+from gimbal_pin.dynamics.imu import add_imu_noise
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.plant import State
-from gimbal_pin.dynamics.simulation import Drive, halved
+from gimbal_pin.dynamics.simulation import Drive, _resample_halfway
 from gimbal_pin.effects.payload_mass import PayloadMass
-from gimbal_pin.effects.rig_effect import payload
+from gimbal_pin.effects.rig_effect import get_payload
 from gimbal_pin.log.log import Array, Imu
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, make_propeller_band, sum_bands
@@ -212,7 +212,7 @@ def on_mount(
 ) -> Held:
     """Run the loop on a platform that reacts."""
     t = DT * np.arange(round(seconds / DT) + 1)
-    base = halved(ground, t)
+    base = _resample_halfway(ground, t)
     sensed = Felt(plant, base, station, t, np.random.default_rng([seed, 1]))
     sensed.w = sensed.w.copy()
     sensed.system, sensed.attitudes = Mounted(plant, base, case.base), []
@@ -234,7 +234,7 @@ def run(case: Case, rig: Rig, seed: int, seconds: float, names: Sequence[str]) -
     known = nominal(rig)
     plant = perturbed(rig, 0.03, np.random.default_rng([seed, 2]))
     if case.heavier:
-        plant = replace(plant, rig=PayloadMass(case.heavier * payload(rig)[1].mass).apply(plant.rig))
+        plant = replace(plant, rig=PayloadMass(case.heavier * get_payload(rig)[1].mass).apply(plant.rig))
     ground, station = case.ground(rig, seed, seconds), Station.of(rig, case.faults)
     roster = Roster(known, WANTED, taught(case, rig), station.noise, float(station.step.max()))
     out = {}
@@ -255,7 +255,7 @@ def taught(case: Case, rig: Rig) -> Spectrum:
     """Learn how a platform moves from 20 s of its IMU."""
     motion = case.teaching(rig, TEACHING, 20.0)
     rng, noise = np.random.default_rng(TEACHING), Noise(GYRO, ACCELEROMETER)
-    return Spectrum.of(noisy(Imu(motion.w[::2], motion.f[::2], None), noise, DT, rng), DT)
+    return Spectrum.of(add_imu_noise(Imu(motion.w[::2], motion.f[::2], None), noise, DT, rng), DT)
 
 
 def fastest(roster: Roster) -> Holder:

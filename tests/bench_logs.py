@@ -8,7 +8,16 @@ from unittest.mock import patch
 import numpy as np
 
 from gimbal_pin.control import repeated, tune
-from gimbal_pin.dynamics import Model, Plant, Sensors, State, friction_effects, nominal, reduce, simulate
+from gimbal_pin.dynamics import (
+    Model,
+    Plant,
+    Sensors,
+    State,
+    build_friction_effects,
+    nominal,
+    reduce_parameters,
+    simulate,
+)
 from gimbal_pin.excitation import excite
 from gimbal_pin.identification import Identified, given_beta, identify
 from gimbal_pin.log import Array, BaseMotion, Log, Motion
@@ -48,12 +57,12 @@ def prescribed(model: Model, seed: int = 0, seconds: float = 20.0, torque_noise:
 
 def rows_of(rig: Rig, log: Log, filtering: Filtering = EXACT, base: BaseMotion = "fixed") -> Design:
     """The rows of one log for base parameters, Coulomb and viscous friction."""
-    return Design(rig, reduce(rig, base=base), friction_effects(rig.joints), (log,), filtering)
+    return Design(rig, reduce_parameters(rig, base=base), build_friction_effects(rig.joints), (log,), filtering)
 
 
 def true_theta(rig: Rig, base: BaseMotion = "fixed") -> Array:
     """What a rig's own base parameters, Coulomb and viscous friction are."""
-    return np.concatenate([given_beta(rig, reduce(rig, base=base)), rig.friction.ravel()])
+    return np.concatenate([given_beta(rig, reduce_parameters(rig, base=base)), rig.friction.ravel()])
 
 
 def truth(plant: Model, log: Log, tau: Array) -> Motion:

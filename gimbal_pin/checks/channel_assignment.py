@@ -11,10 +11,10 @@ import numpy as np
 
 from gimbal_pin.checks.record import Fault
 from gimbal_pin.checks.series import CHANNELS
-from gimbal_pin.dynamics.configurations import spread
-from gimbal_pin.dynamics.model import friction_effects
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.dynamics.regressor import inertia
+from gimbal_pin.dynamics.configurations import spread_reference_states
+from gimbal_pin.dynamics.model import build_friction_effects
+from gimbal_pin.dynamics.reduction import reduce_parameters
+from gimbal_pin.dynamics.regressor import compute_inertia_column
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.log import Array, Log
@@ -106,7 +106,9 @@ def check_assignment_of_logs(rig: Rig, logs: Sequence[Log], base: BaseMotion, fi
         LogError: As `check_assignment`, of signs and of torques that have changed places.
     """
     parts = tuple(map(take_beginning, logs))
-    blocks = compute_blocks(Design(rig, reduce(rig, base=base), friction_effects(rig.joints), parts, filtering))
+    blocks = compute_blocks(
+        Design(rig, reduce_parameters(rig, base=base), build_friction_effects(rig.joints), parts, filtering)
+    )
     if not blocks or count_effective_rows(blocks).min() <= blocks[0].A.shape[2]:
         return None
     found = find_assignment(blocks, fit_weighted(blocks))
@@ -137,8 +139,8 @@ def is_impossible(blocks: DesignBlocks, estimate: Estimate) -> bool:
 
 def compute_mass_matrices(rows: Design, beta: Array) -> Array:
     """``D(q)`` of base parameters over the rig's poses, (N, n, n): column j is what a unit acceleration of j takes."""
-    rig, q = rows.rig.with_phi(rows.to_bodies(beta)), spread(rows.rig).q
-    matrices = np.stack([inertia(rig, q, j) for j in range(rig.n)], axis=2)
+    rig, q = rows.rig.with_phi(rows.to_bodies(beta)), spread_reference_states(rows.rig).q
+    matrices = np.stack([compute_inertia_column(rig, q, j) for j in range(rig.n)], axis=2)
     return (matrices + matrices.transpose(0, 2, 1)) / 2
 
 

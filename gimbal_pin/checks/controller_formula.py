@@ -8,7 +8,7 @@ import numpy as np
 
 from gimbal_pin.checks.record import Examined, Fault
 from gimbal_pin.checks.series import Indices
-from gimbal_pin.dynamics.regressor import columns, regressor, rnea, weight
+from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea, name_columns
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log import signals
@@ -79,7 +79,7 @@ def check_controller_formula(rig: Rig, log: Log, filtering: Filtering) -> Examin
     if not like:
         return check_formula_of_angles(rig, log, filtering)
     a = signals.differentiate(v, log.dt)
-    A = regressor(rig, q[kept], v[kept], a[kept], places=columns(rig)[1])
+    A = compute_regressor(rig, q[kept], v[kept], a[kept], places=name_columns(rig)[1])
     rigid = {j: np.hstack([A[:, j, A[:, j].any(axis=0)], maps[j]]) for j in like}
     plant = {j: fit_passive_plant(log.t[kept], q[kept, j], v[kept, j], rigid[j], tau[kept, j]) for j in like}
     worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
@@ -105,13 +105,13 @@ def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examine
     v = signals.differentiate(q, log.dt)
     a = signals.differentiate(v, log.dt)[kept]
     noise = signals.noise_std(log.q) * signals.compute_noise_gain(sections, 1.0, 2) / log.dt**2
-    asked = rnea(rig, q[kept], v[kept], a) - weight(rig, q[kept])
-    hidden = rnea(rig.weightless, q[kept], 0.0 * a, np.tile(noise, (len(kept), 1)))
+    asked = compute_rnea(rig, q[kept], v[kept], a) - compute_gravity(rig, q[kept])
+    hidden = compute_rnea(rig.weightless, q[kept], 0.0 * a, np.tile(noise, (len(kept), 1)))
     still = np.zeros_like(a)
     left, inert = np.full((2, LATEST + 1, rig.n), np.inf)
     for delay in range(LATEST + 1):
         late = q[kept - delay]
-        G = regressor(rig, late, still, still, places=columns(rig)[1])
+        G = compute_regressor(rig, late, still, still, places=name_columns(rig)[1])
         for j in range(rig.n):
             own = G[:, j, G[:, j].any(axis=0)]
             free = orthogonalize(np.column_stack([np.ones(len(kept)), log.t[kept] - log.t[0], late[:, j], own]))

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import friction_effects
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.model import build_friction_effects
+from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BaseMotion
@@ -33,9 +33,13 @@ def build_design(rig: Rig, log: Log, filtering: Filtering, base: BaseMotion | No
         filtering: The filter.
         base: How the base moves; None: what this log says, of which a part may say less than the whole.
     """
-    reduction = reduce(rig, base=base or classify_base_motion(rig, log))
+    reduction = reduce_parameters(rig, base=base or classify_base_motion(rig, log))
     return Design(
-        rig, reduction, friction_effects(rig.joints), (log,), replace(filtering, direction=SIGN_BAND, compact=True)
+        rig,
+        reduction,
+        build_friction_effects(rig.joints),
+        (log,),
+        replace(filtering, direction=SIGN_BAND, compact=True),
     )
 
 

@@ -157,7 +157,7 @@ def to_show(model: Model, texts: Sequence[str]) -> list[Effect]:
     Raises:
         UsageError: A text names a cause that is no torque at a joint; it says what shows that.
     """
-    from gimbal_pin.dynamics.model import friction_effects
+    from gimbal_pin.dynamics.model import build_friction_effects
     from gimbal_pin.effects import Term
     from gimbal_pin.effects.parse import parse_effect
 
@@ -169,5 +169,5 @@ def to_show(model: Model, texts: Sequence[str]) -> list[Effect]:
             mend = f"what shows it is {planted.experiment}; 'simulate --effect' plants it"
             raise UsageError(f"--effect {planted.name}", what, mend)
         terms.append(planted.effect)
-    friction = friction_effects(model.rig.joints)
+    friction = build_friction_effects(model.rig.joints)
     return [effect for k, effect in enumerate(terms) if effect not in (*friction, *terms[:k])]

@@ -34,9 +34,9 @@ RigFile = Annotated[
 
 def rigs(*, json: Json = None) -> None:
     """List the bundled rigs and payloads."""
-    from gimbal_pin.dynamics.checking import listing
+    from gimbal_pin.dynamics.checking import list_bundled
 
-    listed = listing()
+    listed = list_bundled()
     present(text.rigs(listed), listed, json)
 
 
@@ -62,7 +62,7 @@ def base(
     json: Json = None,
 ) -> None:
     """Base parameters: what the joint torques can show, the regrouping, what they cannot."""
-    from gimbal_pin.dynamics.base_parameters import base as run
+    from gimbal_pin.dynamics.base_parameters import compute_base as run
 
     found = run(load_rig(rig, payload), diagonal)
     present(text.base(found), found.to_dict(), json)

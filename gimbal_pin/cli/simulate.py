@@ -103,11 +103,11 @@ def simulate(
     yes: Yes = False,
 ) -> None:
     """Simulate the closed loop and write what its sensors say as a log."""
-    from gimbal_pin.effects.parse import every
+    from gimbal_pin.effects.parse import format_causes
     from gimbal_pin.log.io import read_motion, write_log
 
     if "help" in effect:
-        say(every())
+        say(format_causes())
         return
     shown_somewhere(output, live)
     loaded = load_rig(rig, payload or mounted(model))

@@ -23,8 +23,8 @@ from gimbal_pin.control.laws.reasons import (
     grouped,
 )
 from gimbal_pin.control.laws.uncertainty import DRAWS, Ratios, drawn, widened
-from gimbal_pin.dynamics.model import Model, model_from, plain_model
-from gimbal_pin.dynamics.threads import one_thread
+from gimbal_pin.dynamics.model import Model, convert_model, read_model_data
+from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, prefix_place, read_record
@@ -143,11 +143,11 @@ class Tuning:
             "warnings": list(self.warnings),
             "reasons": list(self.reasons),
             "doubts": list(self.doubts),
-            "model": plain_model(self.model),
+            "model": convert_model(self.model),
         }
 
 
-@one_thread()
+@limit_to_one_thread()
 def tune(
     model: Model,
     *,
@@ -307,7 +307,7 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> Stored:
                 raise ModelError(f"{place}: joints.{joint}", "has unstable gains", mend)
         inertia = tuple(row.inertia for row in rows)
         brakes = tuple(inf if row.braking is None else row.braking for row in rows)
-        model = model_from(filed.model, rig, f"{place}: model")
+        model = read_model_data(filed.model, rig, f"{place}: model")
         robust = None
         if filed.robust is not None:
             known = {key: x for key, x in vars(filed.robust).items() if key != "gain"}

@@ -16,7 +16,7 @@ from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.given import outside
 from gimbal_pin.diagnosis.state import Problem, State, solved
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
@@ -63,7 +63,7 @@ class Apart(NamedTuple):
 
 def alone(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> Alone:
     """Return every log that is long enough to tell on its own; held-out logs are among them."""
-    reduction, found = reduce(rig), {}
+    reduction, found = reduce_parameters(rig), {}
     for k, log in enumerate(logs if len(logs) > 1 else ()):
         with contextlib.suppress(DataError):
             evidence = gather(rig, [log], filtering, {log.name: float(log.t[0])})

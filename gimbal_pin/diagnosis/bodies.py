@@ -18,8 +18,8 @@ from scipy.stats import f
 
 from gimbal_pin.diagnosis.engine.selection import BEAM, ERROR_RATE, MOST
 from gimbal_pin.diagnosis.given import RANK, Difference
-from gimbal_pin.dynamics.reduction import samples
-from gimbal_pin.dynamics.regressor import regressor, rnea
+from gimbal_pin.dynamics.reduction import spread_states
+from gimbal_pin.dynamics.regressor import compute_regressor, compute_rnea
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
@@ -134,19 +134,19 @@ class Bodies:
     @cached_property
     def motion(self) -> tuple[Array, Array, Array]:
         """Poses that show all, with speeds and accelerations."""
-        return samples(self.found.rig)
+        return spread_states(self.found.rig)
 
     @cached_property
     def torques(self) -> tuple[Array, Array, Array]:
         """Base columns over these, (m, b), their pseudo-inverse, and the given rig's torque, (m,)."""
         rig, places = self.found.rig, find_base_columns(self.found.rig, self.found.reduction)
-        columns = regressor(rig, *self.motion)[:, :, places].reshape(-1, len(places))
-        return columns, np.linalg.pinv(columns), rnea(rig, *self.motion).ravel()
+        columns = compute_regressor(rig, *self.motion)[:, :, places].reshape(-1, len(places))
+        return columns, np.linalg.pinv(columns), compute_rnea(rig, *self.motion).ravel()
 
     def torque(self, causes: Sequence[RigEffect]) -> Array:
         """Torque that causes add to the given rig's, (m,); nan where no body allows them."""
         try:
-            return rnea(altered(self.found.rig, causes), *self.motion).ravel() - self.torques[2]
+            return compute_rnea(altered(self.found.rig, causes), *self.motion).ravel() - self.torques[2]
         except UsageError:
             return np.full(len(self.torques[2]), np.nan)
 

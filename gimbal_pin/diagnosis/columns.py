@@ -10,10 +10,10 @@ import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.dynamics.reduction import Reduction
-from gimbal_pin.dynamics.regressor import regressor, rnea
+from gimbal_pin.dynamics.regressor import compute_regressor, compute_rnea
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
-from gimbal_pin.effects.signal import Borne
+from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.brief import brief
@@ -78,7 +78,7 @@ def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list
     """Base columns whitened, (rows, n, b), and as they are for each part, (m, n, b)."""
     places = find_base_columns(evidence.rig, reduction)
     channels = [part.channels for part in evidence.parts]
-    full = [regressor(evidence.rig, c.q, c.v, c.a, c.platform)[:, :, places] for c in channels]
+    full = [compute_regressor(evidence.rig, c.q, c.v, c.a, c.platform)[:, :, places] for c in channels]
     return evidence.whiten_all(full), full
 
 
@@ -99,7 +99,7 @@ def plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]
     return [np.stack([np.broadcast_to(x, np.shape(at.t)) for x in effect.basis(at)]).T for at in samples]
 
 
-Bearing = Sequence[Borne]
+Bearing = Sequence[JointLoad]
 """What a joint bears along each part."""
 
 
@@ -147,7 +147,7 @@ class Stand:
         rig, platform = self.rig, part.platform
         for change in self.changes:
             rig, platform = change.apply(rig), change.carried(part.time, platform)
-        return rnea(rig, part.channels.q, v, a, platform)
+        return compute_rnea(rig, part.channels.q, v, a, platform)
 
 
 @dataclass(frozen=True, eq=False)

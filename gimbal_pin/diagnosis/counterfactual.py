@@ -21,7 +21,7 @@ from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.gain import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.result import MEASURED, Finding
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import LEANS, BaseMotion, Platform
@@ -109,7 +109,7 @@ def counterfactual(
     rig, known = found.problem.evidence.rig, found.problem.evidence
     origins = {log.name: float(log.t[0]) for log in (*test, *train)}  # a log began where its first part did
     problem = replace(
-        Problem.of(alike(gather(rig, train, filtering, origins), known), reduce(rig, base=base)),
+        Problem.of(alike(gather(rig, train, filtering, origins), known), reduce_parameters(rig, base=base)),
         luck=found.problem.luck,
     )
     plain = solved(problem, (), solved(problem, ()))

@@ -23,8 +23,8 @@ from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.reversals import opened
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.diagnosis.trusted import compared
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.dynamics.threads import one_thread
+from gimbal_pin.dynamics.reduction import reduce_parameters
+from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification import greatest_base_motion, split_logs
@@ -40,7 +40,7 @@ DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque."""
 
 
-@one_thread()
+@limit_to_one_thread()
 def diagnose(
     rig: Rig,
     logs: Sequence[Log],
@@ -153,7 +153,7 @@ def searched(
     apart = outright(rig, each)
     if apart is not None:
         return spoilt(rig, logs, with_fault(checked, apart), filtering)
-    reduction = reduce(rig, base=base)
+    reduction = reduce_parameters(rig, base=base)
     gliding = solved(Problem.of(alternate(evidence, filtering)[0] if whole else evidence, reduction), ())
     evidence, held = (opened(one, gliding, filtering) for one in (evidence, held))
     if whole:

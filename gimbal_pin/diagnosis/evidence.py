@@ -16,12 +16,12 @@ import numpy as np
 from scipy import fft
 
 from gimbal_pin.diagnosis.sensor_noise import floor
-from gimbal_pin.dynamics.regressor import weight
+from gimbal_pin.dynamics.regressor import compute_gravity
 from gimbal_pin.effects import Sample, Signal
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.losses import Losses
-from gimbal_pin.effects.seen import Seen
-from gimbal_pin.effects.signal import Borne
+from gimbal_pin.effects.seen import OperatingRange
+from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.errors import DataError
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import Platform
@@ -112,7 +112,7 @@ class Part(NamedTuple):
         spectrum = fft.rfft(signal * (gate[:, None] if wide else gate), axis=0)[: len(gain)]
         return fft.irfft(spectrum * (gain[:, None] if wide else gain), self.rows, axis=0) * (self.rows / len(gate))
 
-    def acted(self, signal: Signal, torque: Array, joint: int, borne: Borne | None) -> Array:
+    def acted(self, signal: Signal, torque: Array, joint: int, borne: JointLoad | None) -> Array:
         """Torque that acts, N m, (m,), where a signal is given one at a joint, N m, (m,).
 
         What jumps with the command does so at each sample of the log: a torque that crosses the edge from one sample to
@@ -124,7 +124,7 @@ class Part(NamedTuple):
             return torque - later(loss, np.broadcast_to(self.late, self.gate.shape[1:])[joint], self.dt)
         return signal.along(torque, self.dt, borne)
 
-    def lost(self, signal: Signal, torque: Array, joint: int, borne: Borne | None) -> Array:
+    def lost(self, signal: Signal, torque: Array, joint: int, borne: JointLoad | None) -> Array:
         """What a signal at a joint takes from the torques of all, N m, (m, n), that it is given, (m, n)."""
         if borne is not None and borne.taken is not None:
             return borne.taken
@@ -186,7 +186,7 @@ class Evidence:
     parts: tuple[Part, ...]
     band: float
     block: Array
-    seen: tuple[Seen, ...]
+    seen: tuple[OperatingRange, ...]
 
     __repr__ = brief
 
@@ -435,7 +435,7 @@ def blocks_of(parts: Sequence[Part], band: float) -> Array:
     return np.concatenate(out)
 
 
-def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen, ...]:
+def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[OperatingRange, ...]:
     """What the parts show of each joint."""
     q, v, tau = (np.concatenate([getattr(part.channels, name) for part in parts]) for name in ("q", "v", "tau"))
     seconds = sum(part.dt * len(part.gate) for part in parts)
@@ -443,7 +443,7 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Seen,
     rate_std = np.mean([part.channels.rate_std for part in parts], axis=0)
     upright = ~np.any(heavy(rig, parts), axis=0)
     return tuple(
-        Seen(
+        OperatingRange(
             seconds,
             parts[0].dt,
             filtering.cutoff,
@@ -465,6 +465,6 @@ def heavy(rig: Rig, parts: Sequence[Part]) -> Flags:
     """Whether the weight of anything is felt at each joint, at some of the angles, (POSES, n)."""
     q = np.concatenate([part.channels.q for part in parts])
     some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
-    pull = np.abs(weight(rig, some))
+    pull = np.abs(compute_gravity(rig, some))
     moving = any(part.platform is not None for part in parts)
     return np.asarray((pull > FELT * np.max(pull, initial=1e-300)) | moving)

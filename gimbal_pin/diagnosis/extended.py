@@ -10,12 +10,12 @@ import numpy as np
 from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.state import State, refitted, sized
 from gimbal_pin.diagnosis.two_mass import loose
-from gimbal_pin.dynamics.model import Estimated, Model, brakes
-from gimbal_pin.dynamics.reduction import units
-from gimbal_pin.dynamics.regressor import across, inertia
+from gimbal_pin.dynamics.model import Estimated, Model, is_motor_friction
+from gimbal_pin.dynamics.reduction import list_units
+from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_column
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.effects.loose import Loose
-from gimbal_pin.effects.signal import Borne
+from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 
@@ -40,11 +40,11 @@ class Extended:
             out -= part.lost(signal, out, j, self.borne(part, signal, out[:, j]) if signal.geared else None)
         return out
 
-    def borne(self, part: Part, signal: Signal, command: Array) -> Borne:
+    def borne(self, part: Part, signal: Signal, command: Array) -> JointLoad:
         """What a signal's joint bears along a part, N m, (m,)."""
         joint = self.model.rig.joint_index(signal.joint)
         c, sample = part.channels, part.sample(joint)
-        terms = [term for term in self.model.by_joint[joint] if brakes(term.effect)]
+        terms = [term for term in self.model.by_joint[joint] if is_motor_friction(term.effect)]
         brake = np.zeros(len(c.t)) + sum(np.asarray(term.torque(sample)) for term in terms)
         others = np.arange(c.a.shape[1]) != joint
         asked, whole = (
@@ -52,9 +52,9 @@ class Extended:
             for a in (c.a * others, c.a)
         )
         if isinstance(signal, Loose) and signal.springy:
-            return Borne(brake, asked - brake, taken=loose(self.model.rig, part, signal))
-        push = across(inertia(self.model.rig, c.q, joint), joint, self.model.armature[joint])
-        return Borne.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked, push)
+            return JointLoad(brake, asked - brake, taken=loose(self.model.rig, part, signal))
+        push = compute_coupling(compute_inertia_column(self.model.rig, c.q, joint), joint, self.model.armature[joint])
+        return JointLoad.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked, push)
 
 
 def extended(state: State) -> Extended:
@@ -88,7 +88,7 @@ def estimated(state: State, terms: Sequence[Term]) -> Estimated:
     rig, pairs = state.problem.evidence.rig, [(t.effect, c) for t in terms for c in t.effect.coefficients]
     coefficients = [(f"{e.joint}.{e.name}.{c.name}", rig.in_units(e.joint, c.unit)) for e, c in pairs]
     names = (*reduction.base_names, *(name for name, _ in coefficients))
-    measures = (*units(symbols), *(unit for _, unit in coefficients))
+    measures = (*list_units(symbols), *(unit for _, unit in coefficients))
     return Estimated(names, measures, now.theta[kept], covariance[np.ix_(kept, kept)])
 
 

@@ -12,8 +12,16 @@ from scipy.stats import chi2
 from gimbal_pin.diagnosis.engine.criterion import FORM
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.reduction import Reduction
-from gimbal_pin.dynamics.regressor import inertia_columns
-from gimbal_pin.effects.rig_effect import AXES, carried, facing, gyration, payload, shifted, turning_axis
+from gimbal_pin.dynamics.regressor import compute_inertia_regressor
+from gimbal_pin.effects.rig_effect import (
+    DIRECTIONS,
+    compute_gyration_radius,
+    find_camera_axes,
+    find_joint_axis,
+    find_payload_link,
+    get_payload,
+    shift_inertia,
+)
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification import Identified, given_beta
 from gimbal_pin.identification.balance import report_with_balance as weighed
@@ -266,7 +274,7 @@ class Given:
         """Say where it sits, in the camera's own directions."""
         shift, least = self.shift.turned(self.words), FORM * self.gyration
         change, std = shift.change, shift.std
-        hidden = [f"{a}/{b}" for (a, b), shown in zip(AXES, shift.axes) if not shown]
+        hidden = [f"{a}/{b}" for (a, b), shown in zip(DIRECTIONS, shift.axes) if not shown]
         unseen = f" ({' and '.join(hidden)} does not show)" if hidden else ""
         if len(hidden) == 3:
             return "the log does not show where the payload sits"
@@ -276,7 +284,7 @@ class Given:
             return f"the payload sits where its URDF says, to {digits(1e3 * most, 2)} mm{unseen}"
         away = [
             f"{digits(1e3 * abs(x))} ± {digits(max(1e3 * s, 0.01), 1)} mm further {names[x < 0]}"
-            for x, s, names in zip(told.tolist(), std.tolist(), AXES)
+            for x, s, names in zip(told.tolist(), std.tolist(), DIRECTIONS)
             if x
         ]
         return f"the payload sits {', '.join(away)} than its URDF says{unseen}"
@@ -295,7 +303,9 @@ class Given:
         """Say how the place changes with a mass that the log does not show; nothing where it does not."""
         grams = 10.0 ** round(np.log10(TRIAL * 1e3 * self.stated))
         change = grams * self.words.T @ self.per_mass  # mm
-        ways = [f"{digits(abs(x), 2)} mm {names[x < 0]}" for x, names in zip(change.tolist(), AXES) if abs(x) > FAINT]
+        ways = [
+            f"{digits(abs(x), 2)} mm {names[x < 0]}" for x, names in zip(change.tolist(), DIRECTIONS) if abs(x) > FAINT
+        ]
         return f"; every {grams:g} g more would mean {', '.join(ways)} of that" if ways else ""
 
     def skew(self) -> str:
@@ -361,7 +371,7 @@ def given(found: Difference) -> Given | None:
     """
     rig = found.rig
     try:
-        body, inertia, frame = payload(rig)
+        body, inertia, frame = get_payload(rig)
     except UsageError:
         return None
     mine = slice(10 * body, 10 * body + 10)
@@ -372,7 +382,7 @@ def given(found: Difference) -> Given | None:
     phi = inertia.toDynamicParameters()
     heavier = own @ (phi / inertia.mass)[:, None]
     moment = float(np.linalg.eigvalsh(rig.model.inertias[body + 1].inertia).max())
-    radius = gyration(inertia)
+    radius = compute_gyration_radius(inertia)
     mass = found.seen(heavier, np.hstack([moments, open_]), SHOWN * inertia.mass)
     more, turned, fine = float(mass.change[0]), own[:, MOMENTS] @ frame.rotation, SHOWN * radius
     unsure = heavier[:, : len(mass.value)]
@@ -387,7 +397,7 @@ def given(found: Difference) -> Given | None:
 
     def placed(extra: float) -> Array:
         """Change of the payload's ten parameters if it weighs so much more than was found, kg."""
-        moved = shifted(inertia, frame, shift.change + extra * per_mass).toDynamicParameters()
+        moved = shift_inertia(inertia, frame, shift.change + extra * per_mass).toDynamicParameters()
         return np.asarray(moved * (whole + extra) / inertia.mass - phi)
 
     left = replace(found, change=found.change - own @ placed(0.0))
@@ -397,14 +407,14 @@ def given(found: Difference) -> Given | None:
         own[:, PRODUCTS], np.hstack([diagonal, open_[:, 6:], hidden[:, len(mass.value) :]]), SHOWN * moment
     )
     total = rig.phi[mine] + placed(0.0)
-    about = inertia_columns(rig, np.zeros((1, rig.n)), body)[0, body, find_base_columns(rig, found.reduction)]
-    off = float(np.linalg.norm(np.cross(turning_axis(rig, body), total[MOMENTS])))
+    about = compute_inertia_regressor(rig, np.zeros((1, rig.n)), body)[0, body, find_base_columns(rig, found.reduction)]
+    off = float(np.linalg.norm(np.cross(find_joint_axis(rig, body), total[MOMENTS])))
     turns = float(about @ (given_beta(rig, found.reduction) + found.change))
     real = whole > 0 and possible(turns, float(total[0]), off)
     if not real:
         mass, shift, products, per_mass = mass.hidden, shift.hidden, products.hidden, np.zeros(3)
     return Given(
-        link=carried(rig),
+        link=find_payload_link(rig),
         body=rig.links[body],
         alone=alone,
         stated=float(inertia.mass),
@@ -412,7 +422,7 @@ def given(found: Difference) -> Given | None:
         shift=shift,
         per_mass=per_mass,
         products=products,
-        words=np.asarray(frame.rotation.T @ facing(rig)),
+        words=np.asarray(frame.rotation.T @ find_camera_axes(rig)),
         gyration=radius,
         moment=moment,
         possible=real,

@@ -26,7 +26,7 @@ from gimbal_pin.diagnosis.shapes import refined
 from gimbal_pin.diagnosis.state import Problem, State, width, without
 from gimbal_pin.diagnosis.uncertainty import tangent
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.dynamics.threads import one_thread
+from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.excitation.clearance import Clearance
@@ -161,7 +161,7 @@ class Tried(NamedTuple):
         return sum(one.deviations / (one.deviations + NAMED) for one in self.apart)
 
 
-@one_thread()
+@limit_to_one_thread()
 def next_experiment(
     found: Diagnosis,
     causes: Mapping[str, type[Cause]] = CAUSES,

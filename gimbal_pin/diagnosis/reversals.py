@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import CLEAR, TAPER, Evidence, Part, fade
 from gimbal_pin.diagnosis.state import State
-from gimbal_pin.dynamics.regressor import rnea
+from gimbal_pin.dynamics.regressor import compute_rnea
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import (
     Filtering,
@@ -138,7 +138,9 @@ def accelerating(state: State, q: Array, a: Array, joint: NDArray[np.intp]) -> A
     rows, alone = np.arange(len(q)), np.zeros_like(q)
     alone[rows, joint] = a
     still = np.zeros_like(q)
-    return np.asarray((rnea(state.rig, q, still, alone) - rnea(state.rig, q, still, still))[rows, joint])
+    return np.asarray(
+        (compute_rnea(state.rig, q, still, alone) - compute_rnea(state.rig, q, still, still))[rows, joint]
+    )
 
 
 def regated(part: Part, turns: Flags, filtering: Filtering) -> Part:

@@ -12,12 +12,12 @@ from gimbal_pin.diagnosis.columns import Bearing, Columns, Load, Stand, build, m
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
 from gimbal_pin.diagnosis.two_mass import loose, swinging
-from gimbal_pin.dynamics.model import brakes, friction_effects
+from gimbal_pin.dynamics.model import build_friction_effects, is_motor_friction
 from gimbal_pin.dynamics.reduction import Reduction
-from gimbal_pin.dynamics.regressor import across, inertia_columns, regressor
+from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_regressor, compute_regressor
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.loose import Loose
-from gimbal_pin.effects.signal import Borne
+from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Flags, find_base_columns
@@ -74,7 +74,7 @@ class Problem:
         out: list[Array] = [np.empty_like(full) for full in self.rigid_full]
         for j, others in enumerate(1.0 - np.eye(rig.n)):
             for part, c in zip(out, channels):
-                part[:, j] = regressor(rig, c.q, c.v, c.a * others, c.platform)[:, j, places]
+                part[:, j] = compute_regressor(rig, c.q, c.v, c.a * others, c.platform)[:, j, places]
         return out
 
     @cached_property
@@ -98,11 +98,11 @@ class Problem:
         """Base columns of what a unit acceleration of each joint asks of all joints, (m, n, b) per part."""
         rig, places = self.evidence.rig, find_base_columns(self.evidence.rig, self.reduction)
         every = [part.channels.q for part in self.evidence.parts]
-        return [[inertia_columns(rig, q, j)[:, :, places] for q in every] for j in range(rig.n)]
+        return [[compute_inertia_regressor(rig, q, j)[:, :, places] for q in every] for j in range(rig.n)]
 
     def asked(self, j: int, beta: Array) -> list[Array]:
         """What base parameters, (b,), say that 1 N m at one joint's link asks of every joint, (m, n) per part."""
-        return [across(columns @ beta, j) for columns in self.masses[j]]
+        return [compute_coupling(columns @ beta, j) for columns in self.masses[j]]
 
     @cached_property
     def inertia(self) -> Array:
@@ -110,13 +110,13 @@ class Problem:
         rig, places = self.evidence.rig, find_base_columns(self.evidence.rig, self.reduction)
         q = np.concatenate([part.channels.q for part in self.evidence.parts])
         some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
-        rows = [inertia_columns(rig, some, j)[:, j, places] for j in range(rig.n)]
+        rows = [compute_inertia_regressor(rig, some, j)[:, j, places] for j in range(rig.n)]
         return np.stack([np.mean(row, axis=0) for row in rows])
 
     @cached_property
     def friction(self) -> tuple[Effect, ...]:
         """Coulomb and viscous friction of every joint."""
-        return friction_effects(self.evidence.rig.joints)
+        return build_friction_effects(self.evidence.rig.joints)
 
     def build(self, cause: Cause, stand: Stand, load: Load, acting: list[Array]) -> Array:
         """Return a cause's whitened columns at all joints, (rows, n, c); see `columns.build`."""
@@ -191,7 +191,7 @@ class State:
             return self.alike.bearing
         problem, known = self.problem, self.alike or self
         evidence, theta = problem.evidence, known.fit.theta
-        dry = [c for c in known.causes if isinstance(c, Effect) and brakes(c)]
+        dry = [c for c in known.causes if isinstance(c, Effect) and is_motor_friction(c)]
         at = len(problem.reduction.independent)
         friction = [(effect, theta[at + k : at + k + 1]) for k, effect in enumerate(problem.friction)]
         braked: list[Array] = [np.zeros(x.shape) for x in self.acting]
@@ -207,7 +207,7 @@ class State:
         ]
         return [
             [
-                Borne.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j], asked)
+                JointLoad.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j], asked)
                 for (x, y, z, tau, still), asked in zip(rows, problem.asked(j, theta[:at]))
             ]
             for j in range(evidence.rig.n)
@@ -225,7 +225,7 @@ class State:
             return None
         if isinstance(cause, Loose) and cause.springy:
             parts = self.problem.evidence.parts
-            return [Borne(0.0, 0.0, taken=loose(self.stand.rig, part, cause)) for part in parts]
+            return [JointLoad(0.0, 0.0, taken=loose(self.stand.rig, part, cause)) for part in parts]
         if cause.springy:
             return self.sprung(cause, torque)
         return self.bearing[self.problem.evidence.rig.joint_index(cause.joint)]
@@ -244,7 +244,7 @@ class State:
                 columns = self.problem.plain(effect, self.load)
                 brakes = [brake + x[:, 0] * value for brake, x in zip(brakes, columns)]
         rows = zip(brakes, loads, own, torque, evidence.parts)
-        return [Borne.along(x, y @ beta, tau[:, j], part.still[:, j], z @ beta) for x, y, z, tau, part in rows]
+        return [JointLoad.along(x, y @ beta, tau[:, j], part.still[:, j], z @ beta) for x, y, z, tau, part in rows]
 
     def swung(self, spring: Signal, torque: list[Array]) -> tuple[Array, Array]:
         """Base parameters that the joint feels, and friction, as `swinging` fits them to torques, (m, n) per part."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Evidence, Part
-from gimbal_pin.dynamics.regressor import inertia, rnea
+from gimbal_pin.dynamics.regressor import compute_inertia_column, compute_rnea
 from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import Signal
 from gimbal_pin.log import signals
@@ -71,7 +71,7 @@ def loose(rig: Rig, part: Part, gap: Loose) -> Array:
     """
     c, j = part.channels, rig.joint_index(gap.joint)
     stays = gap.inertia * axes(rig, c.q, j)
-    link = inertia(rig, c.q, j)[:, j] - gap.inertia
+    link = compute_inertia_column(rig, c.q, j)[:, j] - gap.inertia
     if not np.min(link) > 0:
         return np.zeros_like(c.q)
     still, none = moved(rig, part, j), np.zeros(len(c.t))
@@ -116,7 +116,7 @@ def flown(asked: Array, steeper: Array, dt: float, gap: Loose) -> Array:
 def moved(rig: Rig, part: Part, joint: int, x: Swing | None = None) -> Array:
     """Torque that the rigid rig asks for with one joint's link moved on, N m, (m, n); None: it is not."""
     c = part.channels
-    return rnea(rig, *(carried(part, joint, x) if x else (c.q, c.v, c.a)), part.platform)
+    return compute_rnea(rig, *(carried(part, joint, x) if x else (c.q, c.v, c.a)), part.platform)
 
 
 def carried(part: Part, joint: int, x: Swing) -> tuple[Array, Array, Array]:
@@ -133,4 +133,4 @@ def axes(rig: Rig, q: Array, joint: int) -> Array:
     phi = np.zeros_like(rig.phi)
     phi[:: len(PHI)] = WEIGHTLESS
     phi[[10 * joint + PHI.index(symbol) for symbol in ("Ixx", "Iyy", "Izz")]] = 1.0
-    return inertia(rig.with_phi(phi), q, joint)
+    return compute_inertia_column(rig.with_phi(phi), q, joint)

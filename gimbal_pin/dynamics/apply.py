@@ -9,14 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Model, brakes, friction_effects
+from gimbal_pin.dynamics.model import Model, build_friction_effects, is_motor_friction
 from gimbal_pin.effects import Effect, RigEffect, Signal, Term
 from gimbal_pin.errors import UsageError
 
 Planted = Term | Signal | RigEffect
-FASTEST = 10.0
+FASTEST_RATE = 10.0
 """Rate up to which friction of a joint without a limit is looked at, rad/s."""
-RATES = 10
+RATES_TRIED = 10
 """How many rates are looked at, over three decades: friction that sets in or dies away at a rate does so over one."""
 
 
@@ -44,24 +44,24 @@ def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
             rig.joint_index((cause.effect if isinstance(cause, Term) else cause).joint)
     added = tuple(cause for cause in causes if isinstance(cause, Term))
     bristled = {term.effect.joint for term in added if term.effect.bristly and any(term.values)}
-    bent = {effect for effect in friction_effects(sorted(bristled)) if effect.dry}
+    bent = {effect for effect in build_friction_effects(sorted(bristled)) if effect.dry}
     terms = (*(replace(term, values=(0.0,)) if term.effect in bent else term for term in model.terms), *added)
     plant = replace(model, rig=rig, terms=terms, estimated=None, changes=(*model.changes, *changes))
-    check_dry(plant)
+    _check_dissipation(plant)
     return Altered(plant, tuple(cause for cause in causes if isinstance(cause, Signal)))
 
 
-def check_dry(plant: Model) -> None:
+def _check_dissipation(plant: Model) -> None:
     """Raise `UsageError` if a joint's friction, unloaded, is negative anywhere on a turn, at rest or up to its limit.
 
     ``way τ(q, way |v|) ≥ 0`` in either direction: what brakes less one way than viscous and Coulomb friction brake may
     do so, and what pushes would drive the joint by itself.
     """
     q = np.repeat(np.linspace(-np.pi, np.pi, 2001)[:, None], plant.rig.n, axis=1)
-    friction = replace(plant, terms=tuple(term for term in plant.terms if resists(term.effect)), changes=())
-    fastest = np.minimum([limits.velocity for limits in plant.rig.limits], FASTEST)
+    friction = replace(plant, terms=tuple(term for term in plant.terms if _is_friction(term.effect)), changes=())
+    fastest = np.minimum([limits.velocity for limits in plant.rig.limits], FASTEST_RATE)
     zero = np.zeros_like(q)
-    for t, share, way in product((0.0, 1e6), (0.0, *np.geomspace(1e-3, 1.0, RATES)), (1.0, -1.0)):
+    for t, share, way in product((0.0, 1e6), (0.0, *np.geomspace(1e-3, 1.0, RATES_TRIED)), (1.0, -1.0)):
         v = way * share * fastest
         least = (way * friction.passive(q, zero + v, zero, way + zero, zero, np.full(len(q), t))).min(axis=0)
         for joint, rate, level in zip(plant.rig.joints, v.tolist(), least.tolist()):
@@ -71,6 +71,6 @@ def check_dry(plant: Model) -> None:
                 raise UsageError(f"joint {joint}", what, "plant less of it, or more Coulomb friction")
 
 
-def resists(effect: Effect) -> bool:
+def _is_friction(effect: Effect) -> bool:
     """Whether an effect is friction that knows no bristles: theirs push as they unbend."""
-    return brakes(effect) or effect.dry or effect.rising
+    return is_motor_friction(effect) or effect.dry or effect.rising

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gimbal_pin.dynamics.model import friction_effects
-from gimbal_pin.dynamics.reduction import Reduction, reduce, written
+from gimbal_pin.dynamics.model import build_friction_effects
+from gimbal_pin.dynamics.reduction import Reduction, format_sum, reduce_parameters
 from gimbal_pin.log.platform import BASE_MOTIONS, BaseMotion
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -15,7 +15,7 @@ from gimbal_pin.rig.rig import Rig
 
 @dataclass(frozen=True)
 class Base:
-    """The result of `base`.
+    """The result of `compute_base`.
 
     Attributes:
         rig: The rig's name.
@@ -36,7 +36,7 @@ class Base:
     @property
     def names(self) -> tuple[str, ...]:
         """The base parameters, written as sums."""
-        return tuple(written(terms) for terms in self.terms)
+        return tuple(format_sum(terms) for terms in self.terms)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `base --json` writes."""
@@ -46,24 +46,28 @@ class Base:
             "parameters": self.parameters,
             "identifiable": len(self.terms),
             "unidentifiable": list(self.unidentifiable),
-            "base": named(self.terms),
+            "base": _name_sums(self.terms),
             "moving_base": {
-                motion: {"identifiable": len(self.terms) + len(added), "adds": named(added)}
+                motion: {"identifiable": len(self.terms) + len(added), "adds": _name_sums(added)}
                 for motion, added in self.moving.items()
             },
         }
 
 
-def named(terms: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
+def _name_sums(terms: Sequence[Mapping[str, float]]) -> list[dict[str, Any]]:
     """Return base parameters with their names, as JSON holds them."""
-    return [{"name": written(one), "terms": dict(one)} for one in terms]
+    return [{"name": format_sum(one), "terms": dict(one)} for one in terms]
 
 
-def base(rig: Rig, diagonal: bool = False) -> Base:
+def compute_base(rig: Rig, diagonal: bool = False) -> Base:
     """Return the base parameters of a rig, of full inertias or of diagonal ones without masses as in the thesis."""
-    reduction = reduce(rig, diagonal)
-    moving = {motion: added(reduction, reduce(rig, diagonal, motion)) for motion in BASE_MOTIONS[1:]}
-    friction = [f"{effect.joint}.{c.name}" for effect in friction_effects(rig.joints) for c in effect.coefficients]
+    reduction = reduce_parameters(rig, diagonal)
+    moving = {
+        motion: _find_added_sums(reduction, reduce_parameters(rig, diagonal, motion)) for motion in BASE_MOTIONS[1:]
+    }
+    friction = [
+        f"{effect.joint}.{c.name}" for effect in build_friction_effects(rig.joints) for c in effect.coefficients
+    ]
     return Base(
         rig=rig.name,
         parameters=len(reduction.names) + len(friction),
@@ -73,6 +77,6 @@ def base(rig: Rig, diagonal: bool = False) -> Base:
     )
 
 
-def added(fixed: Reduction, moving: Reduction) -> tuple[Mapping[str, float], ...]:
+def _find_added_sums(fixed: Reduction, moving: Reduction) -> tuple[Mapping[str, float], ...]:
     """Return the base parameters that a motion of the base adds: each is led by a column that was not there before."""
     return tuple(terms for j, terms in zip(moving.independent, moving.terms) if j not in fixed.independent)

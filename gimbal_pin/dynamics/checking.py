@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.dynamics.base_parameters import base
-from gimbal_pin.dynamics.reduction import samples
-from gimbal_pin.dynamics.regressor import rnea
+from gimbal_pin.dynamics.base_parameters import compute_base
+from gimbal_pin.dynamics.reduction import spread_states
+from gimbal_pin.dynamics.regressor import compute_rnea
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.config import load_config
@@ -86,7 +86,7 @@ class Checked:
 
 def check(rig: Rig) -> Checked:
     """Describe a rig that loaded, and so passed the checks of tree, axes, limits and inertias (`Rig.load`)."""
-    load = gravity_load(rig)
+    load = compute_gravity_load(rig)
     rows = zip(rig.joints, rig.links, rig.slides, rig.model.inertias[1:], rig.limits, rig.motors, rig.tau_max, load)
     joints = {
         joint: JointCheck(
@@ -113,14 +113,14 @@ def check(rig: Rig) -> Checked:
         mount=rig.config.mount,
         imus=rig.config.imus,
         joints=joints,
-        identifiable=len(base(rig).terms),
+        identifiable=len(compute_base(rig).terms),
         columns=need,
         optional=may + imus,
-        warnings=(*rig.notes, *warnings(joints)),
+        warnings=(*rig.notes, *_warn_of_joints(joints)),
     )
 
 
-def listing() -> dict[str, Any]:
+def list_bundled() -> dict[str, Any]:
     """Return the bundled rigs and payloads with their descriptions, as JSON holds them."""
     bodies = {name: find_rig(name)[1] for name in bundled_rigs()}
     loads = {name: load_config(find_payload(name).with_suffix(".yaml")) for name in bundled_payloads()}
@@ -131,21 +131,21 @@ def listing() -> dict[str, Any]:
     }
 
 
-def poses(rig: Rig, count: int = POSES) -> Array:
+def spread_poses(rig: Rig, count: int = POSES) -> Array:
     """Poses that fill the joints' limits evenly, a whole turn where there are none, rad, (count, n)."""
     lower = np.array([max(limit.lower, -np.pi) for limit in rig.limits])
     upper = np.array([min(limit.upper, np.pi) for limit in rig.limits])
-    unit = samples(rig, count)[0] / (2 * np.pi) + 0.5
+    unit = spread_states(rig, count)[0] / (2 * np.pi) + 0.5
     return np.asarray(lower + unit * (upper - lower))
 
 
-def gravity_load(rig: Rig) -> Array:
+def compute_gravity_load(rig: Rig) -> Array:
     """Largest gravity torque per joint over poses that fill the limits evenly, N m, (n,)."""
-    q = poses(rig)
-    return np.asarray(np.abs(rnea(rig, q, np.zeros_like(q), np.zeros_like(q))).max(axis=0))
+    q = spread_poses(rig)
+    return np.asarray(np.abs(compute_rnea(rig, q, np.zeros_like(q), np.zeros_like(q))).max(axis=0))
 
 
-def warnings(joints: Mapping[str, JointCheck]) -> list[str]:
+def _warn_of_joints(joints: Mapping[str, JointCheck]) -> list[str]:
     """Return a sentence for each joint that its motor can hardly hold, or whose torque nobody limits."""
     out = []
     for name, joint in joints.items():

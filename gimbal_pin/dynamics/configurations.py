@@ -14,18 +14,18 @@ from gimbal_pin.rig.rig import Rig
 TURN = pi
 """Travel to either side that is used where a revolute joint states no limit, rad; one-sided limits get twice that."""
 
-REFERENCE = 2000
-"""States that `filling` returns."""
+REFERENCE_STATES = 2000
+"""States that `fill_limits` returns."""
 
 
-def spread(rig: Rig) -> Motion:
+def spread_reference_states(rig: Rig) -> Motion:
     """States spread evenly over the rig's own limits, (REFERENCE, n); not a motion in time."""
-    ends = np.array([travel(rig, j, limit) for j, limit in enumerate(rig.limits)])
+    ends = np.array([fill_angle_limits(rig, j, limit) for j, limit in enumerate(rig.limits)])
     velocity, acceleration = (np.array([getattr(x, name) for x in rig.limits]) for name in ("velocity", "acceleration"))
-    return filling(ends.mean(axis=1), (ends[:, 1] - ends[:, 0]) / 2, velocity, acceleration)
+    return fill_limits(ends.mean(axis=1), (ends[:, 1] - ends[:, 0]) / 2, velocity, acceleration)
 
 
-def filling(centre: Array, half: Array, velocity: Array, acceleration: Array) -> Motion:
+def fill_limits(centre: Array, half: Array, velocity: Array, acceleration: Array) -> Motion:
     """States spread evenly over limits, always the same ones, (REFERENCE, n); not a motion in time.
 
     Where no acceleration limit is stated: what half a hertz at full rate takes.
@@ -33,21 +33,21 @@ def filling(centre: Array, half: Array, velocity: Array, acceleration: Array) ->
     Args:
         centre: Middle of the travel, rad, (n,).
         half: Half of the travel, rad, (n,).
-        velocity: Rate limits, rad/s, (n,); infinite: see `pace`.
+        velocity: Rate limits, rad/s, (n,); infinite: see `fill_rate_limits`.
         acceleration: Acceleration limits, rad/s², (n,).
     """
-    q, v, a = np.split(evenly(3 * len(centre), REFERENCE), 3, axis=1)
-    rate = pace(half, velocity)
+    q, v, a = np.split(compute_roberts_sequence(3 * len(centre), REFERENCE_STATES), 3, axis=1)
+    rate = fill_rate_limits(half, velocity)
     most = np.where(np.isfinite(acceleration), acceleration, pi * rate)
-    return Motion(np.zeros(REFERENCE), centre + half * q, rate * v, most * a)
+    return Motion(np.zeros(REFERENCE_STATES), centre + half * q, rate * v, most * a)
 
 
-def pace(half: Array, velocity: Array) -> Array:
+def fill_rate_limits(half: Array, velocity: Array) -> Array:
     """Rate limits, (n,); where none is stated: what half a hertz over the full travel takes."""
     return np.where(np.isfinite(velocity), velocity, pi * half)
 
 
-def travel(rig: Rig, j: int, limit: Limits) -> tuple[float, float]:
+def fill_angle_limits(rig: Rig, j: int, limit: Limits) -> tuple[float, float]:
     """A joint's angle limits, those that are not stated filled in; `UsageError` for a slide without limits."""
     if isfinite(limit.lower) and isfinite(limit.upper):
         return limit.lower, limit.upper
@@ -58,7 +58,7 @@ def travel(rig: Rig, j: int, limit: Limits) -> tuple[float, float]:
     return (limit.lower, limit.lower + 2 * TURN) if isfinite(limit.lower) else (-TURN, TURN)
 
 
-def evenly(dimensions: int, count: int) -> Array:
+def compute_roberts_sequence(dimensions: int, count: int) -> Array:
     """Points that fill [-1, 1]^dimensions evenly and always alike (Roberts's R sequence), (count, dimensions)."""
     root = 2.0
     for _ in range(64):

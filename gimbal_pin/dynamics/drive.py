@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Model, brakes
+from gimbal_pin.dynamics.model import Model, is_motor_friction
 from gimbal_pin.dynamics.plant import State
-from gimbal_pin.dynamics.regressor import across, inertia
+from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_column
 from gimbal_pin.effects import Sample, Signal
-from gimbal_pin.effects.signal import Borne
+from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
 
@@ -32,25 +32,27 @@ class Drive:
         for i, (j, signal) in enumerate(self.chain):
             given, load = float(out[j]), None
             if signal.geared and self.plant is not None and state is not None:
-                load = borne(self.plant, j, state, given, signal.leaning(self.memory[i]))
+                load = compute_joint_load(self.plant, j, state, given, signal.leaning(self.memory[i]))
             beside = 0.0 if load is None else float(signal.beside(load))
             self.memory[i], passed = signal.step(self.memory[i], given + beside, self.dt)
             out -= signal.spread(given + beside - passed, j, len(out), load)
         return out
 
 
-def borne(plant: Model, joint: int, state: State, torque: float, leaning: float | None = None) -> Borne:
+def compute_joint_load(
+    plant: Model, joint: int, state: State, torque: float, leaning: float | None = None
+) -> JointLoad:
     """What a joint bears in a state of the plant; at rest its dry friction takes what it can of the torque.
 
     `leaning`: what the torque holds at rest, N m; None: what the link asks for.
     """
     q, rate = float(state.q[joint]), float(state.v[joint])
-    push = across(inertia(plant.rig, state.q[None], joint)[0], joint, plant.armature[joint])
-    terms = [term for term in plant.by_joint[joint] if brakes(term.effect)]
+    push = compute_coupling(compute_inertia_column(plant.rig, state.q[None], joint)[0], joint, plant.armature[joint])
+    terms = [term for term in plant.by_joint[joint] if is_motor_friction(term.effect)]
     asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])
     slides = [float(sum(t.torque(Sample(0.0, q, rate, 0.0, way, 0.0)) for t in terms)) for way in (-1.0, 1.0)]
     if rate:
         brake = slides[rate > 0]
-        return Borne(brake, asked - brake, across=push)
+        return JointLoad(brake, asked - brake, across=push)
     held = asked if leaning is None else leaning
-    return Borne(min(max(torque - held, slides[0]), slides[1]), asked, across=push)
+    return JointLoad(min(max(torque - held, slides[0]), slides[1]), asked, across=push)

@@ -7,14 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.dynamics.regressor import posed
+from gimbal_pin.dynamics.regressor import convert_states
 from gimbal_pin.log.log import Array, Imu
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.rig import Rig
 
 
-def readings(rig: Rig, links: Sequence[str], q: Array, v: Array, a: Array, platform: Platform) -> dict[str, Imu]:
+def compute_imu_readings(
+    rig: Rig, links: Sequence[str], q: Array, v: Array, a: Array, platform: Platform
+) -> dict[str, Imu]:
     """``w_i = R_iᵀ(w_{i-1} + q̇_i z)`` (thesis 4.5.1) and ``f_i``, specific force of the link's origin, without error.
 
     Behind a free-flyer without gravity a link's classical acceleration is its specific force. The base's IMU is the
@@ -32,7 +34,7 @@ def readings(rig: Rig, links: Sequence[str], q: Array, v: Array, a: Array, platf
     out = {rig.base: Imu(platform.w, platform.f, platform.quat)} if rig.base in links else {}
     if not moved:
         return out
-    model, states = posed(rig, q, v, a, platform)
+    model, states = convert_states(rig, q, v, a, platform)
     data, frames = model.createData(), [model.getFrameId(link, pin.FrameType.BODY) for link in moved]
     gyro, accel = np.empty((len(frames), len(q), 3)), np.empty((len(frames), len(q), 3))
     for k, state in enumerate(zip(*states)):
@@ -43,7 +45,7 @@ def readings(rig: Rig, links: Sequence[str], q: Array, v: Array, a: Array, platf
     return out | {link: Imu(gyro[i], accel[i]) for i, link in enumerate(moved)}
 
 
-def noisy(imu: Imu, noise: Noise, dt: float, rng: np.random.Generator) -> Imu:
+def add_imu_noise(imu: Imu, noise: Noise, dt: float, rng: np.random.Generator) -> Imu:
     """Return readings sampled every `dt` s with white noise: a density d gives a standard deviation d/√(2 dt)."""
     if imu.gyro is None or imu.accel is None:
         return imu

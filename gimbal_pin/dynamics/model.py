@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.dynamics.reduction import samples
-from gimbal_pin.dynamics.regressor import rnea, weight
+from gimbal_pin.dynamics.reduction import spread_states
+from gimbal_pin.dynamics.regressor import compute_gravity, compute_rnea
 from gimbal_pin.effects import ALWAYS, Armature, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.losses import Losses
-from gimbal_pin.effects.plain import cause_from, term_from
+from gimbal_pin.effects.plain import read_cause, read_term
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
@@ -148,7 +148,7 @@ class Model:
 
     def weight(self, q: Array, platform: Platform | None = None) -> Array:
         """Torque that the rig asks for at rest, N m, (N, n); zero where no term reads it."""
-        return weight(self.rig, q, platform) if self.weighed else np.zeros_like(q)
+        return compute_gravity(self.rig, q, platform) if self.weighed else np.zeros_like(q)
 
     def carried(self, t: Array, platform: Platform | None = None) -> Platform | None:
         """Motion of the base at the times t, s, (N,), where what it stands on moves as `platform`; None: it stands."""
@@ -181,12 +181,12 @@ class Model:
         """
         direction = np.sign(v) if slide is None else slide
         carrier = platform if t is None else self.carried(t, platform)
-        rigid, weight = rnea(self.rig, q, v, a, carrier), self.weight(q, carrier)
+        rigid, weight = compute_rnea(self.rig, q, v, a, carrier), self.weight(q, carrier)
 
         def total(tau: Array) -> Array:
             return rigid + self.passive(q, v, a, direction, tau, t, temperature, losses, weight)
 
-        return consistent(total, rigid) if self.loaded else total(rigid)
+        return _solve_implicit_torque(total, rigid) if self.loaded else total(rigid)
 
     def passive(
         self,
@@ -228,7 +228,7 @@ class Model:
         return way * (dry.passive(q, v, a, way, tau, t) - dry.passive(q, v, a, np.zeros_like(q), tau, t))
 
 
-def consistent(total: Callable[[Array], Array], start: Array) -> Array:
+def _solve_implicit_torque(total: Callable[[Array], Array], start: Array) -> Array:
     """Solve ``tau = total(tau)``, entry by entry, by the secant method: exact at once where it is linear in tau."""
     x, y = start, total(start)
     rest = y - x
@@ -242,8 +242,8 @@ def consistent(total: Callable[[Array], Array], start: Array) -> Array:
     return y
 
 
-def plain_model(model: Model) -> dict[str, Any]:
-    """Return it as plain data, as YAML holds it, without its uncertainty; `model_from` reads it back."""
+def convert_model(model: Model) -> dict[str, Any]:
+    """Return it as plain data, as YAML holds it, without its uncertainty; `read_model_data` reads it back."""
     return {
         "phi": model.rig.phi.tolist(),
         "terms": [term.to_dict() for term in model.terms],
@@ -253,8 +253,8 @@ def plain_model(model: Model) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Filed:
-    """What `plain_model` writes of a model: inertial parameters, and its terms, drive and changes as plain data."""
+class _ModelData:
+    """What `convert_model` writes of a model: inertial parameters, and its terms, drive and changes as plain data."""
 
     phi: tuple[float, ...]
     terms: tuple[Any, ...]
@@ -262,16 +262,16 @@ class Filed:
     changes: tuple[Any, ...] = ()
 
 
-def model_from(data: Any, rig: Rig, place: str = "model") -> Model:
-    """Return the model that `plain_model` wrote, on a rig as its URDF states it; `place` is the file.
+def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
+    """Return the model that `convert_model` wrote, on a rig as its URDF states it; `place` is the file.
 
     Raises:
         ModelError: Something is missing, is of the wrong kind, or no rig can have it.
     """
-    filed = read_record(Filed, data, place, ModelError, others=True)
+    filed = read_record(_ModelData, data, place, ModelError, others=True)
     with prefix_place(place, ModelError):
-        causes = [cause_from(entry) for entry in (*filed.drive, *filed.changes)]
-        terms = tuple(map(term_from, filed.terms))
+        causes = [read_cause(entry) for entry in (*filed.drive, *filed.changes)]
+        terms = tuple(map(read_term, filed.terms))
         drive = tuple(cause for cause in causes if isinstance(cause, Signal))
         changes = tuple(cause for cause in causes if isinstance(cause, RigEffect))
         if len(drive) + len(changes) < len(causes):
@@ -279,14 +279,14 @@ def model_from(data: Any, rig: Rig, place: str = "model") -> Model:
             raise ModelError("drive or changes", "hold a torque effect, which belongs to the terms", mend)
         for cause in (*drive, *(term.effect for term in terms)):
             rig.joint_index(cause.place)
-        rig = with_bodies(rig, np.array(filed.phi))
+        rig = _replace_bodies(rig, np.array(filed.phi))
         for change in changes:
             phi, rig = rig.phi, change.apply(rig)
             rig = rig.with_phi(phi)  # a change of the bodies is in the stated parameters already
         return Model(rig, terms, drive=drive, changes=changes)
 
 
-def with_bodies(rig: Rig, phi: Array) -> Rig:
+def _replace_bodies(rig: Rig, phi: Array) -> Rig:
     """Return the rig with inertial parameters from a file, (10 n,).
 
     Bodies need not be physical one by one, as only sums of them show; but no rig moves without inertia.
@@ -298,18 +298,18 @@ def with_bodies(rig: Rig, phi: Array) -> Rig:
         raise ModelError("phi", f"has {len(phi)} values", f"give ten for each of {rig.n} joints")
     out = rig.with_phi(phi)
     data = out.model.createData()
-    upper = [pin.crba(out.model, data, q) for q in samples(rig, POSES)[0]]
+    upper = [pin.crba(out.model, data, q) for q in spread_states(rig, POSES)[0]]
     if not np.linalg.eigvalsh(np.array(upper), UPLO="U").min() > 0:
         raise ModelError("phi", "gives the joints an inertia that is not positive at some pose", "identify it again")
     return out
 
 
-def friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
+def build_friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
     """Coulomb and viscous friction of every joint: always part of the model (thesis 3.61)."""
     return tuple(kind(joint) for joint in joints for kind in (Coulomb, Viscous))
 
 
-def brakes(effect: Effect) -> bool:
+def is_motor_friction(effect: Effect) -> bool:
     """Whether a torque is friction that brakes the motor whatever it drives: viscous, or dry and not of a load."""
     return isinstance(effect, Viscous) or (effect.dry and not effect.loaded)
 
@@ -319,10 +319,10 @@ def nominal(rig: Rig) -> Model:
     terms = []
     for joint, (dry, viscous) in zip(rig.joints, rig.friction):
         terms += [Term(Coulomb(joint), (float(dry),)), Term(Viscous(joint), (float(viscous),))]
-    return Model(rig, (*terms, *rotors(rig)))
+    return Model(rig, (*terms, *build_rotor_terms(rig)))
 
 
-def rotors(rig: Rig) -> tuple[Term, ...]:
+def build_rotor_terms(rig: Rig) -> tuple[Term, ...]:
     """Return the inertias of the motors' own rotors as far as the rig states them."""
     motors = zip(rig.joints, rig.motors)
     return tuple(Term(Armature(joint), (motor.armature,)) for joint, motor in motors if motor.armature > 0)

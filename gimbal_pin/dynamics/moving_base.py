@@ -14,7 +14,7 @@ from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.rig import Rig
 
 rnea, aba = pin.rnea, pin.aba
-Row = tuple[list[float], list[float]]
+_Halves = tuple[list[float], list[float]]
 NODE = 1e-6
 """Distance from a sample of the platform's motion, in intervals, within which a time is that sample's."""
 HEAVY = 2.0**60
@@ -26,7 +26,7 @@ FIXED = 7 * 8
 """Bytes of the base's place and attitude, before what changes."""
 
 
-class Carrier:
+class MovingBase:
     """``C v + G`` and ``a = D⁻¹(τ - C v - G)`` with the base moving as prescribed.
 
     The first are the joint rows of RNEA with no joint acceleration. The second is one ABA of a base so heavy that it
@@ -45,7 +45,7 @@ class Carrier:
         self.start, self.step, self.last = float(platform.t[0]), float(platform.t[1] - platform.t[0]), len(platform) - 1
         self.samples = np.hstack([np.zeros_like(platform.w), platform.w, HEAVY * platform.f, HEAVY * platform.dw])
         # The middle of a step is asked for twice, and its end again as the next one's start.
-        self.near, self.row = -1, halves(self.samples[0])
+        self.near, self.row = -1, _split_halves(self.samples[0])
         # One array holds configuration, rates and what drives them: packed at once, but for the base's place.
         scratch = np.zeros(7 + n + 2 * (6 + n))
         scratch[6] = 1.0
@@ -66,20 +66,20 @@ class Carrier:
         found: list[float] = aba(self.pin, self.data, self.q, self.v, self.drive).tolist()[6:]
         return found
 
-    def at(self, t: float) -> Row:
+    def at(self, t: float) -> _Halves:
         """The base's rates and what pushes it at a time: a sample, or the parabola through three."""
         place = (t - self.start) / self.step
         near = round(place)
         if near == self.near and -NODE < place - near < NODE:
             return self.row
         if -NODE < place - near < NODE and 0 <= near <= self.last:
-            self.near, self.row = near, halves(self.samples[near])
+            self.near, self.row = near, _split_halves(self.samples[near])
             return self.row
         middle = min(max(near, 1), self.last - 1)
         s, (before, here, after) = place - middle, self.samples[middle - 1 : middle + 2]
-        return halves(here + s * ((after - before) / 2 + s * (before - 2 * here + after) / 2))
+        return _split_halves(here + s * ((after - before) / 2 + s * (before - 2 * here + after) / 2))
 
 
-def halves(row: Array) -> Row:
+def _split_halves(row: Array) -> _Halves:
     """Return rates and pushes, six each, of a base at one time, (12,)."""
     return row[:6].tolist(), row[6:].tolist()

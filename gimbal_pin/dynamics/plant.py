@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.dynamics.moving_base import Carrier
+from gimbal_pin.dynamics.moving_base import MovingBase
 from gimbal_pin.effects.resistance import Memory, Resistance
 from gimbal_pin.log.log import PLAUSIBLE_RANGES, Array
 from gimbal_pin.log.platform import Platform
@@ -87,7 +87,7 @@ class Plant:
         self.n = model.rig.n
         self.pin = model.rig.model.copy()
         self.pin.armature = self.pin.armature + model.armature
-        self.carrier = None if platform is None else Carrier(model.rig, platform, self.pin.armature)
+        self.carrier = None if platform is None else MovingBase(model.rig, platform, self.pin.armature)
         self.data = self.pin.createData()
         # Friction of size zero does nothing: left in, it would stop its joint at every reversal and cost two orders.
         self.friction = Resistance([[term for term in terms if any(term.values)] for terms in model.by_joint])
@@ -226,7 +226,7 @@ class Plant:
         stuck, out = now.stuck, [0.0] * len(net)
         free = [j for j in range(len(net)) if j not in stuck]
         rows = [[upper[i][j] if i < j else upper[j][i] for j in free] for i in range(len(net))]
-        moving = solved([rows[i] for i in free], [net[i] for i in free])
+        moving = _solve_small_system([rows[i] for i in free], [net[i] for i in free])
         for j, a in zip(free, moving):
             out[j] = a
         return out, [net[i] - sum([m * a for m, a in zip(rows[i], moving)]) for i in stuck]
@@ -249,7 +249,7 @@ class Plant:
         )
 
 
-def solved(matrix: list[list[float]], right: list[float]) -> list[float]:
+def _solve_small_system(matrix: list[list[float]], right: list[float]) -> list[float]:
     """Solve a small symmetric positive definite system by elimination; for two or three joints numpy is slower."""
     size = len(right)
     for i in range(size):

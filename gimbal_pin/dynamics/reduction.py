@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.dynamics.regressor import columns, regressor
+from gimbal_pin.dynamics.regressor import compute_regressor, name_columns
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import BaseMotion, Platform
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-SAMPLES = 200
+STATES = 200
 TOLERANCE = 1e-8
 """A column whose part outside the span of those before it is under this share of itself is dependent."""
 
@@ -46,7 +46,7 @@ class Reduction:
     @property
     def base_names(self) -> tuple[str, ...]:
         """Per base parameter, its regrouping written as a sum, e.g. ``fork.Ixx - fork.Izz + cradle.Izz``."""
-        return tuple(written(terms) for terms in self.terms)
+        return tuple(format_sum(terms) for terms in self.terms)
 
     @property
     def unidentifiable(self) -> tuple[str, ...]:
@@ -54,12 +54,12 @@ class Reduction:
         return tuple(self.names[j] for j in self.zero)
 
 
-def units(symbols: Sequence[str]) -> tuple[str, ...]:
+def list_units(symbols: Sequence[str]) -> tuple[str, ...]:
     """SI units of inertial parameters by their symbols."""
     return tuple({"I": "kg m^2", "m": "kg m"}[symbol[0]] if symbol != "m" else "kg" for symbol in symbols)
 
 
-def written(terms: Mapping[str, float]) -> str:
+def format_sum(terms: Mapping[str, float]) -> str:
     """Return ``{"a": 1, "b": -1, "c": 0.12}`` as ``a - b + 0.12*c``."""
     text = ""
     for name, factor in terms.items():
@@ -69,7 +69,7 @@ def written(terms: Mapping[str, float]) -> str:
     return text
 
 
-def scan(matrix: Array, names: tuple[str, ...]) -> Reduction:
+def scan_columns(matrix: Array, names: tuple[str, ...]) -> Reduction:
     """Reduce a stacked regressor by a rank-revealing QR that scans left to right: the first independent column stays.
 
     Every column is orthogonalised (twice) against those kept before it; what is left over decides. A largest-pivot
@@ -89,10 +89,10 @@ def scan(matrix: Array, names: tuple[str, ...]) -> Reduction:
         if (left := np.linalg.norm(rest)) > TOLERANCE * size:
             independent.append(j)
             basis = np.column_stack([basis, rest / left])
-    return Reduction(names, tuple(independent), tuple(zero), regrouping(matrix, independent))
+    return Reduction(names, tuple(independent), tuple(zero), regroup_columns(matrix, independent))
 
 
-def regrouping(matrix: Array, independent: list[int]) -> Array:
+def regroup_columns(matrix: Array, independent: list[int]) -> Array:
     """``beta = R_i^-1 R_d`` (thesis 4.27) as a (b, p) mixing; entries that are zero to rounding are set to zero."""
     mixing = np.linalg.lstsq(matrix[:, independent], matrix, rcond=None)[0]
     mixing = np.round(mixing, 12)  # what is left of the sums' own rounding
@@ -100,42 +100,42 @@ def regrouping(matrix: Array, independent: list[int]) -> Array:
     return mixing
 
 
-def samples(rig: Rig, count: int = SAMPLES) -> tuple[Array, Array, Array]:
+def spread_states(rig: Rig, count: int = STATES) -> tuple[Array, Array, Array]:
     """Poses and motions that fill the rig's state space evenly and always alike, (count, n) each.
 
     A Kronecker sequence (multiples of square roots of primes) instead of random numbers: the choice of columns
     then depends on the rig alone.
     """
-    q, v, a = np.split(kronecker(count, 3 * rig.n), 3, axis=1)
+    q, v, a = np.split(compute_kronecker_sequence(count, 3 * rig.n), 3, axis=1)
     return 2 * np.pi * q, 10.0 * v, 50.0 * a
 
 
-def kronecker(count: int, width: int, skip: int = 0) -> Array:
+def compute_kronecker_sequence(count: int, width: int, skip: int = 0) -> Array:
     """Multiples of the square roots of so many primes, without their integer part, in ±1/2, (count, width)."""
     primes = [k for k in range(2, 600) if all(k % d for d in range(2, int(k**0.5) + 1))][skip : skip + width]
     return np.outer(np.arange(1, count + 1), np.sqrt(primes)) % 1.0 - 0.5
 
 
-def carriers(rig: Rig, base: BaseMotion) -> Platform | None:
-    """Motions of a platform beside `samples`, of one kind; None: it stands upright."""
+def _spread_base_motions(rig: Rig, base: BaseMotion) -> Platform | None:
+    """Motions of a platform beside `spread_states`, of one kind; None: it stands upright."""
     if base == "fixed":
         return None
-    f, w, dw = np.split(kronecker(SAMPLES, 9, 3 * rig.n), 3, axis=1)
+    f, w, dw = np.split(compute_kronecker_sequence(STATES, 9, 3 * rig.n), 3, axis=1)
     turns = 0.0 if base == "tilted" else 1.0
-    return Platform(np.arange(float(SAMPLES)), 20.0 * f, turns * 10.0 * w, turns * 50.0 * dw)
+    return Platform(np.arange(float(STATES)), 20.0 * f, turns * 10.0 * w, turns * 50.0 * dw)
 
 
-def stacked(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> tuple[Array, tuple[str, ...]]:
-    """Return the regressor at `samples`, stacked, (SAMPLES n, p), and its columns' names."""
-    names, places = columns(rig, diagonal)
-    matrix = regressor(rig, *samples(rig), carriers(rig, base))[:, :, places]
+def stack_regressors(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> tuple[Array, tuple[str, ...]]:
+    """Return the regressor at `spread_states`, stacked, (SAMPLES n, p), and its columns' names."""
+    names, places = name_columns(rig, diagonal)
+    matrix = compute_regressor(rig, *spread_states(rig), _spread_base_motions(rig, base))[:, :, places]
     return matrix.reshape(-1, len(places)), names
 
 
-def reduce(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> Reduction:
+def reduce_parameters(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> Reduction:
     """Return the base parameters of a rig: of full inertias, or of diagonal ones as the thesis assumes.
 
     `base` says what the base does: a lean shows some first moments and masses, turning shows inertias besides. Columns
     that a lesser motion keeps, a greater one keeps, too.
     """
-    return replace(scan(*stacked(rig, diagonal, base)), base=base)
+    return replace(scan_columns(*stack_regressors(rig, diagonal, base)), base=base)

@@ -17,11 +17,11 @@ SCAN = ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz", "mx", "my", "mz", "m")
 DIAGONAL = ("Ixx", "Iyy", "Izz", "mx", "my", "mz")
 """The parameters of a body whose inertia is assumed diagonal, as in the thesis; concentric axes never show its mass."""
 
-TOGETHER = 128
+_CHUNK = 128
 """Samples whose columns are picked at once: few enough to stay in the cache, where they were just written."""
 
 
-def columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Array]:
+def name_columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Array]:
     """Return the scanned parameters' names, ``link.symbol``, base to tip, and their places in `Rig.phi`, (p,)."""
     symbols = DIAGONAL if diagonal else SCAN
     names = tuple(f"{link}.{symbol}" for link in rig.links for symbol in symbols)
@@ -29,7 +29,7 @@ def columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Array]:
     return names, np.array(places)
 
 
-def regressor(
+def compute_regressor(
     rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None, places: Array | None = None
 ) -> Array:
     """``Y`` with ``rnea(q, v, a) = Y phi``, every sample in full; call it chunk by chunk on long trajectories.
@@ -45,14 +45,14 @@ def regressor(
     Returns:
         Torque per unit of each entry of `Rig.phi`, (N, n, 10 n), or of those in `places`, (N, n, p).
     """
-    model, states = posed(rig, q, v, a, platform)
+    model, states = convert_states(rig, q, v, a, platform)
     data, base, compute = model.createData(), model.nv - rig.n, pin.computeJointTorqueRegressor
     chosen = np.arange(10 * rig.n) if places is None else places.astype(np.intp)
     width = 10 * (model.njoints - 1)
     entries = (width * np.arange(base, model.nv)[:, None] + width - 10 * rig.n + chosen).ravel()
     out = np.empty((len(q), len(entries)))
-    for begin in range(0, len(q), TOGETHER):
-        part = slice(begin, begin + TOGETHER)
+    for begin in range(0, len(q), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
         # Writing bytes is the cheapest way to keep a sample's matrix: an assignment to an array takes twice as long.
         rows = BytesIO()
         for sample in zip(*(x[part] for x in states)):
@@ -61,30 +61,30 @@ def regressor(
     return out.reshape(len(q), rig.n, len(chosen))
 
 
-def weight(rig: Rig, q: Array, platform: Platform | None = None) -> Array:
-    """``G(q)``: `rnea` at rest, N m, (N, n); on a platform that moves with what that asks of joints that stand."""
+def compute_gravity(rig: Rig, q: Array, platform: Platform | None = None) -> Array:
+    """``G(q)``: `compute_rnea` at rest, N m, (N, n); on a moving platform with what that asks of joints at rest."""
     still = np.zeros_like(q)
-    return rnea(rig, q, still, still, platform)
+    return compute_rnea(rig, q, still, still, platform)
 
 
-def inertia(rig: Rig, q: Array, joint: int) -> Array:
+def compute_inertia_column(rig: Rig, q: Array, joint: int) -> Array:
     """``M_j(q)``: torque at every joint for a unit acceleration of one, kg m², (N, n); angles (N, n)."""
-    return rnea(rig.weightless, q, np.zeros_like(q), unit_of(q, joint))
+    return compute_rnea(rig.weightless, q, np.zeros_like(q), _build_unit_acceleration(q, joint))
 
 
-def inertia_columns(rig: Rig, q: Array, joint: int) -> Array:
-    """Columns of `inertia`, (N, n, 10 n): torque per unit of each entry of `Rig.phi`."""
-    return regressor(rig.weightless, q, np.zeros_like(q), unit_of(q, joint))
+def compute_inertia_regressor(rig: Rig, q: Array, joint: int) -> Array:
+    """Columns of `compute_inertia_column`, (N, n, 10 n): torque per unit of each entry of `Rig.phi`."""
+    return compute_regressor(rig.weightless, q, np.zeros_like(q), _build_unit_acceleration(q, joint))
 
 
-def unit_of(q: Array, joint: int) -> Array:
+def _build_unit_acceleration(q: Array, joint: int) -> Array:
     """One in a joint's column, zero elsewhere, of the shape of q, (N, n)."""
     unit = np.zeros_like(q)
     unit[:, joint] = 1.0
     return unit
 
 
-def across(mass: Array, joint: int, rotor: float = 0.0) -> Array:
+def compute_coupling(mass: Array, joint: int, rotor: float = 0.0) -> Array:
     """``M_j / (M_jj + rotor)``: what 1 N m that speeds a joint up asks of every joint, (..., n), of its M_j, (..., n).
 
     Nothing where M_jj is of no body's; `rotor`: armature beside it, kg m².
@@ -93,12 +93,12 @@ def across(mass: Array, joint: int, rotor: float = 0.0) -> Array:
     return np.asarray(mass / own) if np.all(own > 0) else np.zeros_like(mass)
 
 
-def rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
+def compute_rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
     """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (thesis 3.70 without F), N m, for q, v, a of shape (N, n).
 
     On a platform that moves, G and C v hold what its specific force and its turning ask of the joints.
     """
-    model, states = posed(rig, q, v, a, platform)
+    model, states = convert_states(rig, q, v, a, platform)
     torque = np.empty((len(q), model.nv))
     # Pinocchio's own loop takes a third of the time of one in Python; it wants a sample a column.
     samples = (np.ascontiguousarray(x, dtype=float).T for x in states)
@@ -106,7 +106,7 @@ def rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = Non
     return torque[:, model.nv - rig.n :]
 
 
-def posed(
+def convert_states(
     rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None
 ) -> tuple[pin.Model, tuple[Array, Array, Array]]:
     """Return the Pinocchio model for a base that stands or moves, and its configurations, rates and accelerations."""

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.dynamics.imu import noisy, readings
+from gimbal_pin.dynamics.imu import add_imu_noise, compute_imu_readings
 from gimbal_pin.log.log import Array, Imu
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.config import Noise
@@ -57,7 +57,7 @@ class Sensors:
         return np.array([round(x / step) * step if step > 0 else x for x, step in zip(q.tolist(), self.steps)])
 
 
-def imus(
+def measure_imus(
     rig: Rig, sense: Sensors, t: Array, exact: Array, platform: Platform | None, rng: np.random.Generator
 ) -> dict[str, Imu]:
     """Return what the IMUs report along true angles and rates, (2, N, n); accelerations are the rates' differences."""
@@ -66,5 +66,7 @@ def imus(
         return {}
     q, v = exact
     dt = float(t[1] - t[0])
-    true = readings(rig, links, q, v, np.gradient(v, dt, axis=0), Platform.still(t) if platform is None else platform)
-    return {link: noisy(imu, sense.noise, dt, rng) for link, imu in true.items()}
+    true = compute_imu_readings(
+        rig, links, q, v, np.gradient(v, dt, axis=0), Platform.still(t) if platform is None else platform
+    )
+    return {link: add_imu_noise(imu, sense.noise, dt, rng) for link, imu in true.items()}

@@ -13,7 +13,7 @@ from gimbal_pin.dynamics.apply import plant_with as plant_with
 from gimbal_pin.dynamics.drive import Drive
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.plant import Plant, State
-from gimbal_pin.dynamics.sensors import Sensors, imus
+from gimbal_pin.dynamics.sensors import Sensors, measure_imus
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError, visible
 from gimbal_pin.log.limited import THROUGH_STOPS, compute_limit_shares, describe_limits, describe_passed_stops
@@ -92,7 +92,7 @@ def simulate(
     generator, seed = make_generator(rng)
     rate_noise = sense.rate_std * generator.standard_normal(reference.q.shape)
     torque_noise = sense.torque_std * generator.standard_normal(reference.q.shape)
-    carried = None if platform is None else halved(platform, t)
+    carried = None if platform is None else _resample_halfway(platform, t)
     system = Plant(plant, plant.carried(t[0] + dt / 2 * np.arange(2 * len(t) - 1), carried))
     motors = Drive((*plant.drive, *drive), rig, dt, plant)
     state = State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start
@@ -123,14 +123,14 @@ def simulate(
         v=v,
         tau=tau + torque_noise,
         q_ref=reference.q,
-        imus=imus(rig, sense, t, np.array([true_q, true_v]), base, generator),
+        imus=measure_imus(rig, sense, t, np.array([true_q, true_v]), base, generator),
         payload=rig.payload,
         events=(*events, *((THROUGH_STOPS.format(lost),) if lost else ())),
         seed=seed,
     )
 
 
-def halved(platform: Platform, t: Array) -> Platform:
+def _resample_halfway(platform: Platform, t: Array) -> Platform:
     """Return a platform's motion at the times `t` and halfway between: where Runge-Kutta's stages look.
 
     Raises:

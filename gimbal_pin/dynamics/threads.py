@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
+def limit_to_one_thread() -> Iterator[None]:
     """Let linear algebra use one thread: matrices here are small and many, and threads would wait for each other.
 
     Left alone, OpenBLAS takes every processor that there is.

@@ -35,10 +35,10 @@ from gimbal_pin.effects.presliding import Presliding as Presliding
 from gimbal_pin.effects.quadratic_drag import QuadraticDrag as QuadraticDrag
 from gimbal_pin.effects.resistance import Resistance as Resistance
 from gimbal_pin.effects.rig_effect import RigEffect as RigEffect
-from gimbal_pin.effects.rig_effect import payload as payload
+from gimbal_pin.effects.rig_effect import get_payload as get_payload
 from gimbal_pin.effects.saturation import Saturation as Saturation
-from gimbal_pin.effects.seen import Seen as Seen
-from gimbal_pin.effects.signal import Borne as Borne
+from gimbal_pin.effects.seen import OperatingRange as OperatingRange
+from gimbal_pin.effects.signal import JointLoad as JointLoad
 from gimbal_pin.effects.signal import Signal as Signal
 from gimbal_pin.effects.stribeck import Stribeck as Stribeck
 from gimbal_pin.effects.torque_bias import TorqueBias as TorqueBias
@@ -48,11 +48,11 @@ from gimbal_pin.effects.viscous import Viscous as Viscous
 
 if TYPE_CHECKING:
     from gimbal_pin.effects.parse import parse_effect as parse_effect
-    from gimbal_pin.effects.plain import cause_from as cause_from
-    from gimbal_pin.effects.plain import term_from as term_from
+    from gimbal_pin.effects.plain import read_cause as read_cause
+    from gimbal_pin.effects.plain import read_term as read_term
 
 __getattr__, _, _ = lazy_loader.attach(
-    __name__, submod_attrs={"parse": ["parse_effect"], "plain": ["cause_from", "term_from"]}
+    __name__, submod_attrs={"parse": ["parse_effect"], "plain": ["read_cause", "read_term"]}
 )
 """What reads causes needs all of them, so it is imported on first use."""
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen, ladder
+from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.effects.signal import Memory, Signal
 
 
@@ -50,9 +50,9 @@ class ActuatorLag(Signal):
         return (x + away * left,), x + away * (1 - left) * self.time_constant / dt
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Time constants from a tenth of a sample of the channels to a tenth of a second."""
-        return tuple(cls.inside(joint, time) for time in ladder(seen.dt / 10, 0.1, 9, cls.shapes[0]))
+        return tuple(cls.inside(joint, time) for time in build_geometric_grid(seen.dt / 10, 0.1, 9, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the time constant in milliseconds."""

@@ -12,7 +12,7 @@ import numpy as np
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.loose import ROTOR_SHARE, Loose
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.effects.signal import Memory
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
@@ -105,7 +105,7 @@ class Backlash(Loose):
         return every if self.flank else tuple(p for p in every if p.name not in ("flank", "damping"))
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Gaps from a fraction of a milliradian, light and heavy rotors, the encoder on either side."""
         return tuple(
             cls.inside(joint, gap, inertia, share)
@@ -114,7 +114,7 @@ class Backlash(Loose):
             for share in (0.0, 0.25)
         )
 
-    def akin(self, seen: Seen) -> tuple[Cause, ...]:
+    def akin(self, seen: OperatingRange) -> tuple[Cause, ...]:
         """Gaps up to twice and half as wide, with the encoder on the link.
 
         Where the loop chatters in the gap, one a twentieth wider is open for other samples and gains no more than any.

@@ -19,7 +19,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 
 Turns = NDArray[np.complex128]
-Held = Any
+EffectMemory = Any
 """What an effect remembers at one sample: a number or a list of them; at many samples, (N,) or (k, N)."""
 
 AMBIENT = 25.0
@@ -51,7 +51,7 @@ class Sample(NamedTuple):
     slide: float | Array
     tau: float | Array
     temperature: float | Array = AMBIENT
-    memory: Held | None = None
+    memory: EffectMemory | None = None
     turns: Array | Turns | None = None
     weight: float | Array = 0.0
     losses: Any = None
@@ -106,19 +106,19 @@ class Effect(Cause):
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Return the torque per unit of each coefficient, N m per its unit; floats for floats, (N,) for arrays."""
 
-    def start(self) -> Held | None:
+    def start(self) -> EffectMemory | None:
         """Return the memory at rest; None for an effect without memory."""
         return None
 
-    def evolve(self, memory: Held, moved: float | Array) -> Held:
+    def evolve(self, memory: EffectMemory, moved: float | Array) -> EffectMemory:
         """Return the memory after the joint has moved by `moved` rad in one direction."""
         return memory
 
-    def warmed(self, memory: Held, tau: float, dt: float) -> Held:
+    def warmed(self, memory: EffectMemory, tau: float, dt: float) -> EffectMemory:
         """Return the memory after the motor has given `tau` N m for `dt` s."""
         return memory
 
-    def remembered(self, at: Sample) -> Held:
+    def remembered(self, at: Sample) -> EffectMemory:
         """Return the memory at a sample, on arrays by a scan of `evolve`.
 
         A lone sample whose memory nobody keeps counts as slid to the end: that is what a controller compensates.

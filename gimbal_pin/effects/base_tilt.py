@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.rig_effect import RigEffect, with_model
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.rig_effect import RigEffect, copy_model
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.rig import Rig
@@ -56,7 +56,7 @@ class BaseTilt(RigEffect):
     def apply(self, rig: Rig) -> Rig:
         """Turn gravity."""
         turned = pin.rpy.rpyToMatrix(self.roll, self.pitch, 0.0).T @ rig.model.gravity.linear
-        changed = with_model(rig)
+        changed = copy_model(rig)
         changed.model.gravity.linear = turned
         return changed
 
@@ -78,7 +78,7 @@ class BaseTilt(RigEffect):
         return ({"roll": 0.0, "pitch": 0.0},)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """A lean about each of the base's axes, and a base that sinks about them."""
         return (cls(roll=STEP), cls(pitch=STEP), cls(roll_rate=STEP), cls(pitch_rate=STEP))
 

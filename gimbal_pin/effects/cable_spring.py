@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import cut, exp, larger, propagated
+from gimbal_pin.effects.functions import clip_value, exp, larger, propagate_deviation
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen, ladder
+from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.log.log import Array
 
 STATED = (
@@ -103,7 +103,7 @@ class CableSpring(Effect):
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Powers of the angle, or how either end pulls."""
         if self.growth:
-            steep = cut(at.q / self.growth, -MOST, MOST)
+            steep = clip_value(at.q / self.growth, -MOST, MOST)
             return exp(steep), -exp(-steep)
         if self.taut:
             pulls: tuple[float | Array, ...] = (larger(at.q - self.upper, 0.0), -larger(self.lower - at.q, 0.0))
@@ -120,7 +120,7 @@ class CableSpring(Effect):
             return sum(values) / len(values), (self.upper + self.lower) / 2, 0.0
         if self.growth:
             up, down = (max(x, LEAST) for x in values)
-            rest = float(cut(self.growth / 2 * log(down / up), STATED[1].lower, STATED[1].upper))
+            rest = float(clip_value(self.growth / 2 * log(down / up), STATED[1].lower, STATED[1].upper))
             return 2 * sqrt(up * down) / self.growth, rest, 0.0
         offset, stiffness = values[:2]
         if not self.stiffening or values[3] == 0:
@@ -133,7 +133,7 @@ class CableSpring(Effect):
 
         Of a slack one stiffness, and where it comes taut.
         """
-        std = [nan] * 3 if covariance is None else propagated(self.spring, values, covariance)
+        std = [nan] * 3 if covariance is None else propagate_deviation(self.spring, values, covariance)
         rows = list(zip(STATED, self.spring(values), std))
         found = tuple(replace(p, value=float(x), std=float(s)) for p, x, s in (rows if self.stiffening else rows[:2]))
         if self.taut:
@@ -164,9 +164,9 @@ class CableSpring(Effect):
         return Term(effect, values[: len(effect.coefficients)])
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """With and without the cubic part, growing over a twentieth of the travel to half of it, and slack."""
-        growing = ladder(seen.travel / STEEPEST, seen.travel / MILDEST, 5, GROWTH)
+        growing = build_geometric_grid(seen.travel / STEEPEST, seen.travel / MILDEST, 5, GROWTH)
         found = [
             cls.inside(joint),
             cls.inside(joint, stiffening=True),

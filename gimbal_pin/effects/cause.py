@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, TypeVar
 
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 
@@ -47,7 +47,7 @@ class Cause(ABC):
         for shape in self.shapes:
             value = getattr(self, shape.name)
             for number in value if isinstance(value, tuple) else (value,):
-                within(shape, number, self.name)
+                check_within(shape, number, self.name)
 
     @property
     def place(self) -> str:
@@ -86,9 +86,9 @@ class Cause(ABC):
         held |= {field.name: value for field, value in zip(fields(cls), given)}
         for shape in cls.shapes:
             if isinstance(value := held.get(shape.name), tuple):
-                held[shape.name] = tuple(nearest(shape, number) for number in value)
+                held[shape.name] = tuple(clip_to_bounds(shape, number) for number in value)
             elif value is not None:
-                held[shape.name] = nearest(shape, value)
+                held[shape.name] = clip_to_bounds(shape, value)
         return cls(**held)
 
     def altered(self: C, **held: Any) -> C:
@@ -96,7 +96,7 @@ class Cause(ABC):
         return self.inside(**{**{field.name: getattr(self, field.name) for field in fields(self)}, **held})
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Return itself with the shape parameters that a search over a log starts from: a coarse grid."""
         return (cls(joint),) if cls.of_joint else (cls(),)  # type: ignore[call-arg]
 
@@ -104,11 +104,11 @@ class Cause(ABC):
         """Return it with one shape parameter at another value, and with it what a fit would move along."""
         return self.altered(**{name: value})
 
-    def akin(self, seen: Seen) -> tuple[Cause, ...]:
+    def akin(self, seen: OperatingRange) -> tuple[Cause, ...]:
         """Return other forms of it to go on from where a search has found it: such as are too dear for a grid."""
         return ()
 
-    def blurred(self, seen: Seen) -> tuple[str, ...]:
+    def blurred(self, seen: OperatingRange) -> tuple[str, ...]:
         """Names of causes whose other forms look the same on so little of the range as a log shows of the joint."""
         return ()
 
@@ -150,18 +150,20 @@ class Cause(ABC):
         return {"effect": self.name, **{key: list(x) if isinstance(x, tuple) else x for key, x in held.items()}}
 
 
-def within(parameter: Parameter, value: float, owner: str) -> float:
+def check_within(parameter: Parameter, value: float, owner: str) -> float:
     """Return the value; `UsageError` if it is outside the parameter's bounds."""
     if not parameter.lower <= value <= parameter.upper:
-        raise UsageError(owner, f"{parameter.name} is {value:g}{parameter.in_units}", f"give {bounds(parameter)}")
+        raise UsageError(
+            owner, f"{parameter.name} is {value:g}{parameter.in_units}", f"give {format_bounds(parameter)}"
+        )
     return value
 
 
-def nearest(parameter: Parameter, value: float) -> float:
+def clip_to_bounds(parameter: Parameter, value: float) -> float:
     """Return the value, or the bound that it is beyond."""
     return min(max(value, parameter.lower), parameter.upper)
 
 
-def bounds(parameter: Parameter) -> str:
+def format_bounds(parameter: Parameter) -> str:
     """``0.001 to 10 rad/s``."""
     return f"{parameter.lower:g} to {parameter.upper:g}{parameter.in_units}"

@@ -8,9 +8,9 @@ from math import ceil, copysign, log, log2, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, cut, exp, size
+from gimbal_pin.effects.functions import Value, clip_value, exp, size
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen, ladder
+from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.effects.signal import Static
 
 RAMP = 0.05
@@ -89,8 +89,8 @@ class DeadZone(Static):
         if self.whole:
             return x * (size(x) > self.width)
         if not self.sharpness or self.width <= 0:
-            return x - cut(x, -self.width, self.width)
-        ratio = cut(size(x) / self.width, 0.0, THROUGH ** (1 / max(self.sharpness, 0.1)))
+            return x - clip_value(x, -self.width, self.width)
+        ratio = clip_value(size(x) / self.width, 0.0, THROUGH ** (1 / max(self.sharpness, 0.1)))
         return x * (1.0 - exp(-log(2.0) * ratio**self.sharpness))
 
     @property
@@ -98,7 +98,7 @@ class DeadZone(Static):
         """True for a threshold."""
         return self.whole
 
-    def akin(self, seen: Seen) -> tuple[Cause, ...]:
+    def akin(self, seen: OperatingRange) -> tuple[Cause, ...]:
         """Thresholds where an edge has been found: from where it loses a fifth of them to where it loses four.
 
         On the grid one would have to be met within a few per cent.
@@ -106,14 +106,14 @@ class DeadZone(Static):
         if not self.sharpness:
             return ()
         low, high = (self.width * log2(1.0 / x) ** (1.0 / self.sharpness) for x in (0.8, 0.2))
-        widths = ladder(low, high, ceil(log(high / low) / log(APART)) + 1, self.shapes[0])
+        widths = build_geometric_grid(low, high, ceil(log(high / low) / log(APART)) + 1, self.shapes[0])
         return tuple(self.altered(width=width, sharpness=0.0, whole=True) for width in widths)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Widths from a hundredth of the torque to most of it, gaps and others."""
-        gaps = ladder(0.01 * seen.torque, 0.7 * seen.torque, 7, cls.shapes[0])
-        others = ladder(0.02 * seen.torque, 0.8 * seen.torque, 16, cls.shapes[0])
+        gaps = build_geometric_grid(0.01 * seen.torque, 0.7 * seen.torque, 7, cls.shapes[0])
+        others = build_geometric_grid(0.02 * seen.torque, 0.8 * seen.torque, 16, cls.shapes[0])
         return (
             *(cls.inside(joint, width) for width in gaps),
             *(cls.inside(joint, width, sharpness) for width in others for sharpness in SHARP),

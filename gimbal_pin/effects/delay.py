@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen, ladder
+from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.effects.signal import Memory, Signal
 
 SLOWEST = 0.05
@@ -48,9 +48,9 @@ class Delay(Signal):
         return past, newer + part * (older - newer)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """From a tenth of a sample of the channels to a twentieth of a second."""
-        return tuple(cls.inside(joint, time) for time in ladder(seen.dt / 10, SLOWEST, 9, cls.shapes[0]))
+        return tuple(cls.inside(joint, time) for time in build_geometric_grid(seen.dt / 10, SLOWEST, 9, cls.shapes[0]))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return it in milliseconds."""

@@ -12,8 +12,8 @@ import pinocchio as pin
 
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.rig_effect import RigEffect, with_model
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.rig_effect import RigEffect, copy_model
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.rig.rig import Rig
 
 STEP = 1e-3
@@ -47,12 +47,12 @@ class EncoderOffset(RigEffect):
         q, data = np.zeros(rig.n), rig.model.createData()
         q[j] = -self.offset
         pin.forwardKinematics(rig.model, data, q)
-        changed = with_model(rig)
+        changed = copy_model(rig)
         changed.model.jointPlacements[j + 1] = data.liMi[j + 1]
         return changed
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """A small offset."""
         return (cls(joint, STEP),)
 

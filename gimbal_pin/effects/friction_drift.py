@@ -8,11 +8,11 @@ from math import exp as decay
 from math import inf
 from typing import ClassVar
 
-from gimbal_pin.effects.base import AMBIENT, Effect, Held, Sample
+from gimbal_pin.effects.base import AMBIENT, Effect, EffectMemory, Sample
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import exp
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 
 KELVIN = 10.0
@@ -79,15 +79,15 @@ class FrictionDrift(Effect):
         x = (at.temperature - AMBIENT) / KELVIN if self.thermal else self.remembered(at)
         return x * at.slide, x * at.v
 
-    def start(self) -> Held | None:
+    def start(self) -> EffectMemory | None:
         """Cold."""
         return 0.0 if self.held else None
 
-    def warmed(self, memory: Held, tau: float, dt: float) -> Held:
+    def warmed(self, memory: EffectMemory, tau: float, dt: float) -> EffectMemory:
         """Return the memory after the motor has given `tau` N m for `dt` s, exactly."""
         return memory + (1.0 - decay(-dt / self.span)) * ((tau / self.held) ** 2 - memory) if self.held else memory
 
-    def remembered(self, at: Sample) -> Held:
+    def remembered(self, at: Sample) -> EffectMemory:
         """Return how far the change has come; where nobody knows the losses, the motor gave the torque `held`."""
         if at.memory is not None:
             return at.memory
@@ -96,7 +96,7 @@ class FrictionDrift(Effect):
         return 1.0 - exp(-at.t / self.span)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """A drift that levels off within the log, and one that does not; by temperature, or by what makes it."""
         own = [cls.inside(joint, span, held=seen.rms) for span in (seen.seconds / 6, seen.seconds)] if seen.rms else []
         return (

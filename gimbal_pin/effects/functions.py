@@ -42,7 +42,7 @@ def sign(x: Value) -> Value:
     return math.copysign(1.0, x) if isinstance(x, float) else np.copysign(1.0, x)
 
 
-def cut(x: Value, low: float, high: float) -> Value:
+def clip_value(x: Value, low: float, high: float) -> Value:
     """Return x within [low, high]."""
     return min(high, max(low, x)) if isinstance(x, float) else np.clip(x, low, high)
 
@@ -52,7 +52,7 @@ def larger(x: Value, least: float) -> Value:
     return max(x, least) if isinstance(x, float) else np.maximum(x, least)
 
 
-def propagated(
+def propagate_deviation(
     function: Callable[[Sequence[float]], Sequence[float]], values: Sequence[float], covariance: Array
 ) -> Array:
     """Standard deviations of `function(values)`, (m,), to first order, from the covariance of the values, (k, k)."""

@@ -12,9 +12,9 @@ import numpy as np
 
 from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import cos, propagated, sin
+from gimbal_pin.effects.functions import cos, propagate_deviation, sin
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 
 PHASE = Parameter("phase", 0.0, "rad", -2 * pi, 2 * pi, meaning="phase of the cosine at the joint's zero")
@@ -99,7 +99,7 @@ class Harmonic(Effect):
             size, phase = polar[i]
             pair, std = slice(2 * i, 2 * i + 2), np.array([nan, nan])
             if covariance is not None and size > 0:
-                std = propagated(lambda x: self.polar(x)[0], values[pair], covariance[pair, pair])
+                std = propagate_deviation(lambda x: self.polar(x)[0], values[pair], covariance[pair, pair])
             end = f"_{rank + 1}" if rank else ""
             out += [
                 replace(self.amplitude, name=f"{self.amplitude.name}{end}", value=size, std=float(std[0])),
@@ -108,7 +108,7 @@ class Harmonic(Effect):
             ]
         return tuple(out)
 
-    def blurred(self, seen: Seen) -> tuple[str, ...]:
+    def blurred(self, seen: OperatingRange) -> tuple[str, ...]:
         """Less than one turn of the lowest harmonic is a bend; so are two of several that the travel does not part."""
         lowest, least = min(self.harmonic), min(np.diff(sorted(self.harmonic)), default=inf)
         crowded = len(self.harmonic) > 2 and least * seen.travel < 0.7 * 2 * pi
@@ -142,7 +142,7 @@ class Harmonic(Effect):
         return f"{text}{rest} per turn"
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Every harmonic that the travel resolves and that the band holds at a slow rate, one at a time."""
         if seen.travel <= 0:
             return ()

@@ -12,8 +12,8 @@ import numpy as np
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.loose import ROTOR_SHARE, Geared
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen, ladder
-from gimbal_pin.effects.signal import Borne, Memory, Signal
+from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
+from gimbal_pin.effects.signal import JointLoad, Memory, Signal
 from gimbal_pin.log.log import Array
 
 WITHIN = 1.2
@@ -74,7 +74,7 @@ class JointFlexibility(Geared):
         """With the encoder on the rotor it is the link that no encoder sees."""
         return self.geared
 
-    def blurred(self, seen: Seen) -> tuple[str, ...]:
+    def blurred(self, seen: OperatingRange) -> tuple[str, ...]:
         """Far under its resonance a spring is a little more inertia, a little later."""
         return ("armature", "actuator-lag", "delay") if self.frequency > 2 * seen.band else ()
 
@@ -109,7 +109,7 @@ class JointFlexibility(Geared):
         ringing = self.held.ringing(dt, count)[:count]
         return np.pad(ringing, ((0, count - len(ringing)), (0, 0)))
 
-    def along(self, command: Array, dt: float, borne: Borne | None) -> Array:
+    def along(self, command: Array, dt: float, borne: JointLoad | None) -> Array:
         """``y = x + load + inertial - felt``: the same as F on what is beside the friction, but of the motion alone.
 
         Nobody knows the friction while the rotor sticks and the link swings on, and F would ring on with what is wrong
@@ -155,16 +155,18 @@ class JointFlexibility(Geared):
         return Signal.matrices(replace(self, hardening=0.0), dt)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Resonances from a few hertz to several times the band; with the encoder on the rotor, zeros of F.
 
         Of a resonance far above the band only the zero shows.
         """
-        rungs = [cls.inside(joint, frequency) for frequency in ladder(3.0, 3 * seen.band, 9, cls.shapes[0])]
+        rungs = [
+            cls.inside(joint, frequency) for frequency in build_geometric_grid(3.0, 3 * seen.band, 9, cls.shapes[0])
+        ]
         highest = cls.shapes[0].upper * sqrt(SHARE)
         zeros = [
-            *ladder(1.0, min(WITHIN * seen.band, highest), 15, cls.shapes[0]),
-            *ladder(1.5 * seen.band, min(5 * seen.band, highest), 4, cls.shapes[0]),
+            *build_geometric_grid(1.0, min(WITHIN * seen.band, highest), 15, cls.shapes[0]),
+            *build_geometric_grid(1.5 * seen.band, min(5 * seen.band, highest), 4, cls.shapes[0]),
         ]
         behind = [cls.inside(joint, zero / sqrt(SHARE), ZETA / sqrt(SHARE), SHARE) for zero in zeros]
         return (*rungs, *behind)

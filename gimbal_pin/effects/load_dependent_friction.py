@@ -12,7 +12,7 @@ from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import hypot
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 
 WEIGHS = Parameter(
@@ -63,7 +63,7 @@ class LoadDependentFriction(Effect):
         return ((hypot(load, self.preload) - self.preload) * at.slide,)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Gear, bearing, and one that half the torque presses on, each in proportion and beyond a preload."""
         carried = ((False, 0.0), (True, 0.0), (True, 0.5))
         return tuple(cls.inside(joint, *form, preload) for form, preload in product(carried, (0.0, seen.torque / 4)))

@@ -11,7 +11,7 @@ import numpy as np
 
 from gimbal_pin.effects.functions import Value
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.signal import Borne, Signal
+from gimbal_pin.effects.signal import JointLoad, Signal
 
 ROTOR_SHARE = Parameter(
     "rotor_share",
@@ -38,7 +38,7 @@ class Geared(Signal):
         """The link's share, with the encoder on the rotor."""
         return 1 - self.rotor_share if self.rotor_share > 0 else 0.0
 
-    def beside(self, borne: Borne) -> Value:
+    def beside(self, borne: JointLoad) -> Value:
         """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's.
 
         Nothing with the encoder on the link: the friction that a log shows by its rate's sign is then the link's.
@@ -86,7 +86,7 @@ class Flanks(NamedTuple):
 
 
 @lru_cache
-def exact(k: float, d: float, dt: float) -> tuple[tuple[float, ...], ...]:
+def _discretise(k: float, d: float, dt: float) -> tuple[tuple[float, ...], ...]:
     """What a step of `dt` s makes of (p, p', push) by ``p'' = push - k p - d p'``, the push held."""
     from scipy.linalg import expm
 
@@ -127,4 +127,4 @@ class Loose(Geared):
         """The flanks as steps of `dt` s meet them: what the link does with `share` of both inertias its own."""
         w = 2 * pi * self.flank
         k, d = w * w / share, 2 * self.damping * w / share
-        return Flanks(self.gap / 2, k, d, dt, exact(k, d, dt))
+        return Flanks(self.gap / 2, k, d, dt, _discretise(k, d, dt))

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.rig_effect import RigEffect, payload, with_added
+from gimbal_pin.effects.rig_effect import RigEffect, add_to_body, get_payload
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import PHI, Rig
@@ -72,19 +72,19 @@ class OffDiagonalInertia(RigEffect):
         Raises:
             UsageError: The joint carries no payload, or no body can have such products.
         """
-        body, added = rig.joint_index(self.joint), symmetric(self.Ixy, self.Ixz, self.Iyz)
+        body, added = rig.joint_index(self.joint), _build_symmetric(self.Ixy, self.Ixz, self.Iyz)
         if self.payload_Ixy or self.payload_Ixz or self.payload_Iyz:
-            carrier, _, frame = payload(rig)
+            carrier, _, frame = get_payload(rig)
             if carrier != body:
                 what = f"{self.joint} does not carry the payload, {rig.joints[carrier]} does"
                 raise UsageError(self.name, what, f"give {', '.join(LINK)}")
-            turned = symmetric(self.payload_Ixy, self.payload_Ixz, self.payload_Iyz)
+            turned = _build_symmetric(self.payload_Ixy, self.payload_Ixz, self.payload_Iyz)
             added = added + frame.rotation @ turned @ frame.rotation.T
         phi = np.zeros(10)
         for row, first in enumerate("xyz"):
             for column, second in enumerate("xyz"[row:], row):
                 phi[PHI.index(f"I{first}{second}")] = added[row, column]
-        return with_added(rig, body, phi, self.name)
+        return add_to_body(rig, body, phi, self.name)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the products."""
@@ -93,6 +93,6 @@ class OffDiagonalInertia(RigEffect):
         return f"{whose} products of inertia that the model leaves out ({', '.join(parts) or 'none'} kg m^2)"
 
 
-def symmetric(xy: float, xz: float, yz: float) -> Array:
+def _build_symmetric(xy: float, xz: float, yz: float) -> Array:
     """A matrix of products of inertia, (3, 3)."""
     return np.array([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])

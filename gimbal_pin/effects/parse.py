@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import isinf, isnan
 
 from gimbal_pin.effects import CAUSES, Cause, RigEffect, Signal, Term
-from gimbal_pin.effects.cause import bounds, within
+from gimbal_pin.effects.cause import check_within, format_bounds
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import UsageError
 from gimbal_pin.rig.rig import Rig
@@ -29,21 +29,23 @@ def parse_effect(text: str, rig: Rig) -> Term | Signal | RigEffect:
     joint, _, pairs = rest.partition(":") if kind.of_joint else ("", "", rest.removeprefix(":"))
     if kind.of_joint and joint not in rig.joints:
         what = f"the rig {rig.name} has no joint '{joint}'"
-        raise UsageError(f"effect '{text}'", what, f"write {usage(kind)} with a joint out of {', '.join(rig.joints)}")
-    planted: Term | Signal | RigEffect = kind.planted(joint or None, valued(kind, pairs, text))
+        raise UsageError(
+            f"effect '{text}'", what, f"write {_format_usage(kind)} with a joint out of {', '.join(rig.joints)}"
+        )
+    planted: Term | Signal | RigEffect = kind.planted(joint or None, _read_values(kind, pairs, text))
     return planted
 
 
-def every() -> str:
+def format_causes() -> str:
     """All causes as one writes them, each over its parameters: meaning, bounds, units and defaults."""
     lines = list[str]()
     for name in sorted(CAUSES):
         kind = CAUSES[name]
-        lines += [usage(kind), *(f"  {described(p)}: {p.meaning}" for p in kind.stated())]
+        lines += [_format_usage(kind), *(f"  {_describe_parameter(p)}: {p.meaning}" for p in kind.stated())]
     return "\n".join(lines)
 
 
-def valued(kind: type[Cause], pairs: str, text: str) -> Mapping[str, float]:
+def _read_values(kind: type[Cause], pairs: str, text: str) -> Mapping[str, float]:
     """Return a value for each parameter of a cause: those given, and the others' defaults."""
     known = {parameter.name: parameter for parameter in kind.stated()}
     out = {name: parameter.value for name, parameter in known.items()}
@@ -51,12 +53,16 @@ def valued(kind: type[Cause], pairs: str, text: str) -> Mapping[str, float]:
     for pair in pairs.split(",") if pairs else ():
         name, _, number = pair.partition("=")
         if name not in known:
-            raise UsageError(place, f"{kind.name} has no parameter '{name}'", f"write {usage(kind)}: {listed(kind)}")
-        out[name] = within(known[name], to_number(number, name, place), place)
+            raise UsageError(
+                place,
+                f"{kind.name} has no parameter '{name}'",
+                f"write {_format_usage(kind)}: {_list_parameters(kind)}",
+            )
+        out[name] = check_within(known[name], to_number(number, name, place), place)
     missing = [name for name, value in out.items() if isnan(value)]
     if missing or not any(out.values()):
         what = f"says nothing of {', '.join(missing or known)}"
-        raise UsageError(place, what, f"write {usage(kind)}: {listed(kind)}")
+        raise UsageError(place, what, f"write {_format_usage(kind)}: {_list_parameters(kind)}")
     return out
 
 
@@ -71,19 +77,19 @@ def to_number(text: str, name: str, place: str) -> float:
     return value
 
 
-def usage(kind: type[Cause]) -> str:
+def _format_usage(kind: type[Cause]) -> str:
     """``cogging:JOINT:amplitude=...,harmonic=...``, without what has a default, unless everything has one."""
     stated = [p for p in kind.stated() if isnan(p.value)] or list(kind.stated())
     values = ",".join(f"{parameter.name}=..." for parameter in stated)
     return f"{kind.name}:{'JOINT:' if kind.of_joint else ''}{values}"
 
 
-def listed(kind: type[Cause]) -> str:
+def _list_parameters(kind: type[Cause]) -> str:
     """Return every parameter with its bounds, unit and default."""
-    return "; ".join(described(parameter) for parameter in kind.stated())
+    return "; ".join(_describe_parameter(parameter) for parameter in kind.stated())
 
 
-def described(parameter: Parameter) -> str:
+def _describe_parameter(parameter: Parameter) -> str:
     """``phase, -6.28 to 6.28 rad (0 if not given)``."""
     default = "" if isnan(parameter.value) else f" ({parameter.value:g} if not given)"
-    return f"{parameter.name}, {bounds(parameter)}{default}"
+    return f"{parameter.name}, {format_bounds(parameter)}{default}"

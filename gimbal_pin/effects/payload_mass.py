@@ -11,7 +11,13 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.rig_effect import RigEffect, gyration, payload, placed, with_payload
+from gimbal_pin.effects.rig_effect import (
+    RigEffect,
+    build_place_parameters,
+    compute_gyration_radius,
+    get_payload,
+    replace_payload,
+)
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.rig.rig import Rig
 
@@ -45,26 +51,28 @@ class PayloadMass(RigEffect):
     of_given_model: ClassVar[bool] = True
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("extra", nan, "kg", -100.0, 100.0, meaning="mass on top of the stated one"),
-        *placed("place of the weight from the payload's centre of mass; all zero: spread like the payload's own"),
+        *build_place_parameters(
+            "place of the weight from the payload's centre of mass; all zero: spread like the payload's own"
+        ),
     )
     experiment: ClassVar[str] = "fast motion of all axes at once"
     compensation: ClassVar[str] = "state the payload as weighed, or let the controller use the identified model"
 
     def apply(self, rig: Rig) -> Rig:
         """Scale the payload's part of its body, or add the weight to it."""
-        _, inertia, frame = payload(rig)
+        _, inertia, frame = get_payload(rig)
         place = np.array([self.x, self.y, self.z])
         added = inertia.toDynamicParameters() / inertia.mass
         if place.any():
             added = pin.Inertia(1.0, inertia.lever + frame.rotation @ place, np.zeros((3, 3))).toDynamicParameters()
         total = inertia.toDynamicParameters() + self.extra * added
-        return with_payload(rig, pin.Inertia.FromDynamicParameters(total), self.name)
+        return replace_payload(rig, pin.Inertia.FromDynamicParameters(total), self.name)
 
     @classmethod
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
         """Spread over the payload, or bolted on, wherever that may be, or gone from there."""
         try:
-            corners = gyration(payload(rig)[1]) / np.sqrt(3.0) * np.array(CORNERS)
+            corners = compute_gyration_radius(get_payload(rig)[1]) / np.sqrt(3.0) * np.array(CORNERS)
         except UsageError:
             return ()
         return ({"extra": 0.0}, *({"extra": 0.0, **dict(zip("xyz", corner))} for corner in corners.tolist()))
@@ -72,7 +80,7 @@ class PayloadMass(RigEffect):
     def plausible(self, rig: Rig) -> bool:
         """Whether a weight is bolted on, and not inside the payload."""
         place = float(np.linalg.norm([self.x, self.y, self.z]))
-        return place == 0 or place > INSIDE * gyration(payload(rig)[1])
+        return place == 0 or place > INSIDE * compute_gyration_radius(get_payload(rig)[1])
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the difference in grams."""

@@ -9,7 +9,15 @@ from typing import ClassVar
 import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.rig_effect import RigEffect, describe_way, facing, payload, placed, shifted, with_payload
+from gimbal_pin.effects.rig_effect import (
+    RigEffect,
+    build_place_parameters,
+    describe_way,
+    find_camera_axes,
+    get_payload,
+    replace_payload,
+    shift_inertia,
+)
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
 
@@ -25,7 +33,7 @@ class PayloadShift(RigEffect):
     name: ClassVar[str] = "payload-shift"
     of_joint: ClassVar[bool] = False
     of_given_model: ClassVar[bool] = True
-    shapes: ClassVar[tuple[Parameter, ...]] = placed(
+    shapes: ClassVar[tuple[Parameter, ...]] = build_place_parameters(
         "how far the centre of mass is from the URDF's, along the payload's frame"
     )
     experiment: ClassVar[str] = "all axes at once, the payload turned through as many attitudes as the limits allow"
@@ -33,21 +41,21 @@ class PayloadShift(RigEffect):
 
     def apply(self, rig: Rig) -> Rig:
         """Take the payload's inertia out of its body and put it back in at the other place."""
-        _, inertia, frame = payload(rig)
-        return with_payload(rig, shifted(inertia, frame, np.array([self.x, self.y, self.z])), self.name)
+        _, inertia, frame = get_payload(rig)
+        return replace_payload(rig, shift_inertia(inertia, frame, np.array([self.x, self.y, self.z])), self.name)
 
     def told(self, rig: Rig) -> str:
         """Say it in the camera's own directions, however its frame is turned."""
-        _, _, frame = payload(rig)
-        way = facing(rig).T @ frame.rotation @ np.array([self.x, self.y, self.z])
-        return f"{self.place}: {self.name}, {displaced(way)}"
+        _, _, frame = get_payload(rig)
+        way = find_camera_axes(rig).T @ frame.rotation @ np.array([self.x, self.y, self.z])
+        return f"{self.place}: {self.name}, {_describe_shift(way)}"
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return where it sits, in millimetres."""
-        return displaced(np.array([self.x, self.y, self.z]))
+        return _describe_shift(np.array([self.x, self.y, self.z]))
 
 
-def displaced(way: Array) -> str:
+def _describe_shift(way: Array) -> str:
     """Say where a payload sits that is so many metres forward, left and up of its place, (3,)."""
     said = describe_way(way)
     return f"the payload sits {said} of where its URDF says" if said else "the payload sits where its URDF says"

@@ -10,7 +10,7 @@ from gimbal_pin.errors import ModelError
 from gimbal_pin.rig.records import convert_value, prefix_place, read_record
 
 
-def cause_from(data: Any) -> Cause:
+def read_cause(data: Any) -> Cause:
     """Return the cause that `Cause.to_dict` wrote.
 
     Raises:
@@ -27,13 +27,13 @@ def cause_from(data: Any) -> Cause:
         return read_record(every[name], held, f"effect {name}", ModelError)
 
 
-def term_from(data: Any) -> Term:
+def read_term(data: Any) -> Term:
     """Return the term that `Term.to_dict` wrote.
 
     Raises:
         ModelError: It is no torque effect, or has another number of values than coefficients.
     """
-    effect, place = cause_from(data), f"effect {data['effect']}"
+    effect, place = read_cause(data), f"effect {data['effect']}"
     if not isinstance(effect, Effect):
         raise ModelError(place, "is no term: it acts on no torque", "write it with to_dict")
     values = convert_value(tuple[float, ...], data.get("values"), f"{place}: values", ModelError)

@@ -8,11 +8,11 @@ from itertools import product
 from math import inf, nan
 from typing import Any, ClassVar
 
-from gimbal_pin.effects.base import Effect, Held, Sample, Term
+from gimbal_pin.effects.base import Effect, EffectMemory, Sample, Term
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, cut, exp, sign, size
+from gimbal_pin.effects.functions import Value, clip_value, exp, sign, size
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen, ladder
+from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 
 REACH = tuple((2 * i + 1) / 8 for i in range(8))
 """Lengths of bristles in strokes: evenly between none and two, enough of them that a log tells no single one."""
@@ -70,21 +70,21 @@ class Presliding(Effect):
         bend = sum(held) / len(held) if self.slips and held is not at.slide else held
         return (bend, at.v - bend * size(at.v)) if self.damped else (bend,)
 
-    def start(self) -> Held | None:
+    def start(self) -> EffectMemory | None:
         """Unbent."""
         return [0.0] * len(REACH) if self.slips else 0.0
 
-    def evolve(self, memory: Held, moved: Value) -> Held:
+    def evolve(self, memory: EffectMemory, moved: Value) -> EffectMemory:
         """``s + (z - s) exp(-|dq|/stroke)``, the exact solution for a way in one direction s; or that of each z_i."""
         if self.slips:
-            return [cut(z + moved / (reach * self.stroke), -1.0, 1.0) for z, reach in zip(memory, REACH)]
+            return [clip_value(z + moved / (reach * self.stroke), -1.0, 1.0) for z, reach in zip(memory, REACH)]
         way = sign(moved)
         return way + (memory - way) * exp(-size(moved) / self.stroke)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Strokes up to a third of the way, without damping and with it, bristles of one length and of many."""
-        strokes = ladder(4e-4, min(seen.travel / 3, 0.5), 6, cls.shapes[0])
+        strokes = build_geometric_grid(4e-4, min(seen.travel / 3, 0.5), 6, cls.shapes[0])
         forms = product((False, True), (False, True), strokes)
         return tuple(cls.inside(joint, stroke, damped, slips) for slips, damped, stroke in forms)
 

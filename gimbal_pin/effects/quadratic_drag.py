@@ -11,7 +11,7 @@ from gimbal_pin.effects.base import Effect, Sample
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import size
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 
 POWERS = (2.0, 1.5, 1.75, 2.25, 2.5, 2.75, 3.0)
@@ -46,7 +46,7 @@ class QuadraticDrag(Effect):
         return (at.v * size(at.v) ** (self.power - 1.0),)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Every quarter: no log says it closer, and drag and power trade places."""
         return tuple(cls.inside(joint, power) for power in POWERS)
 

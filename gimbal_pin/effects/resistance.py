@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from gimbal_pin.effects.base import AMBIENT, Held, Sample, Term
+from gimbal_pin.effects.base import AMBIENT, EffectMemory, Sample, Term
 from gimbal_pin.log.log import Array
 
-Memory = tuple[Held, ...]
+Memory = tuple[EffectMemory, ...]
 sampled = partial(tuple.__new__, Sample)
 """A `Sample` of its eleven entries: a named tuple's own way is three times as long, and this runs at every stage."""
 
@@ -29,12 +29,14 @@ class Resistance:
     def __init__(self, by_joint: Sequence[Sequence[Term]]) -> None:
         """Take the terms that act on each joint apart."""
         affine = [[term for term in terms if term.effect.affine] for terms in by_joint]
-        self.constant = [total(terms, Sample(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)) for terms in affine]
+        self.constant = [_sum_torques(terms, Sample(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)) for terms in affine]
         self.per_slide = [
-            total(terms, Sample(0.0, 0.0, 0.0, 0.0, 1.0, 0.0)) - zero for terms, zero in zip(affine, self.constant)
+            _sum_torques(terms, Sample(0.0, 0.0, 0.0, 0.0, 1.0, 0.0)) - zero
+            for terms, zero in zip(affine, self.constant)
         ]
         self.per_rate = [
-            total(terms, Sample(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)) - zero for terms, zero in zip(affine, self.constant)
+            _sum_torques(terms, Sample(0.0, 0.0, 1.0, 0.0, 0.0, 0.0)) - zero
+            for terms, zero in zip(affine, self.constant)
         ]
         self.rest = [(j, [t for t in terms if not t.effect.affine]) for j, terms in enumerate(by_joint)]
         self.rest = [(j, terms) for j, terms in self.rest if terms]
@@ -96,6 +98,6 @@ class Resistance:
         return self.per_slide[j] + way * held
 
 
-def total(terms: Sequence[Term], at: Sample) -> float:
+def _sum_torques(terms: Sequence[Term], at: Sample) -> float:
     """Torque of some terms at one sample, N m."""
     return float(sum(term.torque(at) for term in terms))

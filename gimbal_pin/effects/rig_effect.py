@@ -16,7 +16,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.rig import Rig
 
-AXES = (("forward", "back"), ("left", "right"), ("up", "down"))
+DIRECTIONS = (("forward", "back"), ("left", "right"), ("up", "down"))
 """Directions of a camera along its axes and against them."""
 
 
@@ -51,40 +51,40 @@ class RigEffect(Cause):
         return self.sentence()
 
 
-def placed(meaning: str) -> tuple[Parameter, ...]:
+def build_place_parameters(meaning: str) -> tuple[Parameter, ...]:
     """x, y and z, m, of a place in the frame in which the payload is mounted."""
     return tuple(Parameter(axis, 0.0, "m", -0.5, 0.5, meaning=meaning) for axis in "xyz")
 
 
-def with_model(rig: Rig) -> Rig:
+def copy_model(rig: Rig) -> Rig:
     """Return the rig with a copy of its Pinocchio model, free to be changed."""
     return replace(rig, model=rig.model.copy())
 
 
-def payload(rig: Rig) -> tuple[int, pin.Inertia, pin.SE3]:
+def get_payload(rig: Rig) -> tuple[int, pin.Inertia, pin.SE3]:
     """Return the body (from 0) that carries the payload, the payload's inertia in that joint's frame, and its frame.
 
-    A rig without a payload of its own carries one all the same: see `carried`.
+    A rig without a payload of its own carries one all the same: see `find_payload_link`.
 
     Raises:
         UsageError: Nothing with a mass is mounted.
     """
-    root = rig.model.getFrameId(carried(rig), pin.FrameType.BODY)
+    root = rig.model.getFrameId(find_payload_link(rig), pin.FrameType.BODY)
     frame, body = rig.model.frames[root], int(rig.model.frames[root].parentJoint)
-    if carried(rig) in rig.links:
+    if find_payload_link(rig) in rig.links:
         return body - 1, rig.model.inertias[body], frame.placement
-    inertia = fixed_inertia(rig, root)
+    inertia = compute_fixed_inertia(rig, root)
     if not inertia.mass > 0:
         raise UsageError(f"rig {rig.name}", "carries no payload of its own", "mount one: --payload NAME")
     return body - 1, inertia, frame.placement
 
 
-def gyration(inertia: pin.Inertia) -> float:
+def compute_gyration_radius(inertia: pin.Inertia) -> float:
     """Radius of gyration about the centre of mass, m: ``√(tr I/2m)``."""
     return float(np.sqrt(np.trace(inertia.inertia) / 2 / inertia.mass))
 
 
-def carried(rig: Rig) -> str:
+def find_payload_link(rig: Rig) -> str:
     """Return the link that is the payload: the mounted one's root, else what is fixed to the link that aims the camera.
 
     Of several links that are fixed there the heaviest is meant, with all that hangs on it; where none has a mass of its
@@ -95,25 +95,25 @@ def carried(rig: Rig) -> str:
     body = rig.model.frames[rig.model.getFrameId(rig.camera_frame, pin.FrameType.BODY)].parentJoint or rig.n
     own = rig.model.getFrameId(rig.links[body - 1], pin.FrameType.BODY)
     fixed = [k for k, frame in enumerate(rig.model.frames) if k != own and frame.type == pin.FrameType.BODY]
-    here = [k for k in fixed if rig.model.frames[k].parentJoint == body and holder(rig, k) == own]
-    heaviest = max(here, key=lambda k: float(fixed_inertia(rig, k).mass), default=own)
-    massive = heaviest != own and fixed_inertia(rig, heaviest).mass > 0
+    here = [k for k in fixed if rig.model.frames[k].parentJoint == body and _find_parent_frame(rig, k) == own]
+    heaviest = max(here, key=lambda k: float(compute_fixed_inertia(rig, k).mass), default=own)
+    massive = heaviest != own and compute_fixed_inertia(rig, heaviest).mass > 0
     return str(rig.model.frames[heaviest if massive else own].name)
 
 
-def holder(rig: Rig, link: int) -> int:
+def _find_parent_frame(rig: Rig, link: int) -> int:
     """Return the frame of the link that a link's frame is fixed to."""
     return int(rig.model.frames[rig.model.frames[link].parentFrame].parentFrame)
 
 
-def fixed_inertia(rig: Rig, root: int) -> pin.Inertia:
+def compute_fixed_inertia(rig: Rig, root: int) -> pin.Inertia:
     """Return the inertia of a fixed link and of all that hangs on it, in the frame of the joint that moves it."""
-    inside = [rig.model.frames[index] for index in hanging(rig, root)]
+    inside = [rig.model.frames[index] for index in find_fixed_frames(rig, root)]
     parts = [frame.placement.act(frame.inertia) for frame in inside if frame.inertia.mass > 0]
     return sum(parts[1:], parts[0]) if parts else pin.Inertia.Zero()
 
 
-def hanging(rig: Rig, root: int) -> list[int]:
+def find_fixed_frames(rig: Rig, root: int) -> list[int]:
     """Return the frames that hold the inertia of a fixed link and of all that hangs on it."""
     frames = rig.model.frames
     inside = [frames[root].parentFrame, root]
@@ -123,32 +123,32 @@ def hanging(rig: Rig, root: int) -> list[int]:
     return inside
 
 
-def with_payload(rig: Rig, inertia: pin.Inertia, owner: str) -> Rig:
+def replace_payload(rig: Rig, inertia: pin.Inertia, owner: str) -> Rig:
     """Return the rig with another inertia of its payload, in the frame of the joint that carries it.
 
-    Its frames hold it, too, so that `payload` returns it: what changes the payload next changes this one.
+    Its frames hold it, too, so that `get_payload` returns it: what changes the payload next changes this one.
 
     Raises:
         UsageError: No such payload, or no such body that carries it, can exist.
     """
     if not inertia.mass > 0:
         raise UsageError(owner, "leaves the payload a mass that no body can have", "give smaller figures")
-    body, before, _ = payload(rig)
-    changed = with_added(rig, body, inertia.toDynamicParameters() - before.toDynamicParameters(), owner)
-    if carried(rig) not in rig.links:
-        frames, root = changed.model.frames, rig.model.getFrameId(carried(rig), pin.FrameType.BODY)
-        for index in hanging(rig, root):
+    body, before, _ = get_payload(rig)
+    changed = add_to_body(rig, body, inertia.toDynamicParameters() - before.toDynamicParameters(), owner)
+    if find_payload_link(rig) not in rig.links:
+        frames, root = changed.model.frames, rig.model.getFrameId(find_payload_link(rig), pin.FrameType.BODY)
+        for index in find_fixed_frames(rig, root):
             frames[index].inertia = pin.Inertia.Zero()
         frames[root].inertia = frames[root].placement.actInv(inertia)
     return changed
 
 
-def shifted(inertia: pin.Inertia, frame: pin.SE3, shift: Array) -> pin.Inertia:
+def shift_inertia(inertia: pin.Inertia, frame: pin.SE3, shift: Array) -> pin.Inertia:
     """Return a payload's inertia when it moves by `shift`, m, (3,), along its frame's axes."""
     return pin.SE3(np.eye(3), frame.rotation @ shift).act(inertia)
 
 
-def facing(rig: Rig) -> Array:
+def find_camera_axes(rig: Rig) -> Array:
     """Forward, left and up of the camera as columns in the frame of the joint that carries it, (3, 3).
 
     The camera frame's axes where the rig names one; else the base's as the joints stand at zero: how a link's frame is
@@ -162,7 +162,7 @@ def facing(rig: Rig) -> Array:
     return np.array(data.oMi[frame.parentJoint].rotation.T)
 
 
-def turning_axis(rig: Rig, body: int) -> Array:
+def find_joint_axis(rig: Rig, body: int) -> Array:
     """Axis of a body's joint in the joint's own frame, (3,); zero of one that slides."""
     data = rig.model.createData()
     pin.computeJointJacobians(rig.model, data, pin.neutral(rig.model))
@@ -175,11 +175,11 @@ def describe_way(way: Array, unit: str = "mm") -> str:
 
     Given mass times way, kg m, the unit is "mm kg".
     """
-    ways = zip(way.tolist(), AXES)
+    ways = zip(way.tolist(), DIRECTIONS)
     return ", ".join(f"{1e3 * abs(d):.3g} {unit} {names[0] if d > 0 else names[1]}" for d, names in ways if d)
 
 
-def with_added(rig: Rig, body: int, phi: Array, owner: str) -> Rig:
+def add_to_body(rig: Rig, body: int, phi: Array, owner: str) -> Rig:
     """Return the rig with `phi` (order of `rig.PHI`) added to a body's parameters.
 
     Raises:

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, cut, size
+from gimbal_pin.effects.functions import Value, clip_value, size
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen, ladder
+from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.effects.signal import Static
 
 SOFT = 2.0
@@ -32,9 +32,13 @@ SIDE = Parameter(
 )
 
 
-def stepped(low: float, high: float, most: float) -> tuple[float, ...]:
+def _build_limit_grid(low: float, high: float, most: float) -> tuple[float, ...]:
     """Return values from low to high, each at most so many times the last; none where low is no less."""
-    return ladder(low, high, ceil(log(high / low) / log(most)) + 1, Saturation.shapes[0]) if 0 < low < high else ()
+    return (
+        build_geometric_grid(low, high, ceil(log(high / low) / log(most)) + 1, Saturation.shapes[0])
+        if 0 < low < high
+        else ()
+    )
 
 
 @dataclass(frozen=True)
@@ -80,12 +84,12 @@ class Saturation(Static):
 
     def of_side(self, x: Value) -> Value:
         """Size of the command where its direction is limited, else zero."""
-        return size(cut(x, 0.0 if self.side > 0 else -inf, 0.0 if self.side < 0 else inf))
+        return size(clip_value(x, 0.0 if self.side > 0 else -inf, 0.0 if self.side < 0 else inf))
 
     def passed(self, x: Value) -> Value:
         """Cut the command, or bend it."""
         if not self.knee:
-            return cut(x, -inf if self.side > 0 else -self.limit, inf if self.side < 0 else self.limit)
+            return clip_value(x, -inf if self.side > 0 else -self.limit, inf if self.side < 0 else self.limit)
         return x / (1.0 + (self.of_side(x) / self.limit) ** self.knee) ** (1.0 / self.knee)
 
     def command(self, torque: float) -> float:
@@ -96,12 +100,12 @@ class Saturation(Static):
         return copysign(share * self.limit, torque) / (1.0 - share**self.knee) ** (1.0 / self.knee)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Limits that bite on the log's peaks, on both sides or on one, and soft ones that may lie beyond."""
         low, high = max(LOWEST * seen.torque, cls.shapes[0].lower), (1.0 - WIDE) * seen.peak
-        under = stepped(low, high, CLOSE)
-        limits = (*under, *(seen.peak - one for one in stepped(NARROW * seen.peak, WIDE * seen.peak, WIDER)))
-        beyond = ladder(0.7 * seen.peak, 10 * seen.peak, 6, cls.shapes[0])
+        under = _build_limit_grid(low, high, CLOSE)
+        limits = (*under, *(seen.peak - one for one in _build_limit_grid(NARROW * seen.peak, WIDE * seen.peak, WIDER)))
+        beyond = build_geometric_grid(0.7 * seen.peak, 10 * seen.peak, 6, cls.shapes[0])
         return (
             *(cls.inside(joint, limit, side) for limit in sorted(set(limits)) for side in (0, 1, -1)),
             *(cls.inside(joint, limit, 0, SOFT) for limit in beyond),

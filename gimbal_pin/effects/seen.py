@@ -10,7 +10,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.rig.brief import brief
 
 
-class Seen(NamedTuple):
+class OperatingRange(NamedTuple):
     """Ranges of one joint's channels.
 
     Attributes:
@@ -46,7 +46,7 @@ class Seen(NamedTuple):
         return brief(self)
 
 
-def ladder(low: float, high: float, count: int, shape: Parameter) -> tuple[float, ...]:
+def build_geometric_grid(low: float, high: float, count: int, shape: Parameter) -> tuple[float, ...]:
     """Return `count` values from low to high, or what the shape parameter's bounds leave of that; none where nothing.
 
     Each is the same multiple of the last.

@@ -21,7 +21,7 @@ GONE = 1e-12
 """Memory of a command of 1 N m that is no more felt."""
 
 
-class Borne(NamedTuple):
+class JointLoad(NamedTuple):
     """What a joint bears besides the inertia that its own acceleration meets.
 
     Attributes:
@@ -50,7 +50,7 @@ class Borne(NamedTuple):
         still: Flags,
         inertial: Value = 0.0,
         across: Array | None = None,
-    ) -> Borne:
+    ) -> JointLoad:
         """What a joint bears along a log, (N,): where it stands, its dry friction takes what it can of the torque."""
         most = np.abs(brake)
         return cls(np.where(still, np.clip(command - load, -most, most), brake), load, inertial, still, across)
@@ -109,7 +109,7 @@ class Signal(Cause):
     def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
         """Return the memory and the mean acting torque, N m, after `dt` s of the command `x`, N m."""
 
-    def beside(self, borne: Borne) -> Value:
+    def beside(self, borne: JointLoad) -> Value:
         """Return what such a signal feels besides the command, N m."""
         return -borne.brake
 
@@ -117,14 +117,14 @@ class Signal(Cause):
         """What leans on a motor that stands still, N m; None: what its link asks for."""
         return None
 
-    def along(self, command: Array, dt: float, borne: Borne | None) -> Array:
+    def along(self, command: Array, dt: float, borne: JointLoad | None) -> Array:
         """Torque that acts, N m, (N,), as `acting`, at a joint that bears something; None: nobody knows what."""
         if borne is None or not self.geared:
             return self.acting(command, dt)
         beside = self.beside(borne)
         return np.asarray(self.acting(command + beside, dt) - beside)
 
-    def spread(self, loss: Value, joint: int, joints: int, borne: Borne | None) -> Array:
+    def spread(self, loss: Value, joint: int, joints: int, borne: JointLoad | None) -> Array:
         """``M_ij / ((1 - r) M_jj) loss``: what a signal takes from every joint, N m, (..., n), where it takes one loss.
 
         The loss is what the link's unseen acceleration asks for, ``(1 - r) M_jj δ''``, and that asks it of the other

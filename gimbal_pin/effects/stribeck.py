@@ -11,7 +11,7 @@ from gimbal_pin.effects.base import Effect, Sample
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import exp, size
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen, ladder
+from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.log.log import Array
 
 STROKE = 1e-4
@@ -50,13 +50,13 @@ class Stribeck(Effect):
         return (exp(-(w**self.exponent)) * at.slide,)
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Speeds from what the rate's noise hides to half of the fastest."""
         slowest = max(3 * seen.rate_std, 0.01 * seen.rate)
-        speeds = ladder(slowest, seen.rate / 2, 6, cls.shapes[0])
+        speeds = build_geometric_grid(slowest, seen.rate / 2, 6, cls.shapes[0])
         return tuple(cls.inside(joint, speed, exponent) for speed in speeds for exponent in (2, 1))
 
-    def blurred(self, seen: Seen) -> tuple[str, ...]:
+    def blurred(self, seen: OperatingRange) -> tuple[str, ...]:
         """A joint that swings by ``travel/2`` passes such speeds within ``speed²/(2a)``, ``a = 2 rate²/travel``.
 
         Where that is less than any bristle's stroke, the log shows friction at reversals, and not what it depends on.

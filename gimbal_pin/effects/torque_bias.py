@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 
 
@@ -29,7 +29,7 @@ class TorqueBias(Effect):
         """One at every sample."""
         return (1.0 + 0.0 * at.q,)
 
-    def blurred(self, seen: Seen) -> tuple[str, ...]:
+    def blurred(self, seen: OperatingRange) -> tuple[str, ...]:
         """Coulomb friction that differs by direction: ``b ± c`` while it slides, and anything in between at rest.
 
         What the fit sees between the two is how it tells the direction at the moments of standstill.

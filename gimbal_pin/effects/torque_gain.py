@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 
 from gimbal_pin.effects.base import Effect, Sample, Term
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import cut
+from gimbal_pin.effects.functions import clip_value
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 
 
@@ -45,7 +45,7 @@ class TorqueGain(Effect):
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """The model's total torque, or what of it has the one direction."""
-        return (cut(at.tau, 0.0 if self.side > 0 else -inf, 0.0 if self.side < 0 else inf),)
+        return (clip_value(at.tau, 0.0 if self.side > 0 else -inf, 0.0 if self.side < 0 else inf),)
 
     @property
     def coupled(self) -> bool:
@@ -53,7 +53,7 @@ class TorqueGain(Effect):
         return self.side == 0
 
     @classmethod
-    def tried(cls, joint: str, seen: Seen) -> tuple[Cause, ...]:
+    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """In both directions, and in either."""
         return tuple(cls(joint, side) for side in (0, 1, -1))
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 from gimbal_pin.effects.base import Sample
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import Seen
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 
 
@@ -35,7 +35,7 @@ class TorqueRipple(Harmonic):
         """The model's total torque."""
         return at.tau
 
-    def blurred(self, seen: Seen) -> tuple[str, ...]:
+    def blurred(self, seen: OperatingRange) -> tuple[str, ...]:
         """What has gone round less than once by none of its harmonics is a bend of the torque, and no ripple yet.
 
         So bends what an encoder that is off, or sits off its joint's centre, takes for the weight of its link, and so

@@ -8,9 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import friction_effects
-from gimbal_pin.dynamics.reduction import Reduction, reduce
-from gimbal_pin.dynamics.regressor import regressor, rnea, weight
+from gimbal_pin.dynamics.model import build_friction_effects
+from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
+from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea
 from gimbal_pin.effects import Effect
 from gimbal_pin.excitation.adjoint import (
     Link,
@@ -50,7 +50,7 @@ class ExcitationColumns:
     @staticmethod
     def of(rig: Rig, effects: Sequence[Effect] = ()) -> ExcitationColumns:
         """The rig's base parameters and friction, and the `effects` on top."""
-        return ExcitationColumns(rig, (*friction_effects(rig.joints), *effects), reduce(rig))
+        return ExcitationColumns(rig, (*build_friction_effects(rig.joints), *effects), reduce_parameters(rig))
 
     @cached_property
     def places(self) -> Array:
@@ -76,7 +76,7 @@ class ExcitationColumns:
 
     def compute(self, motion: Motion, slide: Array) -> Array:
         """``W`` along a motion, (N, n, p); `slide` is the direction of sliding (N, n)."""
-        rigid = regressor(self.rig, motion.q, motion.v, motion.a, places=self.places)
+        rigid = compute_regressor(self.rig, motion.q, motion.v, motion.a, places=self.places)
         tau, pull = self.compute_loads(motion)
         states = Samples(motion.t, motion.q, motion.v, motion.a, tau, motion.v, np.zeros(self.rig.n))
         effects = compute_effect_columns(self.rig, self.effects, states, slide, pull)
@@ -87,8 +87,8 @@ class ExcitationColumns:
         q, none = motion.q, np.zeros_like(motion.q)
         loaded = any(effect.loaded for effect in self.effects)
         weighed = any(effect.weighed for effect in self.effects)
-        tau = rnea(self.rig, q, motion.v, motion.a) if loaded else none
-        return tau, weight(self.rig, q) if weighed else none
+        tau = compute_rnea(self.rig, q, motion.v, motion.a) if loaded else none
+        return tau, compute_gravity(self.rig, q) if weighed else none
 
     def scale_rows(self, motion: Motion, slide: Array | None = None) -> Array:
         """``W`` in unit torque, stacked, (N n, p); without `slide` each joint slides as the sign of its rate says."""

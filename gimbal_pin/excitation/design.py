@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import trange
 
 from gimbal_pin.dynamics.model import Model, nominal
-from gimbal_pin.dynamics.threads import one_thread
+from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.clearance import Clearance, Gap
@@ -118,7 +118,7 @@ class Excitation:
         }
 
 
-@one_thread()
+@limit_to_one_thread()
 def excite(
     rig: Rig,
     *,

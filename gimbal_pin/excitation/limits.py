@@ -7,7 +7,7 @@ from math import isfinite
 
 import numpy as np
 
-from gimbal_pin.dynamics.configurations import filling, pace, travel
+from gimbal_pin.dynamics.configurations import fill_angle_limits, fill_limits, fill_rate_limits
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.adjoint import differentiate_rnea, differentiate_samples
@@ -35,7 +35,7 @@ class Envelope:
     def of(rig: Rig, margin: float = 0.0, share: float = 1.0) -> Envelope:
         """The rig's limits, each but for the share `margin`; of rate and acceleration the given share of that.
 
-        Angle limits that are not stated are those of `configurations.travel`.
+        Angle limits that are not stated are those of `fill_angle_limits`.
 
         Raises:
             UsageError: The margin is not in [0, 1), the share not in (0, 1], or a joint is left with no room to move.
@@ -44,7 +44,7 @@ class Envelope:
             raise UsageError("margin", f"is {margin}", "give a share of the limits from 0 up to under 1")
         if not 0 < share <= 1:
             raise UsageError("share", f"is {share}", "give a share of the rate and acceleration limits, over 0 up to 1")
-        ends = np.array([travel(rig, j, limit) for j, limit in enumerate(rig.limits)])
+        ends = np.array([fill_angle_limits(rig, j, limit) for j, limit in enumerate(rig.limits)])
         limits = {
             "travel": (ends[:, 1] - ends[:, 0]) / 2,
             "velocity limit": share * np.array([limit.velocity for limit in rig.limits]),
@@ -66,11 +66,11 @@ class Envelope:
     @property
     def pace(self) -> Array:
         """Rate limits, (n,); where none is stated: what half a hertz over the full travel takes."""
-        return pace(self.half, self.velocity)
+        return fill_rate_limits(self.half, self.velocity)
 
     def spread(self) -> Motion:
-        """States spread evenly over the limits, always the same ones, (N, n); not a motion in time: see `filling`."""
-        return filling(self.centre, self.half, self.velocity, self.acceleration)
+        """States spread evenly over the limits, always the same ones, (N, n); no motion in time: see `fill_limits`."""
+        return fill_limits(self.centre, self.half, self.velocity, self.acceleration)
 
     def compute_kinematic_shares(self, motion: Motion) -> Array:
         """Angle from the centre, rate and acceleration as shares of their limits, signed, (3, N, n)."""

@@ -26,7 +26,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 from uuid import uuid4
 
-from gimbal_pin.dynamics.threads import one_thread
+from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ def end_with_parent() -> None:
 def compute_task(work: Work, first: int, units: Sequence[Any], folder: str) -> Counts:
     """Compute units for `TASK_SECONDS`, and write their rows."""
     end, rows = monotonic() + TASK_SECONDS, []
-    with one_thread():
+    with limit_to_one_thread():
         for unit in units:
             rows.append(compute_unit(work, unit))
             if monotonic() > end:

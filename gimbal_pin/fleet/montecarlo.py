@@ -20,7 +20,7 @@ from scipy.stats import binomtest
 from gimbal_pin.control.controllers import OURS, TUNED
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tuning import Stored, Tuning, tune
-from gimbal_pin.dynamics.model import Model, nominal, plain_model
+from gimbal_pin.dynamics.model import Model, convert_model, nominal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.fleet.engine import TABLE, Capacity, ExecutorFactory, Run, file_system, run_units
 from gimbal_pin.fleet.sensitivity import CONFIDENCE, Influence, rank_influences
@@ -203,9 +203,9 @@ def describe_study(study: Study) -> dict[str, object]:
     """Return what the results depend on, as plain values; models and gains by their digest."""
     variation, law, known = study.variation, study.law, study.variation.estimated
     rig = variation.model.rig
-    believed = plain_model(getattr(law, "model", variation.model))
+    believed = convert_model(getattr(law, "model", variation.model))
     parts = {
-        "model": [rig.urdf, repr((rig.limits, rig.motors, rig.config)), plain_model(variation.model)],
+        "model": [rig.urdf, repr((rig.limits, rig.motors, rig.config)), convert_model(variation.model)],
         "covariance": None if known is None else known.covariance.tolist(),
         "controller": [vars(study.wish), None if law is None else [law.gains, repr(vars(law).get("robust")), believed]],
     }

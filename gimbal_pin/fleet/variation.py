@@ -14,13 +14,13 @@ from scipy.special import ndtri
 
 from gimbal_pin.control.laws.uncertainty import estimate
 from gimbal_pin.dynamics.apply import plant_with
-from gimbal_pin.dynamics.model import Estimated, Model, brakes, with_bodies
+from gimbal_pin.dynamics.model import Estimated, Model, _replace_bodies, is_motor_friction
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.payload_shift import PayloadShift
-from gimbal_pin.effects.rig_effect import payload
+from gimbal_pin.effects.rig_effect import get_payload
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.sweep import changed
@@ -103,7 +103,7 @@ def choose_default_vary(model: Model) -> Vary:
     """
     drawing: dict[str, Any] = {"inertials": ("normal", 0.0, 0.05), "friction": ("normal", 0.0, 0.2)}
     try:
-        payload(model.rig)
+        get_payload(model.rig)
         mounted = {**dict.fromkeys("xyz", ("normal", 0.0, 1.0)), "mass": ("normal", 0.0, 0.02)}
     except UsageError:
         mounted = {}
@@ -180,15 +180,15 @@ class Variation:
         share = {joint: 1 + values[f"friction.{joint}"] for joint in rig.joints}
         rubbed = [
             replace(term, values=tuple(x * share[term.effect.joint] for x in term.values))
-            if brakes(term.effect)
+            if is_motor_friction(term.effect)
             else term
             for term in model.terms
         ]
-        model = replace(model, rig=with_bodies(model.rig, phi), terms=tuple(rubbed), estimated=None)
+        model = replace(model, rig=_replace_bodies(model.rig, phi), terms=tuple(rubbed), estimated=None)
         place = [values.get(f"payload.{axis}", 0.0) / 1000 for axis in "xyz"]
         causes: list[PayloadShift | PayloadMass] = [PayloadShift(*place)] if any(place) else []
         if extra := values.get("payload.mass", 0.0):
-            causes.append(PayloadMass(extra * float(payload(model.rig)[1].mass)))
+            causes.append(PayloadMass(extra * float(get_payload(model.rig)[1].mass)))
         return plant_with(model, causes).plant
 
     def make_plant(self, body: Model, values: Values) -> Model:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.dynamics.checking import poses
-from gimbal_pin.dynamics.regressor import regressor
-from gimbal_pin.effects.rig_effect import describe_way, facing, payload
+from gimbal_pin.dynamics.checking import spread_poses
+from gimbal_pin.dynamics.regressor import compute_regressor
+from gimbal_pin.effects.rig_effect import describe_way, find_camera_axes, get_payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.log import Array
@@ -124,16 +124,16 @@ def compute_balance(found: Identified, mass: float | None = None, loose: float =
     """
     rig = found.model.rig
     try:
-        body, inertia, _ = payload(rig)
+        body, inertia, _ = get_payload(rig)
     except UsageError:
         return None
-    q = poses(rig, COUNT)
+    q = spread_poses(rig, COUNT)
     still = np.zeros_like(q)
-    full = regressor(rig, q, still, still)
+    full = compute_regressor(rig, q, still, still)
     gravity = full[:, :, find_base_columns(rig, found.reduction)]
     moments = [10 * body + PHI.index(symbol) for symbol in ("mx", "my", "mz")]
     weighs = float(inertia.mass) if mass is None else mass
-    per_way = weighs * full[:, :, moments] @ facing(rig)
+    per_way = weighs * full[:, :, moments] @ find_camera_axes(rig)
     limit = np.where(np.isfinite(rig.tau_max), rig.tau_max, 1.0)[:, None]
     inverse = np.linalg.pinv((per_way / limit).reshape(-1, 3), rcond=RANK)
     width = gravity.shape[2]

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.checks import check_assignment, check_log, check_time, collect_alterations
-from gimbal_pin.dynamics.model import Doubt, Estimated, Model, friction_effects, rotors
-from gimbal_pin.dynamics.reduction import Reduction, reduce
-from gimbal_pin.dynamics.regressor import columns
-from gimbal_pin.dynamics.threads import one_thread
+from gimbal_pin.dynamics.model import Doubt, Estimated, Model, build_friction_effects, build_rotor_terms
+from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
+from gimbal_pin.dynamics.regressor import name_columns
+from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification import payload_change
@@ -133,7 +133,7 @@ def _find_nearest_physical(design: Design, estimate: Estimate, trust: float) -> 
 
 def given_beta(rig: Rig, reduction: Reduction) -> Array:
     """Base parameters of the URDF as it stands, (b,)."""
-    return reduction.mixing @ rig.phi[columns(rig)[1]]
+    return reduction.mixing @ rig.phi[name_columns(rig)[1]]
 
 
 def _choose_filter(logs: Sequence[Log], base: BaseMotion) -> Filtering:
@@ -152,7 +152,7 @@ def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:
     return bound_deviations(blocks, estimate.theta) if blocks.design.names == design.names else None
 
 
-@one_thread()
+@limit_to_one_thread()
 def identify(
     rig: Rig,
     logs: Sequence[Log],
@@ -195,7 +195,9 @@ def identify(
     train, test, how = split_logs(logs, holdout, filters)
     base = greatest_base_motion(rig, train)
     parted = _LogSplit(rig, train, test, filters, estimator, base)
-    (blocks, estimate, tested), left_out = parted.fit_without_overfitted(friction_effects(rig.joints) + tuple(effects))
+    (blocks, estimate, tested), left_out = parted.fit_without_overfitted(
+        build_friction_effects(rig.joints) + tuple(effects)
+    )
     check_assignment(blocks, estimate)
     estimate, missed = add_misfit(blocks, estimate)
     unused = [log.name for log in test if any(log is one for one in logs)]
@@ -261,7 +263,7 @@ class _LogSplit:
     def fit_without_overfitted(self, effects: tuple[Effect, ...]) -> tuple[_Trial, tuple[Doubt, ...]]:
         """Fit without the effects of joints where they do not hold for what was held out; say which these are."""
         trial, left_out = self.fit(effects), list[Doubt]()
-        always = friction_effects(self.rig.joints)
+        always = build_friction_effects(self.rig.joints)
         for joint in dict.fromkeys(effect.joint for effect in effects if effect not in always):
             mine = [one for one in trial.blocks.design.effects if one.joint == joint and one not in always]
             full = trial.validation
@@ -284,7 +286,7 @@ def refittable_effects(model: Model) -> tuple[Effect, ...]:
     Not those that read the model's own torque: the rows have but the measured one, whose noise would leak. Nor rotors
     whose inertia the rig states.
     """
-    always, stated = {kind.name for kind in ALWAYS}, rotors(model.rig)
+    always, stated = {kind.name for kind in ALWAYS}, build_rotor_terms(model.rig)
     free = (term.effect for term in model.terms if term not in stated)
     return tuple(effect for effect in free if effect.name not in always and not effect.loaded)
 
@@ -318,7 +320,7 @@ def _fit_shown(
     Raises:
         DataError: Too few rows, or parameters without a trace that a fixed base would show.
     """
-    blocks = compute_blocks(Design(rig, reduce(rig, base=base), effects, logs, filters))
+    blocks = compute_blocks(Design(rig, reduce_parameters(rig, base=base), effects, logs, filters))
     check_enough(blocks)
     estimate = estimator(blocks)
     if base != "fixed" and find_unseen(blocks.design.names, blocks, estimate):

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gimbal_pin.checks import check_assignment, check_driven, check_sampling
-from gimbal_pin.dynamics.model import Model, friction_effects
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.model import Model, build_friction_effects
+from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.identification.fitting import assemble_result, to_model
@@ -233,8 +233,8 @@ class Online:
                 raise UsageError(effect.name, "has a memory of its own", "identify it from a whole log")
         if not fading > 0:
             raise UsageError("fading", f"is {fading:g} s", "give a positive time, or infinity")
-        everywhere = friction_effects(rig.joints) + tuple(effects)
-        design = Design(rig, reduce(rig), everywhere, (), filtering or Filtering())
+        everywhere = build_friction_effects(rig.joints) + tuple(effects)
+        design = Design(rig, reduce_parameters(rig), everywhere, (), filtering or Filtering())
         directions, prior = payload_directions(design), None
         if known is not None:
             before = get_known_parameters(known)

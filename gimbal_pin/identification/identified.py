@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin.checks import Alteration, CheckedLog, Mounting, list_alterations
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
-from gimbal_pin.dynamics.regressor import columns
+from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.effects import ALWAYS
 from gimbal_pin.errors import digits
 from gimbal_pin.identification.bias_test import BiasCheck
@@ -192,7 +192,7 @@ class Identified:
     def stated(self) -> Array:
         """The URDF's value of every parameter, (k,); NaN for what it does not state, as of an unknown payload."""
         rig, names = self.model.rig, [kind.name for kind in ALWAYS]
-        base = self.reduction.mixing @ self.given[columns(rig)[1]]
+        base = self.reduction.mixing @ self.given[name_columns(rig)[1]]
         if self.swapped:
             mine = slice(10 * find_camera_body(rig), 10 * find_camera_body(rig) + 10)
             base = np.where(np.any(np.abs(map_phi_to_base(rig, self.reduction)[:, mine]) > MIXED, axis=1), np.nan, base)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Doubt, Estimated, Model, model_from, plain_model
+from gimbal_pin.dynamics.model import Doubt, Estimated, Model, convert_model, read_model_data
 from gimbal_pin.errors import ModelError
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.io.files import write_yaml
@@ -60,7 +60,7 @@ def write_extended(model: Model, path: str | Path) -> None:
             "kind": KIND,
             "schema": 1,
             **rows,
-            **plain_model(model),
+            **convert_model(model),
             **_describe_uncertainty(model.estimated),
             **_describe_doubts(model),
         },
@@ -89,7 +89,7 @@ def read_model(path: str | Path, rig: Rig) -> Model:
         ModelError: The file is of another kind, for other joints, or lacks something.
     """
     own = _read_own_part(path, rig)
-    model = replace(model_from(own, rig, str(path)), doubts=_read_doubts(own, str(path)))
+    model = replace(read_model_data(own, rig, str(path)), doubts=_read_doubts(own, str(path)))
     return model if "covariance" not in own else replace(model, estimated=_read_known_parameters(own, str(path)))
 
 
@@ -109,7 +109,8 @@ def read_known(path: str | Path, rig: Rig) -> Model:
     """
     own = _read_own_part(path, rig)
     return replace(
-        model_from({**own, "phi": rig.phi.tolist()}, rig, str(path)), estimated=_read_known_parameters(own, str(path))
+        read_model_data({**own, "phi": rig.phi.tolist()}, rig, str(path)),
+        estimated=_read_known_parameters(own, str(path)),
     )
 
 

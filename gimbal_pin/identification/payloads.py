@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gimbal_pin.checks import CheckedLog, check_assignment, check_log, check_time, collect_alterations
-from gimbal_pin.dynamics.model import Estimated, Model, friction_effects, rotors
-from gimbal_pin.dynamics.reduction import Reduction, reduce, scan, stacked, units
+from gimbal_pin.dynamics.model import Estimated, Model, build_friction_effects, build_rotor_terms
+from gimbal_pin.dynamics.reduction import Reduction, list_units, reduce_parameters, scan_columns, stack_regressors
 from gimbal_pin.dynamics.regressor import SCAN
 from gimbal_pin.effects import Effect
-from gimbal_pin.effects.rig_effect import payload
+from gimbal_pin.effects.rig_effect import get_payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification.balance import report_with_balance
 from gimbal_pin.identification.fitting import assemble_result, keep_held_out_accuracy, split_logs
@@ -187,9 +187,9 @@ class Carried:
     def of(rig: Rig, reduction: Reduction) -> Carried:
         """Return what shows of the camera's body if all the others are known."""
         body = find_camera_body(rig)
-        matrix, names = stacked(rig)
+        matrix, names = stack_regressors(rig)
         mine = [k for k, name in enumerate(names) if name.rsplit(".", 1)[0] == rig.links[body]]
-        own = scan(matrix[:, mine], tuple(f"camera.{names[k].rsplit('.', 1)[1]}" for k in mine))
+        own = scan_columns(matrix[:, mine], tuple(f"camera.{names[k].rsplit('.', 1)[1]}" for k in mine))
         places = [10 * body + PHI.index(SCAN[k]) for k in own.independent]
         return Carried(body, own, map_phi_to_base(rig, reduction)[:, places])
 
@@ -243,7 +243,7 @@ def _conclude_camera(
     base, urdf = get_stated_payload(reference[1]), get_stated_payload(design.rig)
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
     gamma = own.shown(base) + pick @ estimate.theta, pick @ estimate.covariance @ pick.T
-    mounted = Camera(own.reduction.base_names, units(leading), *gamma, own.shown(urdf))
+    mounted = Camera(own.reduction.base_names, list_units(leading), *gamma, own.shown(urdf))
     given = design.rig.phi.copy()
     given[own.parameters] += base - urdf
     mounted, vague = _hedge_camera(mounted, own, reference[0], given, design.mixing, known)
@@ -288,7 +288,7 @@ def _hedge_camera(
 def get_stated_payload(rig: Rig) -> Array:
     """Ten parameters of the payload as its URDF states it, about the joint; zero where nothing is mounted."""
     try:
-        return np.array(payload(rig)[1].toDynamicParameters())
+        return np.array(get_payload(rig)[1].toDynamicParameters())
     except UsageError:
         return np.zeros(10)
 
@@ -320,9 +320,9 @@ def identify_several(
     """
     reference = BARE if BARE in rigs else next(iter(rigs))
     order = (reference, *(name for name in rigs if name != reference))
-    reduction = reduce(rigs[reference])
+    reduction = reduce_parameters(rigs[reference])
     own = Carried.of(rigs[reference], reduction)
-    everything = (*friction_effects(rigs[reference].joints), *effects)
+    everything = (*build_friction_effects(rigs[reference].joints), *effects)
     parts = {name: _build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order}
     joint = [block for k, part in enumerate(parts.values()) for block in _widen_blocks(part.blocks, own, k, len(order))]
     estimate, missed = add_misfit(joint, estimator(joint), len(order))
@@ -387,8 +387,8 @@ def identify_new(
             one is in another unit, or acts too early or late, see `checks.check_time`.
     """
     rig, before = _apply_known_changes(rig, known), get_known_parameters(known)
-    reduction = reduce(rig)
-    effects = [term.effect for term in known.terms if term not in rotors(known.rig)]
+    reduction = reduce_parameters(rig)
+    effects = [term.effect for term in known.terms if term not in build_rotor_terms(known.rig)]
     width, count = len(reduction.independent), sum(len(effect.coefficients) for effect in effects)
     if before.names[:width] != reduction.base_names or len(before.names) != width + count:
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")

@@ -10,11 +10,11 @@ from math import radians
 import numpy as np
 
 from gimbal_pin.control.experiment import bench_run
-from gimbal_pin.dynamics.imu import noisy
+from gimbal_pin.dynamics.imu import add_imu_noise
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.payload_shift import PayloadShift
-from gimbal_pin.effects.rig_effect import facing, payload, turning_axis
+from gimbal_pin.effects.rig_effect import find_camera_axes, find_joint_axis, get_payload
 from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.log.platform import Platform
@@ -43,10 +43,10 @@ REHEARSAL = 20.0
 
 def unbalanced(rig: Rig, off: float = OFF) -> Rig:
     """Return the rig with its payload slid so that its centre of mass is `off` m from the last axis, along `WAY`."""
-    body, inertia, frame = payload(rig)
-    axis = turning_axis(rig, body)
+    body, inertia, frame = get_payload(rig)
+    axis = find_joint_axis(rig, body)
     across = np.eye(3) - np.outer(axis, axis)
-    way = across @ facing(rig) @ np.array(WAY)
+    way = across @ find_camera_axes(rig) @ np.array(WAY)
     change = off * way / np.linalg.norm(way) - across @ inertia.lever
     return PayloadShift(*(frame.rotation.T @ change).tolist()).apply(rig)
 
@@ -151,7 +151,7 @@ def rehearsed(rig: Rig) -> tuple[Array, Imu]:
     dt = 0.001
     motion = Shaken(Sight(rig).centre, REHEARSAL, dt, HALF)(LEARNED)
     own = Imu(motion.w[::2], motion.f[::2], None if motion.quat is None else motion.quat[::2])
-    return motion.t[::2], noisy(own, Noise(GYRO, ACCELEROMETER), dt, np.random.default_rng(LEARNED))
+    return motion.t[::2], add_imu_noise(own, Noise(GYRO, ACCELEROMETER), dt, np.random.default_rng(LEARNED))
 
 
 def entered(taught: Learned, course: Course) -> Roster:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.control.controllers import OURS
-from gimbal_pin.dynamics.model import model_from, plain_model
+from gimbal_pin.dynamics.model import convert_model, read_model_data
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.log.io.files import write_json
@@ -132,7 +132,7 @@ class Controller:
                 "noise": vars(own.noise),
                 "trusted": own.trusted,
                 "spectrum": {**vars(spectrum), "f": float(spectrum.f[1])},
-                "model": plain_model(own.model),
+                "model": convert_model(own.model),
             },
             path,
         )
@@ -158,7 +158,7 @@ class Controller:
                 raise ModelError(f"{place}: trusted", "is not one value per joint", "write it with Controller.save")
             return Controller(
                 Roster(
-                    model_from(stored.model, rig, f"{place}: model"),
+                    read_model_data(stored.model, rig, f"{place}: model"),
                     rotation(stored.wanted, f"{place}: wanted"),
                     stored.spectrum.spectrum(f"{place}: spectrum"),
                     stored.noise,

@@ -18,8 +18,8 @@ from gimbal_pin.control.laws.equal import DAMPING, INTEGRAL, Equal, bandwidth, r
 from gimbal_pin.control.laws.observer import observed_margins
 from gimbal_pin.control.laws.uncertainty import inertia
 from gimbal_pin.dynamics.model import Model
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.dynamics.regressor import columns
+from gimbal_pin.dynamics.reduction import reduce_parameters
+from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.forecast import Forecast, Spectrum
@@ -256,8 +256,8 @@ def without_hidden(model: Model) -> Model:
     ``min ‖φ'‖`` over first and second moments with ``M φ' = M φ``, M the mixing of a fixed base; masses stay.
     """
     rig = model.rig
-    names, places = columns(rig)
-    mixing, phi = reduce(rig, base="fixed").mixing, rig.phi
+    names, places = name_columns(rig)
+    mixing, phi = reduce_parameters(rig, base="fixed").mixing, rig.phi
     free = np.array([not name.endswith(".m") for name in names])
     left = mixing @ phi[places] - mixing[:, ~free] @ phi[places[~free]]
     phi[places[free]] = np.linalg.pinv(mixing[:, free]) @ left

@@ -13,9 +13,9 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
-from gimbal_pin.dynamics.model import Model, friction_effects
+from gimbal_pin.dynamics.model import Model, build_friction_effects
 from gimbal_pin.dynamics.plant import Plant, State
-from gimbal_pin.dynamics.simulation import Drive, halved
+from gimbal_pin.dynamics.simulation import Drive, _resample_halfway
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
@@ -103,7 +103,7 @@ def point(
     """
     dt, rig = pointer.dt, plant.rig
     t = dt * np.arange(round(seconds / dt) + 1)
-    base = halved(platform, t)
+    base = _resample_halfway(platform, t)
     if base.quat is None:
         raise UsageError("platform", "has no attitude", "give one with the motion: the camera's error needs it")
     quat = np.asarray(base.quat[::2])
@@ -230,7 +230,7 @@ def compete(course: Course, roster: Roster, names: Sequence[str], seeds: int, ma
     plan = [(name, seed) for seed in range(seeds) for name in names]
     runs = list(mapped(partial(run_one, course, roster), plan))
     rows = [Row(name, tuple(run for run in runs if run.controller == name)) for name in names]
-    plain = friction_effects(course.plant.rig.joints)
+    plain = build_friction_effects(course.plant.rig.joints)
     beside = dict.fromkeys(term.effect.name for term in roster.model.terms if term.effect not in plain)
     return Contest(course.plant.rig.name, course.plant.rig.payload, tuple(rows), tuple(beside))
 

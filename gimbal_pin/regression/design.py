@@ -13,9 +13,9 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 from tqdm import tqdm
 
-from gimbal_pin.dynamics.model import rotors
-from gimbal_pin.dynamics.reduction import Reduction, units
-from gimbal_pin.dynamics.regressor import columns, regressor, rnea, weight
+from gimbal_pin.dynamics.model import build_rotor_terms
+from gimbal_pin.dynamics.reduction import Reduction, list_units
+from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea, name_columns
 from gimbal_pin.effects import Effect, Sample, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import signals
@@ -109,7 +109,7 @@ def dilate_flags(still: Flags, reach: int) -> Flags:
 
 def find_base_columns(rig: Rig, reduction: Reduction) -> Array:
     """Places in `Rig.phi` of the reduction's independent columns."""
-    names, places = columns(rig)
+    names, places = name_columns(rig)
     index = dict(zip(names, places))
     return np.array([index[reduction.names[j]] for j in reduction.independent])
 
@@ -117,7 +117,7 @@ def find_base_columns(rig: Rig, reduction: Reduction) -> Array:
 def map_phi_to_base(rig: Rig, reduction: Reduction) -> Array:
     """Base parameters per entry of `Rig.phi`, (b, 10 n)."""
     out = np.zeros((len(reduction.independent), 10 * rig.n))
-    out[:, columns(rig)[1]] = reduction.mixing
+    out[:, name_columns(rig)[1]] = reduction.mixing
     return out
 
 
@@ -206,14 +206,14 @@ class Design:
     def units(self) -> tuple[str, ...]:
         """SI units of theta."""
         leading = [self.reduction.names[j].rsplit(".", 1)[1] for j in self.reduction.independent]
-        return units(leading) + tuple(
+        return list_units(leading) + tuple(
             self.rig.in_units(effect.joint, c.unit) for effect in self.effects for c in effect.coefficients
         )
 
     @property
     def stated(self) -> tuple[Term, ...]:
         """Rotors' inertias that the rig states and no effect stands for: their torque is known, and is not fitted."""
-        return tuple(term for term in rotors(self.rig) if term.effect not in self.effects)
+        return tuple(term for term in build_rotor_terms(self.rig) if term.effect not in self.effects)
 
     @property
     def mixing(self) -> Array:
@@ -316,7 +316,7 @@ class Design:
     def compute_rigid_columns(self, channels: Samples) -> Array:
         """Base columns of the regressor, (m, n, b)."""
         places = find_base_columns(self.rig, self.reduction)
-        return regressor(self.rig, channels.q, channels.v, channels.a, channels.platform, places)
+        return compute_regressor(self.rig, channels.q, channels.v, channels.a, channels.platform, places)
 
     def compute_unfitted_torque(self, channels: Samples, rigid: Array) -> Array | float:
         """``Y phi - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
@@ -325,8 +325,8 @@ class Design:
         """
         if channels.platform is None or self.reduction.base == "rotating":
             return 0.0
-        whole = rnea(self.rig, channels.q, channels.v, channels.a, channels.platform)
-        return whole - rigid @ (self.reduction.mixing @ self.rig.phi[columns(self.rig)[1]])
+        whole = compute_rnea(self.rig, channels.q, channels.v, channels.a, channels.platform)
+        return whole - rigid @ (self.reduction.mixing @ self.rig.phi[name_columns(self.rig)[1]])
 
     def compute_stated_torque(self, channels: Samples) -> Array:
         """Torque of what is known, N m, (m, n)."""
@@ -354,7 +354,7 @@ def compute_effect_columns(
     out = np.zeros((*channels.q.shape, sum(len(effect.coefficients) for effect in effects)))
     if pull is None:
         asked = any(effect.weighed for effect in effects)
-        pull = weight(rig, channels.q, channels.platform) if asked else np.zeros_like(channels.q)
+        pull = compute_gravity(rig, channels.q, channels.platform) if asked else np.zeros_like(channels.q)
     column = 0
     for effect in effects:
         j = rig.joint_index(effect.joint)

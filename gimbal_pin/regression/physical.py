@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.dynamics.configurations import spread
-from gimbal_pin.dynamics.regressor import regressor
+from gimbal_pin.dynamics.configurations import spread_reference_states
+from gimbal_pin.dynamics.regressor import compute_regressor
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.consistency import BARRIER_WEIGHTS, compute_deformation_root, fit_bodies
@@ -105,8 +105,8 @@ def factor_wide_states(rows: Design, width: int) -> Array:
 
     The base stands; mean squares, not sums; the columns of effects are zero.
     """
-    states = spread(rows.rig)
-    Y = regressor(rows.rig, states.q, states.v, states.a)[:, :, find_base_columns(rows.rig, rows.reduction)]
+    states = spread_reference_states(rows.rig)
+    Y = compute_regressor(rows.rig, states.q, states.v, states.a)[:, :, find_base_columns(rows.rig, rows.reduction)]
     out = np.zeros((Y.shape[1], Y.shape[2], width))
     out[:, :, : Y.shape[2]] = [triangularise(Y[:, j] / np.sqrt(len(Y))) for j in range(Y.shape[1])]
     return out

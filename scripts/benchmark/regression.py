@@ -14,8 +14,8 @@ import pinocchio as pin
 from benchmark.data import DT, exciting, noisy_log, repeated
 from benchmark.figure import Figure
 from benchmark.timing import alternating
-from gimbal_pin.dynamics.model import Model, friction_effects, nominal
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.model import Model, build_friction_effects, nominal
+from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import CHUNK_SAMPLES, Block, Design, Filtering, Samples, factor_rows, solve_factors
@@ -61,7 +61,9 @@ def compared(model: Model, count: int, rounds: int, most: float) -> Iterator[Fig
 def filtering(model: Model, count: int, rounds: int) -> Iterator[Figure]:
     """Yield the rate of the whole way from a noisy log: smoothed, built, masked, filtered, decimated, solved."""
     log = noisy_log(model, count, np.random.default_rng(1))
-    rows = Design(model.rig, reduce(model.rig), friction_effects(model.rig.joints), (log,), Filtering())
+    rows = Design(
+        model.rig, reduce_parameters(model.rig), build_friction_effects(model.rig.joints), (log,), Filtering()
+    )
     ways = {"filtered": lambda: solve_factors(factor_rows(rows), np.ones(model.rig.n))}
     time = alternating(ways, rounds, "filtering").median("filtered")
     yield Figure(f"{count:,} samples: ours with all filtering".replace(",", " "), count / 1e3 / time, "k/s")
@@ -110,7 +112,7 @@ def factored(rig: Rig, motion: Motion, tau: Array) -> Array:
 
 def unfiltered(rig: Rig) -> Design:
     """Return the builder of our columns: base parameters, Coulomb and viscous friction."""
-    return Design(rig, reduce(rig), friction_effects(rig.joints), (), Filtering())
+    return Design(rig, reduce_parameters(rig), build_friction_effects(rig.joints), (), Filtering())
 
 
 def blocks(rows: Design, motion: Motion, tau: Array) -> Iterator[Block]:

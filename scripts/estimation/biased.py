@@ -16,7 +16,7 @@ from estimation.logs import drawn
 from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.dynamics.reduction import reduce
+from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.identification import compare_with_instruments, fit_idim, fit_output_error, given_beta
 from gimbal_pin.identification.output_error import build_instruments
 from gimbal_pin.log.log import Array, Log
@@ -43,7 +43,7 @@ def one(bits: int, cutoff: float, seconds: float, compared: int, seed: int) -> d
     coarse, exact = (bench_run(plant, mover, rng=rng, seconds=seconds, encoder_bits=b) for b in (bits, EXACT))
     wide = Filtering(cutoff)
     blocks = rows(rig, replace(coarse, v=None), wide)
-    truth = given_beta(plant.rig, reduce(rig))
+    truth = given_beta(plant.rig, reduce_parameters(rig))
     well = excited(rows(rig, exact, Filtering()), truth)
     rivals = (fit_weighted, fit_idim, fit_output_error) if seed < compared else ()
     errors = {each.__name__: error(each(blocks).theta, truth, well) for each in rivals}

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from gimbal_pin.dynamics.regressor import regressor
+from gimbal_pin.dynamics.regressor import compute_regressor
 from gimbal_pin.identification.model_file import read_model
 from gimbal_pin.log.io import read_log
 from gimbal_pin.log.log import Array
@@ -41,7 +41,7 @@ def errors(case: Case, model: Path, cutoff: float) -> tuple[Array, Array]:
     q, tau = lowpass(even(log.q), SMOOTHING * cutoff, rate), even(log.tau)
     v = np.gradient(q, t, axis=0) if log.v is None else lowpass(even(log.v), SMOOTHING * cutoff, rate)
     a = np.gradient(v, t, axis=0)
-    rigid = regressor(rig, q, v, a)
+    rigid = compute_regressor(rig, q, v, a)
     friction = np.concatenate([np.einsum("ij,jk->ijk", x, np.eye(rig.n)) for x in (v, np.sign(v))], axis=2)
     columns = lowpass(np.concatenate([rigid, friction], axis=2), cutoff, rate)
     measured = lowpass(tau, cutoff, rate)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.checks import check_log, estimate_joint_rates, estimate_mountings
-from gimbal_pin.dynamics import noisy, nominal, readings
+from gimbal_pin.dynamics import add_imu_noise, compute_imu_readings, nominal
 from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.log import Array, Imu, Log, Platform, profile_s
 from gimbal_pin.regression import Filtering
@@ -32,7 +32,7 @@ def true_log(name: str, moving: bool = True, seconds: float = 10.0) -> Log:
     motion = fourier(rig, 0, seconds)
     platform = profile_s(motion.t, np.random.default_rng(0), 0.5) if moving else Platform.still(motion.t)
     tau = nominal(rig).inverse(motion.q, motion.v, motion.a, platform=platform)
-    imus = readings(rig, rig.config.imus, motion.q, motion.v, motion.a, platform)
+    imus = compute_imu_readings(rig, rig.config.imus, motion.q, motion.v, motion.a, platform)
     return Log("log", rig.joints, motion.t, motion.q, motion.v, tau, imus=imus)
 
 
@@ -45,7 +45,7 @@ def mounted(log: Log, rig: Rig, planted: Mapping[str, tuple[Array, Array]], rng:
     """The log as encoders of 16 bit and noisy IMUs that sit askew see it, without joint rates."""
     imus = {}
     for link, (turn, bias) in planted.items():
-        imu, M = noisy(log.imus[link], rig.config.noise, log.dt, rng), pin.exp3(turn)
+        imu, M = add_imu_noise(log.imus[link], rig.config.noise, log.dt, rng), pin.exp3(turn)
         assert imu.gyro is not None and imu.accel is not None
         imus[link] = Imu(imu.gyro @ M + bias, imu.accel @ M, imu.quat)
     return replace(log, q=np.round(log.q / STEP) * STEP, v=None, imus=imus)

@@ -17,7 +17,7 @@ import pytest
 from gimbal_pin.checks import CHECKS, HARMLESS, REASONS, Fault, check_log
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.control import bench_run, tune
-from gimbal_pin.dynamics import nominal, weight
+from gimbal_pin.dynamics import compute_gravity, nominal
 from gimbal_pin.log import Array, Log, read_log, write_log
 from gimbal_pin.regression import Filtering, fit_weighted
 from gimbal_pin.rig import Rig
@@ -427,7 +427,7 @@ def test_a_torque_that_only_cancels_gravity_is_a_formula_and_a_plants_own_is_non
     motion = fourier(rig, 4, 20.0 * speed, 2e-3 * speed)
     t, q, v, a = motion.t / speed, motion.q, motion.v * speed, motion.a * speed**2
     noise = 1e-4 * rng.standard_normal(q.shape)
-    weighed = weight(rig, q)
+    weighed = compute_gravity(rig, q)
     size = np.maximum(np.sqrt(np.mean(weighed**2, axis=0)), 0.01)
     hand = Log("hand", rig.joints, t, q, v, weighed + size * (0.2 * q + noise))
     found = check(rig, hand, FILTER)

@@ -20,7 +20,7 @@ from lxml import etree
 
 from gimbal_pin.control import stored, tune
 from gimbal_pin.control.laws.design import KINDS
-from gimbal_pin.dynamics import Estimated, Model, Reference, nominal, reduce, rnea
+from gimbal_pin.dynamics import Estimated, Model, Reference, compute_rnea, nominal, reduce_parameters
 from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
 from gimbal_pin.errors import GimbalPinError, ModelError, RigError, UsageError
 from gimbal_pin.identification import read_model, write_extended
@@ -309,7 +309,7 @@ def test_a_mutated_urdf_is_a_rig_or_refused_and_nobody_prints(
 ) -> None:
     (tmp_path / "x.urdf").write_text(text, encoding="utf-8")
     rig = soon(lambda: Rig.load(tmp_path / "x.urdf"), RigError)
-    assert isinstance(rig, RigError) or np.isfinite(rnea(rig, *np.ones((3, 1, rig.n)))).all()
+    assert isinstance(rig, RigError) or np.isfinite(compute_rnea(rig, *np.ones((3, 1, rig.n)))).all()
     assert capfd.readouterr() == ("", "")
 
 
@@ -325,7 +325,10 @@ def model() -> Model:
         Term(Cogging("pan", (12.0, 24.0)), (0.1, 0.2, 0.0, 0.1)),
         Term(Stribeck("tilt", 0.1), (0.05,)),
     )
-    names = (*reduce(given.rig).base_names, *(f"term {k}" for k in range(sum(len(term.values) for term in terms))))
+    names = (
+        *reduce_parameters(given.rig).base_names,
+        *(f"term {k}" for k in range(sum(len(term.values) for term in terms))),
+    )
     k = len(names)
     known = Estimated(names, ("1",) * k, np.zeros(k), 1e-8 * (np.eye(k) + 0.1))
     drive, changes = (Delay("pan", 0.002), DeadZone("tilt", 0.01)), (BaseTilt(0.01, 0.02),)

@@ -11,7 +11,7 @@ import pytest
 from gimbal_pin.control import ComputedTorque, Pid, margins, stored, tune
 from gimbal_pin.diagnosis import Extended
 from gimbal_pin.diagnosis.gain import followed
-from gimbal_pin.dynamics import Estimated, Model, model_from, nominal, plain_model, plant_with
+from gimbal_pin.dynamics import Estimated, Model, convert_model, nominal, plant_with, read_model_data
 from gimbal_pin.effects import (
     ActuatorLag,
     CableSpring,
@@ -153,9 +153,9 @@ def test_a_controller_keeps_what_it_compensates(rig: Rig, found: Model, tmp_path
 
 
 def test_a_file_whose_drive_holds_a_torque_effect_is_refused(rig: Rig, found: Model, tmp_path: Path) -> None:
-    data = {**plain_model(found), "drive": [CableSpring("pan").to_dict()]}
+    data = {**convert_model(found), "drive": [CableSpring("pan").to_dict()]}
     with pytest.raises(ModelError, match="belongs to the terms"):
-        model_from(data, rig)
+        read_model_data(data, rig)
     kind = {"kind": "gimbal_pin model", "joints": list(rig.joints)}
     write_yaml({**kind, **data, "drive": [{"effect": "delay", "joint": "nowhere", "time": 0.1}]}, tmp_path / "x.yaml")
     with pytest.raises(Exception, match="nowhere"):

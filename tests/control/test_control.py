@@ -30,7 +30,17 @@ from gimbal_pin.control import (
 )
 from gimbal_pin.control.laws.computed_torque import stiffened
 from gimbal_pin.control.laws.design import braking
-from gimbal_pin.dynamics import Controller, Estimated, Model, Reference, Sensors, State, nominal, reduce, simulate
+from gimbal_pin.dynamics import (
+    Controller,
+    Estimated,
+    Model,
+    Reference,
+    Sensors,
+    State,
+    nominal,
+    reduce_parameters,
+    simulate,
+)
 from gimbal_pin.effects import Coulomb, Term, Viscous
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Motion
@@ -374,7 +384,7 @@ def test_a_model_that_is_all_wrong_is_refused() -> None:
 
 def identified(rig: Rig, std: dict[str, float]) -> Model:
     """The nominal model with the given standard deviations of base parameters and friction coefficients."""
-    reduction = reduce(rig)
+    reduction = reduce_parameters(rig)
     model = nominal(rig)
     names = reduction.base_names + tuple(
         f"{term.effect.joint}.{coefficient.name}" for term in model.terms for coefficient in term.effect.coefficients
@@ -399,7 +409,7 @@ def test_friction_uncertainty_is_phi_and_not_alpha() -> None:
 def test_inertia_uncertainty_is_alpha_as_by_hand() -> None:
     """The pan inertia of a two-axis rig: D11 alone is uncertain, so D⁻¹ D̂ - I is known in closed form."""
     rig = Rig.load("turret", "none")
-    reduction = reduce(rig)
+    reduction = reduce_parameters(rig)
     leading = reduction.base_names[0]
     base = Model(rig, ())
     q = poses(rig)[0]

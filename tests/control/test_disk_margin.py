@@ -16,7 +16,7 @@ from gimbal_pin.control import Pid, Wish, estimate, inertia, margins, poses, sto
 from gimbal_pin.control.laws.design import lowered
 from gimbal_pin.control.laws.loop import smallest_disk
 from gimbal_pin.control.laws.uncertainty import drawn
-from gimbal_pin.dynamics import Estimated, Model, nominal, reduce
+from gimbal_pin.dynamics import Estimated, Model, nominal, reduce_parameters
 from gimbal_pin.effects import ActuatorLag, Delay, JointFlexibility, Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
@@ -31,7 +31,7 @@ KINDS = ("computed-torque", "pid")
 def known(share: float, name: str = "turret") -> Model:
     """The nominal model, its base parameters known to a share of their size, correlated; one drive lags."""
     rig = Rig.load(name)
-    reduction, model = reduce(rig), nominal(rig)
+    reduction, model = reduce_parameters(rig), nominal(rig)
     names = reduction.base_names + tuple(f"{j}.{k}" for j in rig.joints for k in ("Fs", "Fv"))
     size = np.abs(rig.phi[find_base_columns(rig, reduction)])
     root = np.zeros((len(names), len(names)))

@@ -16,7 +16,17 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from gimbal_pin.control import ComputedTorque, JointPid, Pid, Tuning, inertia, margins, poses, stored, tune
-from gimbal_pin.dynamics import Estimated, Model, Reference, Sensors, State, nominal, plant_with, reduce, simulate
+from gimbal_pin.dynamics import (
+    Estimated,
+    Model,
+    Reference,
+    Sensors,
+    State,
+    nominal,
+    plant_with,
+    reduce_parameters,
+    simulate,
+)
 from gimbal_pin.effects import Coulomb, Term, Viscous, parse_effect
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.log import Array, Motion
@@ -260,7 +270,7 @@ def test_redesign_is_left_out_where_there_is_no_margin_for_it(thesis: Model) -> 
 def with_std(rig: Rig, share: float) -> Model:
     """The nominal model, every base parameter known to `share` of the torque-weighted average."""
     model = nominal(rig)
-    reduction = reduce(rig)
+    reduction = reduce_parameters(rig)
     names = reduction.base_names + tuple(
         f"{term.effect.joint}.{c.name}" for term in model.terms for c in term.effect.coefficients
     )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import BAND, Bodies, Difference, Problem, State, diagnose, gather, solved
-from gimbal_pin.dynamics import nominal, plant_with, reduce
+from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import CAUSES, Cause, OffDiagonalInertia, PayloadShift, RigEffect, TorqueGain, parse_effect
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
@@ -25,7 +25,7 @@ def recorded(rig: Rig, *planted: str, seed: int = 0) -> Log:
 
 
 def fitted(rig: Rig, log: Log, *causes: Cause) -> State:
-    problem = Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig))
+    problem = Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce_parameters(rig))
     return solved(problem, causes, solved(problem, ()))
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gimbal_pin import bench_run
 from gimbal_pin.diagnosis import BAND, Problem, State, gather, solved
 from gimbal_pin.diagnosis.uncertainty import binned, cluster_covariance, parameters
-from gimbal_pin.dynamics import nominal, plant_with, reduce
+from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import AsymmetricFriction, Backlash, CableSpring, Cause, Cogging, Parameter, parse_effect
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
@@ -40,7 +40,7 @@ def log() -> Log:
 
 def fitted(log: Log, *causes: Cause) -> State:
     """Causes fitted without any search."""
-    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce(RIG))
+    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce_parameters(RIG))
     return solved(problem, causes, solved(problem, causes))
 
 

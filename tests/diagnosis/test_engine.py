@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lfilter
 
 from gimbal_pin.diagnosis import BAND, Evidence, Explained, explain, gather
-from gimbal_pin.dynamics import nominal, reduce
+from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.effects import CAUSES, Cause, Delay
 from gimbal_pin.log import Array, Log
 from gimbal_pin.rig import Rig
@@ -45,7 +45,7 @@ def evidence_of(log: Log, alignment: float = 0.0) -> Evidence:
 
 
 def explain_log(log: Log, kinds: Mapping[str, type[Cause]] = KINDS) -> Explained:
-    return explain(evidence_of(log), reduce(Rig.load(RIG)), kinds)
+    return explain(evidence_of(log), reduce_parameters(Rig.load(RIG)), kinds)
 
 
 @cache

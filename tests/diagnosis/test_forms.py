@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.extended import settled
 from gimbal_pin.diagnosis.library import Library, library
 from gimbal_pin.diagnosis.shapes import free, moved, shape_names
 from gimbal_pin.diagnosis.state import consistent, sized
-from gimbal_pin.dynamics import Model, nominal, reduce
+from gimbal_pin.dynamics import Model, nominal, reduce_parameters
 from gimbal_pin.effects import (
     CAUSES,
     AsymmetricFriction,
@@ -25,11 +25,11 @@ from gimbal_pin.effects import (
     Cogging,
     DeadZone,
     EncoderOffset,
+    OperatingRange,
     Presliding,
     RigEffect,
     Sample,
     Saturation,
-    Seen,
     Stribeck,
     Term,
     TorqueBias,
@@ -43,7 +43,7 @@ from tests.bench_logs import prescribed
 from tests.candidates import measure, refined, worth
 
 ALIGNED = replace(BAND, alignment=0.0)
-SEEN = Seen(60.0, 0.002, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
+SEEN = OperatingRange(60.0, 0.002, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
 RIG = Rig.load("thesis")
 
 
@@ -55,7 +55,7 @@ def evidence(model: Model) -> Evidence:
 
 def fitted(model: Model, *causes: Cause) -> State:
     """Causes as the library starts them, fitted to a log of the model, before what they are built from is settled."""
-    problem = Problem.of(evidence(model), reduce(RIG))
+    problem = Problem.of(evidence(model), reduce_parameters(RIG))
     return solved(problem, causes, solved(problem, ()))
 
 
@@ -125,7 +125,7 @@ def size(least: float, most: float) -> st.SearchStrategy[float]:
 
 
 ANY_LOG = st.builds(
-    Seen,
+    OperatingRange,
     seconds=st.floats(0.05, 1e6),
     dt=st.floats(1e-5, 1.0),
     band=st.floats(0.1, 2e3),
@@ -144,7 +144,9 @@ ANY_LOG = st.builds(
 
 @pytest.mark.parametrize("name", sorted(name for name, kind in CAUSES.items() if not kind.of_given_model))
 @given(seen=ANY_LOG, factor=st.floats(1e-9, 1e9))
-def test_whatever_a_log_shows_no_cause_is_tried_beyond_its_bounds(name: str, seen: Seen, factor: float) -> None:
+def test_whatever_a_log_shows_no_cause_is_tried_beyond_its_bounds(
+    name: str, seen: OperatingRange, factor: float
+) -> None:
     """Nor moved there: a cause outside its bounds is refused with figures that nobody gave."""
     tried = CAUSES[name].tried("pan", seen)
     for cause in (*tried[:: max(1, len(tried) // 8)], *tried[-1:]):
@@ -206,7 +208,7 @@ def test_a_base_that_sinks_is_found_with_its_rate() -> None:
     log = prescribed(nominal(RIG), seconds=14.0, torque_noise=1e-3, dt=2e-3)
     more = [m.inverse(log.q, log.v, 0.0 * log.q, t=log.t) for m in (model, nominal(RIG))]
     log = replace(log, tau=log.tau + more[0] - more[1])
-    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce(RIG))
+    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce_parameters(RIG))
     linear = solved(problem, (BaseTilt(pitch_rate=1e-3),), solved(problem, ()))
     state = consistent(linear)
     (found,) = settled(state)
@@ -226,7 +228,9 @@ def test_a_switch_is_found_from_a_gap_that_is_none() -> None:
     (part,) = found.parts
     tau = part.channels.tau.copy()
     tau[:, j] = inverse(truth, tau[:, j])
-    problem = Problem.of(replace(found, parts=(part._replace(channels=part.channels._replace(tau=tau)),)), reduce(RIG))
+    problem = Problem.of(
+        replace(found, parts=(part._replace(channels=part.channels._replace(tau=tau)),)), reduce_parameters(RIG)
+    )
     base, best = solved(problem, (), solved(problem, ())), replace(start, width=start.width * low)
     for _ in range(4):
         best = refined(base, best)

@@ -16,7 +16,7 @@ from gimbal_pin.control import tune
 from gimbal_pin.diagnosis import BAND, Problem, State, gather, solved, without
 from gimbal_pin.diagnosis.state import consistent
 from gimbal_pin.diagnosis.two_mass import axes, flown
-from gimbal_pin.dynamics import nominal, reduce, simulate
+from gimbal_pin.dynamics import nominal, reduce_parameters, simulate
 from gimbal_pin.effects import Backlash, JointFlexibility, parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Log
@@ -116,5 +116,5 @@ def test_a_round_rotor_is_felt_along_the_axes_of_what_carries_it() -> None:
 
 def plain(log: Log) -> State:
     """The refitted model of a log, without any cause."""
-    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce(RIG))
+    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce_parameters(RIG))
     return solved(problem, (), solved(problem, ()))

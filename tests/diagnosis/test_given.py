@@ -13,8 +13,8 @@ from lxml import etree
 from gimbal_pin.control import perturbed
 from gimbal_pin.diagnosis import BAND, Bodies, Diagnosis, Difference, Given, Problem, compared, diagnose, gather, solved
 from gimbal_pin.diagnosis.given import given
-from gimbal_pin.dynamics import Model, nominal, plant_with, reduce, rnea
-from gimbal_pin.effects import CAUSES, OffDiagonalInertia, RigEffect, parse_effect, payload
+from gimbal_pin.dynamics import Model, compute_rnea, nominal, plant_with, reduce_parameters
+from gimbal_pin.effects import CAUSES, OffDiagonalInertia, RigEffect, get_payload, parse_effect
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig, build_rig, to_urdf
@@ -31,7 +31,7 @@ def plant(rig: Rig, *planted: str) -> Model:
 
 def moved(rig: Rig, share: float) -> Rig:
     """The rig with a payload of a share of the mass, all of it elsewhere."""
-    body, inertia, frame = payload(rig)
+    body, inertia, frame = get_payload(rig)
     phi = rig.phi.copy()
     there = pin.SE3(np.eye(3), 1e-3 * frame.rotation @ SHIFT).act(inertia)
     phi[10 * body : 10 * body + 10] += share * there.toDynamicParameters() - inertia.toDynamicParameters()
@@ -43,7 +43,7 @@ def recorded(model: Model, seed: int) -> Log:
 
 
 def difference(rig: Rig, log: Log) -> Difference:
-    problem = Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce(rig))
+    problem = Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce_parameters(rig))
     return Difference.of_state(solved(problem, (), solved(problem, ())))
 
 
@@ -105,7 +105,7 @@ def test_the_centre_is_that_of_the_mass_that_was_found() -> None:
     """A payload a fifth heavier, all of it elsewhere: its centre is where it is."""
     rig = Rig.load("handheld")
     row = said(rig, recorded(nominal(moved(rig, 1.2)), 6)).to_dict()["camera"]
-    assert row["mass"] == pytest.approx(200 * payload(rig)[1].mass, abs=4 * row["mass_std"])
+    assert row["mass"] == pytest.approx(200 * get_payload(rig)[1].mass, abs=4 * row["mass_std"])
     assert max(row["com_std_mm"]) < 0.1
     np.testing.assert_array_less(np.abs(np.array(row["com_mm"]) - SHIFT), 4 * np.array(row["com_std_mm"]))
 
@@ -113,7 +113,7 @@ def test_the_centre_is_that_of_the_mass_that_was_found() -> None:
 def test_rotors_that_no_urdf_holds_hide_no_mass() -> None:
     """Inertia about every axis that the URDF lacks, and an arm 2 % off: the mass shows, with a deviation that holds."""
     rig = Rig.load("handheld")
-    body, inertia, _ = payload(rig)
+    body, inertia, _ = get_payload(rig)
     phi = rig.phi.copy().reshape(-1, 10)
     phi[:, [4, 6, 9]] *= 1.1
     phi[0, :4] *= 1.02
@@ -144,13 +144,13 @@ def test_what_no_cause_explains_widens_the_payloads_interval(joint: str) -> None
 def test_what_no_body_can_have_is_no_figure() -> None:
     """A mass under zero; an inertia under zero, under that of the mass at its centre: the log does not show them."""
     rig = Rig.load("handheld")
-    body, inertia, _ = payload(rig)
+    body, inertia, _ = get_payload(rig)
     phi = rig.phi.copy()
     phi[10 * body : 10 * body + 10] -= 1.05 * inertia.toDynamicParameters()
     still = recorded(nominal(rig), 1)
     acceleration = np.gradient(np.gradient(still.q, still.t, axis=0), still.t, axis=0)
     noise = 0.02 * np.random.default_rng(1).standard_normal(still.q.shape)
-    backwards = replace(still, tau=rnea(rig, still.q, 0 * still.q, -0.05 * acceleration) + noise)
+    backwards = replace(still, tau=compute_rnea(rig, still.q, 0 * still.q, -0.05 * acceleration) + noise)
     for log in (recorded(nominal(rig.with_phi(phi)), 1), backwards):
         found = said(rig, log)
         row = found.to_dict()["camera"]
@@ -272,7 +272,7 @@ def test_products_of_a_link_and_of_its_payload_are_one_cause() -> None:
     turned = replace(rig, config=replace(rig.config, inertia="trusted"))
     found = diagnosed(turned, recorded(plant(turned, BOTH), 6), "trusted")
     assert [(one.cause, one.joint) for one in found.findings] == [("off-diagonal-inertia", "tilt")]
-    np.testing.assert_allclose(payload(turned)[2].rotation, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(get_payload(turned)[2].rotation, np.eye(3), atol=1e-9)
     told = {one.name: one for one in found.findings[0].parameters}
     for name, value in SUMS.items():
         alike = [told[one] for one in (name, f"payload_{name}") if one in told]
@@ -302,13 +302,13 @@ def test_a_heavier_payload_that_was_moved_is_both() -> None:
     A weight bolted on somewhere would move the centre of mass alike; the inertias tell that it is none.
     """
     rig = Rig.load("turret")
-    truth, both = moved(rig, 1.15), (f"payload-mass:extra={0.15 * payload(rig)[1].mass}", MOVED)
+    truth, both = moved(rig, 1.15), (f"payload-mass:extra={0.15 * get_payload(rig)[1].mass}", MOVED)
     for planted in (both, both[::-1]):
         np.testing.assert_allclose(plant(rig, *planted).rig.phi, truth.phi, atol=1e-9)
     found = diagnosed(rig, recorded(nominal(truth), 9), "trusted")
     figures = {one.cause: {p.name: (p.value, p.std) for p in one.parameters} for one in found.findings}
     assert set(figures) == {"payload-mass", "payload-shift"}
-    wanted = {**dict(zip("xyz", 1e-3 * SHIFT)), "extra": 0.15 * payload(rig)[1].mass}
+    wanted = {**dict(zip("xyz", 1e-3 * SHIFT)), "extra": 0.15 * get_payload(rig)[1].mass}
     for figure, (value, std) in [*figures["payload-shift"].items(), ("extra", figures["payload-mass"]["extra"])]:
         assert value == pytest.approx(wanted[figure], abs=3 * std)
     assert figures["payload-shift"]["x"][1] < 5e-5
@@ -317,7 +317,7 @@ def test_a_heavier_payload_that_was_moved_is_both() -> None:
 def test_a_faint_mass_beside_a_large_shift_is_found() -> None:
     """A few hundredths of the shift's torque: no error of the shift's form would point so exactly where a mass does."""
     rig = Rig.load("handheld")
-    extra = f"payload-mass:extra={0.03 * payload(rig)[1].mass}"
+    extra = f"payload-mass:extra={0.03 * get_payload(rig)[1].mass}"
     said = diagnosed(rig, recorded(plant(rig, "payload-shift:x=0.015,y=0.008,z=-0.006", extra), 10), "trusted")
     assert [one.cause for one in said.findings] == ["payload-shift", "payload-mass"]
     assert not said.immaterial

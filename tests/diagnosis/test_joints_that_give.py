@@ -16,8 +16,8 @@ from scipy.integrate import solve_ivp
 
 from gimbal_pin.control import tune
 from gimbal_pin.diagnosis import BAND, Problem, gather, solved
-from gimbal_pin.dynamics import nominal, reduce, simulate
-from gimbal_pin.effects import Backlash, Borne, JointFlexibility, Presliding, Term
+from gimbal_pin.dynamics import nominal, reduce_parameters, simulate
+from gimbal_pin.effects import Backlash, JointFlexibility, JointLoad, Presliding, Term
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
@@ -64,7 +64,7 @@ def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(seed: int, share: fl
     signal = Backlash(JOINT, 0.01, inertia, share)
     link = inertia * (1 / share - 1)
     rate = two_masses(command - friction, signal.gap, inertia, link, load, dt)
-    acting = signal.along(command, dt, Borne(friction, np.full_like(t, load)))
+    acting = signal.along(command, dt, JointLoad(friction, np.full_like(t, load)))
     impulse = np.cumsum(acting - friction - load) * dt
     assert np.mean(np.abs(impulse - (inertia + link) * rate)) < 0.01 * np.max(np.abs(impulse)) + 1e-12
 
@@ -73,10 +73,10 @@ def test_who_knows_nothing_of_a_joint_takes_it_to_bear_nothing() -> None:
     x = np.sin(np.arange(500) / 20)
     gap, ring = Backlash(JOINT, 0.01, 1e-3, 0.3), JointFlexibility(JOINT, 9.0, 0.05, 0.3)
     np.testing.assert_array_equal(gap.along(x, 1e-3, None), gap.acting(x, 1e-3))
-    np.testing.assert_allclose(gap.along(x, 1e-3, Borne(0 * x, 0 * x)), gap.acting(x, 1e-3))
+    np.testing.assert_allclose(gap.along(x, 1e-3, JointLoad(0 * x, 0 * x)), gap.acting(x, 1e-3))
     np.testing.assert_array_equal(ring.along(x, 1e-3, None), ring.acting(x, 1e-3))
     on_link = replace(ring, rotor_share=0.0)
-    np.testing.assert_array_equal(on_link.along(x, 1e-3, Borne(x, x)), on_link.acting(x, 1e-3))
+    np.testing.assert_array_equal(on_link.along(x, 1e-3, JointLoad(x, x)), on_link.acting(x, 1e-3))
 
 
 class Swung(NamedTuple):
@@ -118,7 +118,7 @@ def test_a_spring_passes_on_what_the_link_asks_for_while_the_rotor_sticks_too(
     push = load + 0.25 * np.sin(2 * np.pi * rng.uniform(1, 3) * t) + 0.05 * np.sin(2 * np.pi * 5 * t)
     was = swung(ring, inertia, dry, load, push, dt)
     told = np.where(was.still, rng.normal(size=len(t)), was.friction)
-    acting = ring.along(push, dt, Borne(told, load, inertia * was.acceleration, was.still))
+    acting = ring.along(push, dt, JointLoad(told, load, inertia * was.acceleration, was.still))
     wrong = acting - (inertia * was.acceleration + was.friction + load)
     assert np.sqrt(np.mean(wrong[~was.still] ** 2)) < 0.02 * np.sqrt(np.mean(push**2))
 
@@ -149,7 +149,7 @@ def test_a_spring_is_found_by_its_zero() -> None:
     true, controller = JointFlexibility(JOINT, 13.0, 0.08, 0.2), tune(nominal(RIG), bandwidth_hz=2.0).controller
     reference = brisk(RIG.joint_index(JOINT), 5, 6.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
-    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce(RIG))
+    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce_parameters(RIG))
     seen = problem.evidence.seen[RIG.joint_index(JOINT)]
     state = solved(problem, (), solved(problem, ()))
     found = refined(state, max(JointFlexibility.tried(JOINT, seen), key=partial(worth, state)))
@@ -164,7 +164,7 @@ def test_bristles_are_told_from_others_by_damping_and_lengths(stroke: float, dam
     term = Term(Presliding(name, stroke, True, slips), (0.1, damping))
     plain = nominal(RIG)
     log = prescribed(replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3)
-    problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0), {log.name: 0.0}), reduce(RIG))
+    problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0), {log.name: 0.0}), reduce_parameters(RIG))
     first = solved(problem, (), solved(problem, ()))
     tried = [refined(first, one) for one in Presliding.tried(name, problem.evidence.seen[0])]
     found = max(tried, key=partial(worth, first))

@@ -7,8 +7,8 @@ import pinocchio as pin
 
 from gimbal_pin.control import ComputedTorque, Pid, bench_run
 from gimbal_pin.diagnosis import BAND, Diagnosis, Problem, diagnose, gather, solved, without
-from gimbal_pin.dynamics import Model, Plant, State, nominal, plant_with, reduce, rnea
-from gimbal_pin.effects import CAUSES, LoadDependentFriction, Sample, Term, cause_from, parse_effect
+from gimbal_pin.dynamics import Model, Plant, State, compute_rnea, nominal, plant_with, reduce_parameters
+from gimbal_pin.effects import CAUSES, LoadDependentFriction, Sample, Term, parse_effect, read_cause
 from gimbal_pin.log import Log, Platform
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
@@ -71,7 +71,7 @@ def test_a_preload_makes_friction_rise_smoothly() -> None:
 
 def test_the_forms_are_planted_and_read_back() -> None:
     term = parse_effect("load-dependent-friction:tilt:mu=0.3,weighs=1,driven=0.5,preload=0.1", rig())
-    assert term == Term(BEARING, (0.3,)) and cause_from(BEARING.to_dict()) == BEARING
+    assert term == Term(BEARING, (0.3,)) and read_cause(BEARING.to_dict()) == BEARING
     assert parse_effect("load-dependent-friction:tilt:mu=0.3", rig()) == Term(LoadDependentFriction("tilt"), (0.3,))
     assert "30 % of the weight that the joint carries and 50 % of its torque, beyond 0.1 N m" in term.sentence()
 
@@ -84,7 +84,7 @@ def test_a_fit_without_a_cause_bears_what_the_whole_one_does() -> None:
     where = rig()
     cause = LoadDependentFriction("tilt", weighs=True)
     log = prescribed(Model(where, (*nominal(where).terms, Term(cause, (0.4,)))), 0, 10.0, 0.01, DT)
-    problem = Problem.of(gather(where, [log], BAND, {log.name: 0.0}), reduce(where))
+    problem = Problem.of(gather(where, [log], BAND, {log.name: 0.0}), reduce_parameters(where))
     state = solved(problem, (cause,), solved(problem, ()))
     base = without(state, cause)
     for part in range(len(problem.evidence.parts)):
@@ -94,7 +94,7 @@ def test_a_fit_without_a_cause_bears_what_the_whole_one_does() -> None:
     assert not np.allclose(base.torque[0], state.torque[0])
     channels = problem.evidence.parts[0].channels
     rest = 0 * channels.q
-    np.testing.assert_allclose(state.load.weight[0], rnea(state.rig, channels.q, rest, rest))
+    np.testing.assert_allclose(state.load.weight[0], compute_rnea(state.rig, channels.q, rest, rest))
 
 
 def test_what_a_joint_carries_is_found() -> None:

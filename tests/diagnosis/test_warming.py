@@ -12,7 +12,7 @@ from gimbal_pin.diagnosis import Evidence, Problem, State, gather, solved, torqu
 from gimbal_pin.diagnosis.evidence import judged
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.library import library
-from gimbal_pin.dynamics import Model, Plant, nominal, reduce
+from gimbal_pin.dynamics import Model, Plant, nominal, reduce_parameters
 from gimbal_pin.dynamics import State as At
 from gimbal_pin.effects import FrictionDrift, Losses, Sample, Term
 from gimbal_pin.identification import split_logs
@@ -51,7 +51,7 @@ def opened(log: Log) -> tuple[State, Evidence]:
     """The refitted model without any cause, and the held-out part."""
     train, test, _ = split_logs([log], None, ALIGNED)
     origins = {log.name: float(log.t[0])}
-    problem = Problem.of(gather(RIG, train, ALIGNED, origins), reduce(RIG))
+    problem = Problem.of(gather(RIG, train, ALIGNED, origins), reduce_parameters(RIG))
     return solved(problem, (), solved(problem, ())), judged(RIG, test, ALIGNED, origins, {log.name: log})
 
 

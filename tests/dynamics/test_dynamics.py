@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from lxml import etree
 
-from gimbal_pin.dynamics import rnea
+from gimbal_pin.dynamics import compute_rnea
 from gimbal_pin.rig import Rig, bundled_payloads
 from tests.mujoco_peer import rigid_bodies, torque
 from tests.rigs import BODY, VARIETY, bundled, energy, spelled, states
@@ -146,7 +146,7 @@ def test_torque_is_the_thesis_closed_form(
     rig = diagonal(rig) if as_thesis else rig
     bodies = list(rig.model.inertias[1:])
     expected = D(q, bodies) @ a + C(q, v, bodies) @ v + G(q, bodies)
-    np.testing.assert_allclose(rnea(rig, q[None], v[None], a[None])[0], expected, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(compute_rnea(rig, q[None], v[None], a[None])[0], expected, rtol=1e-11, atol=1e-11)
 
 
 @pytest.mark.parametrize("payload", bundled_payloads())
@@ -155,7 +155,7 @@ def test_bundled_thesis_rig_is_the_closed_form(payload: str) -> None:
     bodies = list(rig.model.inertias[1:])
     for q, v, a in zip(*states(3, 1, 20)):
         expected = D(q, bodies) @ a + C(q, v, bodies) @ v + G(q, bodies)
-        np.testing.assert_allclose(rnea(rig, q[None], v[None], a[None])[0], expected, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(compute_rnea(rig, q[None], v[None], a[None])[0], expected, rtol=1e-11, atol=1e-11)
 
 
 # --- MuJoCo ---------------------------------------------------------------------------------------------------------
@@ -169,15 +169,15 @@ def mujoco_torque(rig: Rig, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.n
 def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None:
     rig = bundled(name, payload)
     at = states(rig.n, 2, 20)
-    np.testing.assert_allclose(rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(compute_rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ODD)
 def test_torque_is_mujocos_on_any_other_urdf(name: str) -> None:
     rig = odd(name)
     at = states(rig.n, 3, 20)
-    scale = np.abs(rnea(rig, *at)).max()
-    np.testing.assert_allclose(rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9 * max(1.0, scale))
+    scale = np.abs(compute_rnea(rig, *at)).max()
+    np.testing.assert_allclose(compute_rnea(rig, *at), mujoco_torque(rig, *at), rtol=0, atol=1e-9 * max(1.0, scale))
 
 
 # --- energy ---------------------------------------------------------------------------------------------------------
@@ -198,7 +198,7 @@ def power_balance(rig: Rig, seed: int) -> None:
         E = {k: energy(rig, *motion(t + k * h)[:2]) for k in (-2, -1, 1, 2)}
         rate = (8 * (E[1] - E[-1]) - (E[2] - E[-2])) / (12 * h)
         q, v, a = motion(t)
-        tau = rnea(rig, q[None], v[None], a[None])[0]
+        tau = compute_rnea(rig, q[None], v[None], a[None])[0]
         np.testing.assert_allclose(rate, v @ tau, rtol=0, atol=1e-8 * (1 + np.abs(v) @ np.abs(tau)))
 
 

@@ -11,7 +11,19 @@ from hypothesis import strategies as st
 from lxml import etree
 from scipy.spatial.transform import Rotation
 
-from gimbal_pin.dynamics import Carrier, Model, Plant, State, columns, nominal, reduce, regressor, rnea, scan, stacked
+from gimbal_pin.dynamics import (
+    Model,
+    MovingBase,
+    Plant,
+    State,
+    compute_regressor,
+    compute_rnea,
+    name_columns,
+    nominal,
+    reduce_parameters,
+    scan_columns,
+    stack_regressors,
+)
 from gimbal_pin.effects import BaseTilt, Coulomb, Term
 from gimbal_pin.log import Array, Imu, Platform, profile_s
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE
@@ -115,9 +127,9 @@ def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None
     rig = bundled(name, payload)
     platform, _, world = shaken(1)
     at = states(rig.n, 2)
-    ours = rnea(rig, *at, platform)
+    ours = compute_rnea(rig, *at, platform)
     np.testing.assert_allclose(ours, mujoco_torque(rig, *at, platform, world), rtol=0, atol=1e-9)
-    still = rnea(rig, *at)
+    still = compute_rnea(rig, *at)
     assert np.abs(ours - still).max() > 0.1 * np.abs(still).max()
 
 
@@ -125,11 +137,13 @@ def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None
 def test_a_fixed_base_is_a_platform_at_rest_and_a_lean_is_turned_gravity(name: str) -> None:
     rig, t = bundled(name), np.arange(20.0)
     at = states(rig.n, 4)
-    np.testing.assert_allclose(rnea(rig, *at, Platform.still(t)), rnea(rig, *at), atol=1e-12)
-    np.testing.assert_allclose(regressor(rig, *at, Platform.still(t)), regressor(rig, *at), atol=1e-12)
+    np.testing.assert_allclose(compute_rnea(rig, *at, Platform.still(t)), compute_rnea(rig, *at), atol=1e-12)
+    np.testing.assert_allclose(compute_regressor(rig, *at, Platform.still(t)), compute_regressor(rig, *at), atol=1e-12)
     leaning = BaseTilt(roll=0.3, pitch=-0.7).apply(rig)
-    np.testing.assert_allclose(rnea(rig, *at, Platform.still(t, 0.3, -0.7)), rnea(leaning, *at), atol=1e-12)
-    np.testing.assert_allclose(rnea(leaning, *at, Platform.still(t)), rnea(leaning, *at), atol=1e-12)
+    np.testing.assert_allclose(
+        compute_rnea(rig, *at, Platform.still(t, 0.3, -0.7)), compute_rnea(leaning, *at), atol=1e-12
+    )
+    np.testing.assert_allclose(compute_rnea(leaning, *at, Platform.still(t)), compute_rnea(leaning, *at), atol=1e-12)
 
 
 def test_what_turns_evenly_on_a_platform_moves_as_both_turns_at_once() -> None:
@@ -153,8 +167,8 @@ def test_what_turns_evenly_on_a_platform_moves_as_both_turns_at_once() -> None:
 def test_the_regressor_is_inverse_dynamics_for_any_bodies(name: str) -> None:
     rig, platform = bundled(name), shaken(5)[0]
     at, phi = states(rig.n, 6), rig.phi * np.random.default_rng(7).uniform(0.5, 2, 10 * rig.n)
-    expected = rnea(rig.with_phi(phi), *at, platform)
-    np.testing.assert_allclose(regressor(rig, *at, platform) @ phi, expected, rtol=1e-9, atol=1e-9)
+    expected = compute_rnea(rig.with_phi(phi), *at, platform)
+    np.testing.assert_allclose(compute_regressor(rig, *at, platform) @ phi, expected, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(Model(rig.with_phi(phi), ()).inverse(*at, platform=platform), expected, atol=0)
 
 
@@ -186,7 +200,7 @@ def test_power_at_joints_and_base_is_the_rate_of_energy(name: str) -> None:
         rate = (8 * (energy(t + h) - energy(t - h)) - (energy(t + 2 * h) - energy(t - 2 * h))) / (12 * h)
         platform, _, v = at(t)
         x, dx, ddx = motion(t)
-        tau = rnea(rig, x[None, 6:], dx[None, 6:], ddx[None, 6:], platform)[0]
+        tau = compute_rnea(rig, x[None, 6:], dx[None, 6:], ddx[None, 6:], platform)[0]
         lifted = (np.r_[np.zeros(6), 1.0, x[6:]], np.r_[np.zeros(3), platform.w[0], dx[6:]])
         wrench = pin.rnea(
             rig.floating, rig.floating.createData(), *lifted, np.r_[platform.f[0], platform.dw[0], ddx[6:]]
@@ -209,22 +223,25 @@ COUNTS = {
 @pytest.mark.parametrize(("name", "diagonal"), COUNTS)
 def test_a_lean_adds_two_and_turning_four_more(name: str, diagonal: bool) -> None:
     rig = bundled(name)
-    found = [reduce(rig, diagonal, base) for base in ("fixed", "tilted", "rotating")]  # type: ignore[arg-type]
+    found = [reduce_parameters(rig, diagonal, base) for base in ("fixed", "tilted", "rotating")]  # type: ignore[arg-type]
     assert tuple(len(one.independent) for one in found) == COUNTS[name, diagonal]
-    assert tuple(subspace(stacked(rig, diagonal, one.base)[0]).shape[1] for one in found) == COUNTS[name, diagonal]
+    assert (
+        tuple(subspace(stack_regressors(rig, diagonal, one.base)[0]).shape[1] for one in found)
+        == COUNTS[name, diagonal]
+    )
     assert set(found[0].independent) < set(found[1].independent) < set(found[2].independent)
     assert set(found[2].zero) < set(found[1].zero) < set(found[0].zero)
 
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_one_lean_shows_as_much_as_many_and_translation_adds_nothing_to_turning(name: str) -> None:
-    rig, (names, places) = bundled(name), columns(bundled(name))
+    rig, (names, places) = bundled(name), name_columns(bundled(name))
     at, lean = states(rig.n, 9, 200), Platform.still(np.arange(200.0), 0.4, 0.3)
     turning, R, _ = shaken(10, 200)
     in_place = Platform(turning.t, R.transpose(0, 2, 1) @ UP, turning.w, turning.dw)
     for base, platform in (("tilted", lean), ("rotating", in_place)):
-        matrix = regressor(rig, *at, platform)[:, :, places].reshape(-1, len(places))
-        assert scan(matrix, names).independent == reduce(rig, base=base).independent  # type: ignore[arg-type]
+        matrix = compute_regressor(rig, *at, platform)[:, :, places].reshape(-1, len(places))
+        assert scan_columns(matrix, names).independent == reduce_parameters(rig, base=base).independent  # type: ignore[arg-type]
 
 
 def test_the_level_of_a_motion_is_told_from_it() -> None:
@@ -258,7 +275,7 @@ def test_a_base_too_heavy_to_be_moved_moves_as_prescribed(name: str) -> None:
     """One ABA of the heavy base is ``D⁻¹(τ - C v - G)`` with RNEA's bias and CRBA's D, at samples and between them."""
     rig = bundled(name)
     (platform, *_), armature, rng = shaken(11), np.linspace(1e-4, 1e-2, rig.n), np.random.default_rng(3)
-    carrier, own = Carrier(rig, platform, armature), rig.model.copy()
+    carrier, own = MovingBase(rig, platform, armature), rig.model.copy()
     own.armature = armature
     for t in (0.0, 3.0, 3.4, float(platform.t[-1])):
         x, net = rng.uniform(-2, 2, 2 * rig.n), rng.uniform(-3, 3, rig.n)
@@ -303,7 +320,7 @@ def test_shaking_moves_a_joint_only_when_it_breaks_its_dry_friction() -> None:
     rig, dt = bundled("turret"), 1e-3
     platform = profile_s(dt / 2 * np.arange(201), np.random.default_rng(5))
     q, none = np.array([0.3, 0.2]), np.zeros(2)
-    need = np.abs(rnea(rig, *(np.tile(x, (201, 1)) for x in (q, none, none)), platform)).max(axis=0)
+    need = np.abs(compute_rnea(rig, *(np.tile(x, (201, 1)) for x in (q, none, none)), platform)).max(axis=0)
     for share, moves in ((1.001, False), (0.5, True)):
         rubbing = tuple(Term(Coulomb(joint), (share * level,)) for joint, level in zip(rig.joints, need.tolist()))
         plant, state = Plant(Model(rig, rubbing), platform), State(q, none)

@@ -10,7 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics import Reduction, columns, friction_effects, reduce, regressor, rnea, samples, scan, stacked
+from gimbal_pin.dynamics import (
+    Reduction,
+    build_friction_effects,
+    compute_regressor,
+    compute_rnea,
+    name_columns,
+    reduce_parameters,
+    scan_columns,
+    spread_states,
+    stack_regressors,
+)
 from gimbal_pin.rig import Rig, bundled_payloads, bundled_rigs
 from tests.rigs import BODY, bundled, spelled
 
@@ -66,17 +76,17 @@ def odd(name: str) -> Rig:
 @pytest.mark.parametrize("payload", bundled_payloads())
 def test_thesis_table_exactly_whatever_the_payload(payload: str) -> None:
     rig = bundled("thesis", payload)
-    reduction = reduce(rig, diagonal=True)
+    reduction = reduce_parameters(rig, diagonal=True)
     assert reduction.unidentifiable == ZERO
     assert tuple(dict(terms) for terms in reduction.terms) == TABLE
-    friction = sum(len(effect.coefficients) for effect in friction_effects(rig.joints))
+    friction = sum(len(effect.coefficients) for effect in build_friction_effects(rig.joints))
     assert len(reduction.names) + friction == 24
     assert len(reduction.independent) + friction == 15
 
 
 def test_full_inertias_regroup_the_diagonal_ones_alike() -> None:
     """The products of inertia join the table; they change nothing of what stands in it."""
-    diagonal, full = (reduce(bundled("thesis"), d) for d in (True, False))
+    diagonal, full = (reduce_parameters(bundled("thesis"), d) for d in (True, False))
     kept = [{name: x for name, x in terms.items() if name in diagonal.names} for terms in full.terms]
     assert [terms for terms in kept if terms] == list(TABLE)
 
@@ -90,16 +100,16 @@ def test_counts_of_the_thesis_rig_upright_and_tilted(
     model = rig.model.copy()
     model.gravity.linear = np.array(gravity, dtype=float)
     tilted = replace(rig, model=model)
-    assert len(reduce(tilted).independent) == full
-    assert len(reduce(tilted, diagonal=True).independent) == diagonal
+    assert len(reduce_parameters(tilted).independent) == full
+    assert len(reduce_parameters(tilted, diagonal=True).independent) == diagonal
 
 
 def test_textbook_counts_and_levers() -> None:
     """A body on a vertical rail shows its mass, on a vertical axle its inertia; a pendulum its gravity too."""
-    assert reduce(odd("slide")).base_names == ("a.m",)
-    assert reduce(odd("wheel")).base_names == ("a.Izz",)
-    assert reduce(odd("pendulum")).base_names == ("a.Iyy", "a.mx", "a.mz")
-    first, _, third, *second = reduce(odd("double-pendulum")).terms
+    assert reduce_parameters(odd("slide")).base_names == ("a.m",)
+    assert reduce_parameters(odd("wheel")).base_names == ("a.Izz",)
+    assert reduce_parameters(odd("pendulum")).base_names == ("a.Iyy", "a.mx", "a.mz")
+    first, _, third, *second = reduce_parameters(odd("double-pendulum")).terms
     assert first == pytest.approx({"a.Iyy": 1, "b.m": 0.3**2}, abs=1e-9)
     assert third == pytest.approx({"a.mz": 1, "b.m": -0.3}, abs=1e-9)
     assert second == [{"b.Iyy": 1}, {"b.mx": 1}, {"b.mz": 1}]
@@ -137,16 +147,16 @@ def spans_agree(reduction: Reduction, matrix: np.ndarray) -> None:
 def test_regressor_times_parameters_is_rnea() -> None:
     for rig in all_rigs():
         at = fresh(rig, 1)
-        torque = rnea(rig, *at)
-        np.testing.assert_allclose(regressor(rig, *at) @ rig.phi, torque, atol=1e-10 * np.abs(torque).max())
+        torque = compute_rnea(rig, *at)
+        np.testing.assert_allclose(compute_regressor(rig, *at) @ rig.phi, torque, atol=1e-10 * np.abs(torque).max())
 
 
 @pytest.mark.parametrize("diagonal", [False, True])
 def test_base_parameters_predict_the_same_torque_for_any_bodies(diagonal: bool) -> None:
     for rig in all_rigs():
-        reduction = reduce(rig, diagonal)
-        names, places = columns(rig, diagonal)
-        Y = regressor(rig, *fresh(rig, 2))[:, :, places]
+        reduction = reduce_parameters(rig, diagonal)
+        names, places = name_columns(rig, diagonal)
+        Y = compute_regressor(rig, *fresh(rig, 2))[:, :, places]
         assert reduction.names == names
         for phi in np.random.default_rng(3).normal(size=(5, len(places))):
             expected = Y @ phi
@@ -157,12 +167,12 @@ def test_base_parameters_predict_the_same_torque_for_any_bodies(diagonal: bool) 
 @pytest.mark.parametrize("diagonal", [False, True])
 def test_qr_and_svd_see_the_same_space(diagonal: bool) -> None:
     for rig in all_rigs():
-        spans_agree(reduce(rig, diagonal), stacked(rig, diagonal)[0])
+        spans_agree(reduce_parameters(rig, diagonal), stack_regressors(rig, diagonal)[0])
 
 
 def test_reduction_depends_on_the_rig_alone() -> None:
     for name in bundled_rigs():
-        first, *others = [reduce(bundled(name, payload)) for payload in (*bundled_payloads(), None)]
+        first, *others = [reduce_parameters(bundled(name, payload)) for payload in (*bundled_payloads(), None)]
         for other in others:
             assert (other.names, other.independent, other.zero) == (first.names, first.independent, first.zero)
             np.testing.assert_array_equal(other.mixing, first.mixing)
@@ -171,16 +181,16 @@ def test_reduction_depends_on_the_rig_alone() -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_reduction_holds_on_motions_that_it_was_not_made_from(name: str) -> None:
     rig = bundled(name)
-    names, places = columns(rig)
-    matrix = regressor(rig, *fresh(rig, 4))[:, :, places].reshape(-1, len(places))
-    ours, other = reduce(rig), scan(matrix, names)
+    names, places = name_columns(rig)
+    matrix = compute_regressor(rig, *fresh(rig, 4))[:, :, places].reshape(-1, len(places))
+    ours, other = reduce_parameters(rig), scan_columns(matrix, names)
     assert (ours.independent, ours.zero) == (other.independent, other.zero)
     np.testing.assert_allclose(ours.mixing, other.mixing, atol=1e-7)
 
 
 def test_samples_fill_the_state_space() -> None:
     """Kronecker points are even: any box holds about its share, so no channel follows another."""
-    q, v, a = samples(bundled("thesis"), 1000)
+    q, v, a = spread_states(bundled("thesis"), 1000)
     unit = np.column_stack([q / (2 * np.pi), v / 10, a / 50])
     assert np.abs(unit).max() <= 0.5
     np.testing.assert_allclose(unit.mean(axis=0), 0, atol=0.02)
@@ -191,7 +201,7 @@ def test_samples_fill_the_state_space() -> None:
 def test_no_factor_is_left_over_from_rounding(diagonal: bool) -> None:
     """Levers are centimetres and more: a factor of a millionth, or one that misses 1 by a millionth, is noise."""
     for rig in all_rigs():
-        sizes = np.abs(reduce(rig, diagonal).mixing)
+        sizes = np.abs(reduce_parameters(rig, diagonal).mixing)
         assert not ((sizes > 0) & (sizes < 1e-6)).any()
         assert not ((sizes != 1) & (np.abs(sizes - 1) < 1e-6)).any()
 
@@ -199,8 +209,8 @@ def test_no_factor_is_left_over_from_rounding(diagonal: bool) -> None:
 def test_names_say_the_mixing() -> None:
     """Read back as sums, the names give the base parameters' values."""
     for rig in all_rigs():
-        reduction = reduce(rig)
-        phi = rig.phi[columns(rig)[1]]
+        reduction = reduce_parameters(rig)
+        phi = rig.phi[name_columns(rig)[1]]
         values = dict(zip(reduction.names, phi))
         for name, beta in zip(reduction.base_names, reduction.mixing @ phi):
             words = re.findall(r"(-?)\s?(?:([\d.e+-]+)\*)?([a-z_]+\.\w+)", name)
@@ -232,7 +242,7 @@ def planted(draw: st.DrawFn) -> tuple[np.ndarray, list[int], list[int], np.ndarr
 @given(planted())
 def test_planted_dependence_is_found(case: tuple[np.ndarray, list[int], list[int], np.ndarray]) -> None:
     matrix, free, zero, mixing = case
-    reduction = scan(matrix, tuple(f"x{j}" for j in range(matrix.shape[1])))
+    reduction = scan_columns(matrix, tuple(f"x{j}" for j in range(matrix.shape[1])))
     assert reduction.independent == tuple(free)
     assert reduction.zero == tuple(zero)
     np.testing.assert_allclose(reduction.mixing, mixing, atol=1e-6)
@@ -244,7 +254,7 @@ def test_planted_dependence_is_found(case: tuple[np.ndarray, list[int], list[int
 @given(st.integers(1, 15), st.integers(0, 2**32 - 1))
 def test_full_rank_reduces_to_itself(p: int, seed: int) -> None:
     matrix = np.random.default_rng(seed).normal(size=(3 * p + 5, p))
-    reduction = scan(matrix, tuple(f"x{j}" for j in range(p)))
+    reduction = scan_columns(matrix, tuple(f"x{j}" for j in range(p)))
     assert reduction.independent == tuple(range(p))
     assert reduction.zero == ()
     np.testing.assert_array_equal(reduction.mixing, np.eye(p))
@@ -255,9 +265,9 @@ def test_full_rank_reduces_to_itself(p: int, seed: int) -> None:
 @given(st.integers(0, 2**32 - 1))
 def test_units_of_the_columns_do_not_choose_them(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    matrix, names = stacked(bundled("thesis"))
+    matrix, names = stack_regressors(bundled("thesis"))
     scale = 10.0 ** rng.uniform(-2, 2, len(names))
-    ours, scaled = scan(matrix, names), scan(matrix * scale, names)
+    ours, scaled = scan_columns(matrix, names), scan_columns(matrix * scale, names)
     assert (ours.independent, ours.zero) == (scaled.independent, scaled.zero)
     free = list(ours.independent)
     np.testing.assert_allclose(scaled.mixing * scale[free, None] / scale, ours.mixing, atol=1e-4)
@@ -265,8 +275,8 @@ def test_units_of_the_columns_do_not_choose_them(seed: int) -> None:
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_a_reduced_regressor_is_its_own_reduction(name: str) -> None:
-    matrix, names = stacked(bundled(name))
-    free = list(reduce(bundled(name)).independent)
-    again = scan(matrix[:, free], tuple(names[j] for j in free))
+    matrix, names = stack_regressors(bundled(name))
+    free = list(reduce_parameters(bundled(name)).independent)
+    again = scan_columns(matrix[:, free], tuple(names[j] for j in free))
     assert again.independent == tuple(range(len(free)))
     np.testing.assert_array_equal(again.mixing, np.eye(len(free)))

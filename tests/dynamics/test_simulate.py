@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from gimbal_pin.control import ComputedTorque, JointPid, Pid
 from gimbal_pin.dynamics import Drive, Model, Plant, Sensors, State, nominal, plant_with, simulate
-from gimbal_pin.dynamics.drive import borne
-from gimbal_pin.effects import CAUSES, BaseTilt, Borne, Delay, Effect, Resistance, Signal, Term, parse_effect
+from gimbal_pin.dynamics.drive import compute_joint_load
+from gimbal_pin.effects import CAUSES, BaseTilt, Delay, Effect, JointLoad, Resistance, Signal, Term, parse_effect
 from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log, Motion, describe_passed_stops
@@ -148,12 +148,12 @@ def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it
     log = run(nominal(rig()), (signal,))
     acting, j = np.array(log.tau), rig().joint_index("tilt")
     states = map(State, log.q, log.v)
-    bears = [borne(nominal(rig()), j, now, x) for now, x in zip(states, log.tau[:, j].tolist())]
+    bears = [compute_joint_load(nominal(rig()), j, now, x) for now, x in zip(states, log.tau[:, j].tolist())]
     brake, load = (np.array([0.0, *x]) for x in ([one.brake for one in bears], [one.load for one in bears]))
     # The drive has been at rest for ever, the array form would settle on its first sample.
-    passed = signal.along(np.concatenate([[0.0], log.tau[:, j]]), DT, Borne(brake, load))[1:]
+    passed = signal.along(np.concatenate([[0.0], log.tau[:, j]]), DT, JointLoad(brake, load))[1:]
     across = np.array([one.across for one in bears])
-    acting -= signal.spread(acting[:, j] - passed, j, acting.shape[1], Borne(0.0, 0.0, across=across))
+    acting -= signal.spread(acting[:, j] - passed, j, acting.shape[1], JointLoad(0.0, 0.0, across=across))
     assert np.any(across[:, 1 - j] != 0)
     np.testing.assert_allclose(replayed(nominal(rig()), log, acting), log.q, atol=1e-12)
     assert np.abs(replayed(nominal(rig()), log, np.array(log.tau)) - log.q).max() > 1e-5

@@ -16,7 +16,17 @@ from lxml import etree
 from scipy.linalg import expm
 
 from gimbal_pin.control import ComputedTorque, Pid
-from gimbal_pin.dynamics import Model, Plant, Sensors, State, nominal, plant_with, regressor, rnea, simulate
+from gimbal_pin.dynamics import (
+    Model,
+    Plant,
+    Sensors,
+    State,
+    compute_regressor,
+    compute_rnea,
+    nominal,
+    plant_with,
+    simulate,
+)
 from gimbal_pin.effects import (
     ALWAYS,
     CAUSES,
@@ -36,6 +46,7 @@ from gimbal_pin.effects import (
     JointFlexibility,
     Losses,
     OffDiagonalInertia,
+    OperatingRange,
     Parameter,
     PayloadMass,
     PayloadShift,
@@ -45,14 +56,13 @@ from gimbal_pin.effects import (
     RigEffect,
     Sample,
     Saturation,
-    Seen,
     Signal,
     Term,
     TorqueRipple,
-    cause_from,
+    get_payload,
     parse_effect,
-    payload,
-    term_from,
+    read_cause,
+    read_term,
 )
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
 from gimbal_pin.identification import identify
@@ -278,7 +288,7 @@ def test_bristles_of_many_lengths_obey_masing_and_close_every_loop() -> None:
 
 @given(stroke=st.floats(1e-4, 0.5))
 def test_every_stroke_is_within_reach_of_one_that_is_tried(stroke: float) -> None:
-    seen = Seen(60.0, 0.005, 12.0, 1.6, 1.0, 1e-3, 1.0, 1.2)
+    seen = OperatingRange(60.0, 0.005, 12.0, 1.6, 1.0, 1e-3, 1.0, 1.2)
     reach = 2.0 ** sum(0.5**k for k in range(8)) * 1.01
     away = [abs(np.log(stroke / one.stroke)) for one in Presliding.tried("tilt", seen) if isinstance(one, Presliding)]
     assert min(away) <= np.log(reach)
@@ -291,7 +301,7 @@ def test_drift_by_temperature_reads_the_temperature() -> None:
     assert effect.basis(at._replace(temperature=25.0)) == (0.0, 0.0)
     q = np.zeros((4, 3))
     warm = Model(rig(), (Term(effect, (0.5, 0.0)),)).inverse(q, q, q, slide=q + 1.0, temperature=q + 45.0)
-    np.testing.assert_allclose((warm - rnea(rig(), q, q, q))[:, 2], 1.0)
+    np.testing.assert_allclose((warm - compute_rnea(rig(), q, q, q))[:, 2], 1.0)
 
 
 # -- planted in a simulation, found by identification --
@@ -372,7 +382,7 @@ def test_a_torque_gain_shows_through_the_coupling_of_axes() -> None:
     total = model.inverse(q, v, a)
     column = np.zeros((*q.shape, 1))
     column[:, 2, 0] = term.effect.basis(Sample(*([0.0] * 5), tau=total[:, 2]))[0]
-    A = np.concatenate([regressor(where, q, v, a), column], axis=2).reshape(-1, 31)
+    A = np.concatenate([compute_regressor(where, q, v, a), column], axis=2).reshape(-1, 31)
     theta = np.linalg.lstsq(A, total.ravel(), rcond=1e-10)[0]
     assert theta[-1] == pytest.approx(0.1, abs=1e-6)
 
@@ -547,14 +557,14 @@ def test_drag_grows_by_its_power(power: float) -> None:
 def test_a_rig_effect_of_nothing_changes_nothing_and_none_touches_its_rig(name: str) -> None:
     rng, where = np.random.default_rng(0), rig()
     q, v, a = rng.uniform(-0.6, 0.6, (3, 5, 3))
-    before = rnea(where, q, v, a)
+    before = compute_rnea(where, q, v, a)
     kind = KINDS[name]
     nothing: RigEffect = kind.planted("tilt", {p.name: 0.0 for p in kind.stated()})
-    np.testing.assert_allclose(rnea(nothing.apply(where), q, v, a), before, atol=1e-12)
+    np.testing.assert_allclose(compute_rnea(nothing.apply(where), q, v, a), before, atol=1e-12)
     small = {p.name: min(0.004, p.upper) for p in kind.stated()}
     changed: RigEffect = kind.planted("tilt", small)
-    assert np.abs(rnea(changed.apply(where), q, v, a) - before).max() > 1e-6
-    np.testing.assert_array_equal(rnea(where, q, v, a), before)
+    assert np.abs(compute_rnea(changed.apply(where), q, v, a) - before).max() > 1e-6
+    np.testing.assert_array_equal(compute_rnea(where, q, v, a), before)
 
 
 @pytest.mark.parametrize("name", ["thesis", "turret", "handheld"])
@@ -584,7 +594,7 @@ def payload_mass(where: Rig) -> float:
 def test_a_payload_shifted_there_and_back_is_where_it_was() -> None:
     where = rig()
     there = PayloadShift(0.05, -0.02, 0.03).apply(where)
-    _, before, _ = payload(where)
+    _, before, _ = get_payload(where)
     body = where.model.frames[where.model.getFrameId(str(where.payload_link))].parentJoint
     inertia = pin.Inertia(there.model.inertias[body])
     assert inertia.mass == pytest.approx(where.model.inertias[body].mass)
@@ -599,7 +609,7 @@ def test_a_payload_shifted_there_and_back_is_where_it_was() -> None:
 
 def test_payload_mass_scales_the_payload() -> None:
     where, extra = rig(), 0.5
-    _, own, _ = payload(where)
+    _, own, _ = get_payload(where)
     assert own.mass == pytest.approx(payload_mass(where))
     heavier = PayloadMass(extra).apply(where)
     change = heavier.phi - where.phi
@@ -621,14 +631,14 @@ def test_an_offset_encoder_reads_another_angle_of_the_same_rig(offset: float, jo
     read = q.copy()
     read[:, where.joint_index(joint)] += offset
     turned = EncoderOffset(joint, offset).apply(where)
-    np.testing.assert_allclose(rnea(turned, read, v, a), rnea(where, q, v, a), atol=1e-9)
+    np.testing.assert_allclose(compute_rnea(turned, read, v, a), compute_rnea(where, q, v, a), atol=1e-9)
 
 
 def test_a_base_on_its_head_turns_gravity_round() -> None:
     where, rng = rig(), np.random.default_rng(0)
     q, zero = rng.uniform(-1, 1, (4, 3)), np.zeros((4, 3))
-    fallen = rnea(BaseTilt(roll=np.pi).apply(where), q, zero, zero)
-    np.testing.assert_allclose(fallen, -rnea(where, q, zero, zero), atol=1e-12)
+    fallen = compute_rnea(BaseTilt(roll=np.pi).apply(where), q, zero, zero)
+    np.testing.assert_allclose(fallen, -compute_rnea(where, q, zero, zero), atol=1e-12)
     tilt = BaseTilt(roll=0.3, pitch=-0.2).apply(where).model.gravity.linear
     R = pin.rpy.rpyToMatrix(0.3, -0.2, 0.0)
     np.testing.assert_allclose(R @ tilt, [0, 0, -9.81], atol=1e-12)
@@ -638,9 +648,9 @@ def test_products_of_inertia_are_those_of_the_regressor() -> None:
     where, rng = rig(), np.random.default_rng(0)
     q, v, a = rng.uniform(-1, 1, (3, 4, 3))
     changed = OffDiagonalInertia("roll", Ixy=1e-3, Iyz=-2e-3).apply(where)
-    Y = regressor(where, q, v, a)
+    Y = compute_regressor(where, q, v, a)
     column = 1e-3 * Y[..., 10 + PHI.index("Ixy")] - 2e-3 * Y[..., 10 + PHI.index("Iyz")]
-    np.testing.assert_allclose(rnea(changed, q, v, a) - rnea(where, q, v, a), column, atol=1e-12)
+    np.testing.assert_allclose(compute_rnea(changed, q, v, a) - compute_rnea(where, q, v, a), column, atol=1e-12)
     with pytest.raises(UsageError, match=r"off-diagonal-inertia.*fork"):
         OffDiagonalInertia("roll", Ixy=5.0).apply(where)
 
@@ -659,7 +669,7 @@ def test_products_of_a_payload_stand_in_the_frame_it_is_mounted_in() -> None:
     """``I' - I = R P Rᵀ``, and P alone where it is mounted straight; a joint that carries no payload has none of it."""
     for turn in (np.zeros(3), np.array([0.1, -0.2, 0.3])):
         where = mounted(turn)
-        R, carrier = pin.rpy.rpyToMatrix(*turn), where.joints[payload(where)[0]]
+        R, carrier = pin.rpy.rpyToMatrix(*turn), where.joints[get_payload(where)[0]]
         before, after = (
             one.model.inertias[where.joint_index(carrier) + 1].inertia
             for one in (where, OffDiagonalInertia(carrier, payload_Ixy=1e-4, payload_Iyz=-2e-4).apply(where))
@@ -688,7 +698,7 @@ def test_what_is_written_is_what_is_planted(name: str, seed: int) -> None:
     for p in shown:
         assert p.value == pytest.approx(values[p.name], rel=1e-9, abs=1e-9)
     data = json.loads(json.dumps(thing.to_dict()))
-    assert (term_from(data) if isinstance(thing, Term) else cause_from(data)) == thing
+    assert (read_term(data) if isinstance(thing, Term) else read_cause(data)) == thing
 
 
 @pytest.mark.parametrize(
@@ -723,10 +733,10 @@ def test_shapes_out_of_bounds_and_foreign_files_are_refused() -> None:
         Cogging("yaw", (12.0, nan))
     for data in ({"effect": "phlogiston"}, {}, {"effect": "delay", "joint": "yaw", "tim": 1.0}, {"effect": "delay"}):
         with pytest.raises(ModelError):
-            cause_from(data)
+            read_cause(data)
     for data in ({"effect": "delay", "joint": "yaw", "time": 0.1}, {"effect": "coulomb", "joint": "yaw", "values": []}):
         with pytest.raises(ModelError, match=r"no term"):
-            term_from(data)
+            read_term(data)
 
 
 def test_a_link_that_swings_slower_than_any_resonance_swings_at_the_slowest() -> None:

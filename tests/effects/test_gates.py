@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import Problem, State, solved
-from gimbal_pin.dynamics import Model, nominal, reduce
+from gimbal_pin.dynamics import Model, nominal, reduce_parameters
 from gimbal_pin.effects import (
     ActuatorLag,
     Backlash,
-    Borne,
     Cause,
     Coulomb,
     Delay,
     FrictionDrift,
+    JointLoad,
+    OperatingRange,
     Presliding,
     Resistance,
     Sample,
-    Seen,
     Term,
 )
 from gimbal_pin.rig import Rig
@@ -26,13 +26,13 @@ from tests.candidates import measure, refined
 from tests.diagnosis.test_forms import ALIGNED, gather, prescribed
 
 RIG = Rig.load("turret")
-SEEN = Seen(60.0, 0.005, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
+SEEN = OperatingRange(60.0, 0.005, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
 
 
 def first(*terms: Term, seed: int = 3) -> State:
     """The refitted model without any cause, on a log of these terms."""
     log = prescribed(Model(RIG, (*nominal(RIG).terms, *terms)), seed, seconds=14.0, torque_noise=1e-4, dt=2e-3)
-    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce(RIG))
+    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce_parameters(RIG))
     return solved(problem, (), solved(problem, ()))
 
 
@@ -70,7 +70,7 @@ def test_a_gap_at_rest_does_not_knock_at_the_noise_of_a_rate() -> None:
     command = np.full(count, 0.1)
     brake, load = 0.5 * np.sign(rng.standard_normal(count)), np.full(count, 0.05)
     gap = Backlash("tilt", 2e-3, 0.01, 0.3)
-    held = Borne.along(brake, load, command, np.full(count, True))
+    held = JointLoad.along(brake, load, command, np.full(count, True))
     np.testing.assert_allclose(gap.along(command, 2e-3, held), command)
-    assert np.abs(gap.along(command, 2e-3, Borne(brake, load)) - command).max() > 0.5
-    np.testing.assert_array_equal(Borne.along(brake, load, command, np.full(count, False)).brake, brake)
+    assert np.abs(gap.along(command, 2e-3, JointLoad(brake, load)) - command).max() > 0.5
+    np.testing.assert_array_equal(JointLoad.along(brake, load, command, np.full(count, False)).brake, brake)

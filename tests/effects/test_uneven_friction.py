@@ -7,7 +7,7 @@ import pytest
 
 from gimbal_pin.diagnosis import solved
 from gimbal_pin.dynamics import nominal, plant_with
-from gimbal_pin.effects import AsymmetricFriction, Sample, Term, parse_effect, term_from
+from gimbal_pin.effects import AsymmetricFriction, Sample, Term, parse_effect, read_term
 from gimbal_pin.errors import UsageError
 from tests.candidates import refined
 from tests.refitted import RIG, first
@@ -72,5 +72,5 @@ def test_a_viscous_part_beside_a_speed_is_planted_too() -> None:
     limited, both, plain = (parse_effect(text, RIG) for text in (given, given + ",viscous=0.2", given[:-10]))
     assert limited == Term(AsymmetricFriction("tilt", 0.4), (0.1,))
     assert plain == Term(AsymmetricFriction("tilt"), (0.1, 0.0))
-    assert isinstance(both, Term) and isinstance(limited, Term) and term_from(both.to_dict()) == both
+    assert isinstance(both, Term) and isinstance(limited, Term) and read_term(both.to_dict()) == both
     np.testing.assert_allclose(both.torque(MOVING) - limited.torque(MOVING), 0.2 * np.abs(RATE))

@@ -24,7 +24,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.cli.excite import to_show
-from gimbal_pin.dynamics import Model, nominal, regressor
+from gimbal_pin.dynamics import Model, compute_regressor, nominal
 from gimbal_pin.effects import CAUSES, Coulomb, Effect, LoadDependentFriction, Stribeck, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation import (
@@ -481,7 +481,7 @@ def test_gradient_of_the_regressor_is_exact_on_chains_and_trees(which: str, tmp_
     exact = compute_regressor_gradient(links, gravity, Motion(np.zeros(count), *states), by_body)
 
     def total(flat: Array) -> Array:
-        return np.sum(weights * regressor(rig, *flat.reshape(states.shape)))
+        return np.sum(weights * compute_regressor(rig, *flat.reshape(states.shape)))
 
     rough = differences(total, states.ravel()).reshape(states.shape)
     assert np.abs(exact - rough).max() < 1e-7 * np.abs(rough).max()

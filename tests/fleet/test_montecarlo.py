@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from gimbal_pin import Rig, identify, monte_carlo, nominal, track, tune
-from gimbal_pin.dynamics import reduce
+from gimbal_pin.dynamics import reduce_parameters
 from gimbal_pin.errors import UsageError
 from gimbal_pin.fleet import MonteCarlo, RigDesign, Variation, Vary, process_pool, rank_influences
 from gimbal_pin.fleet.variation import NOTHING, factor_covariance
@@ -121,7 +121,7 @@ def test_parameters_are_drawn_from_the_covariance(rig: Rig) -> None:
     known, variation = model.estimated, Variation(model, Vary())
     L = factor_covariance(known.covariance)
     assert np.allclose(L @ L.T, known.covariance, rtol=1e-9, atol=1e-12 * np.abs(known.covariance).max())
-    reduction = reduce(rig)
+    reduction = reduce_parameters(rig)
     count = len(reduction.base_names)
     assert variation.inputs == tuple(f"parameters.{name}" for name in known.names)
     for k in (0, count - 1):

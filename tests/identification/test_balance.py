@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import compared
-from gimbal_pin.dynamics import Model, nominal, rnea
-from gimbal_pin.dynamics.checking import gravity_load, poses
+from gimbal_pin.dynamics import Model, compute_rnea, nominal
+from gimbal_pin.dynamics.checking import compute_gravity_load, spread_poses
 from gimbal_pin.effects import PayloadShift
 from gimbal_pin.identification import Balance, Identified, identify
 from gimbal_pin.identification.balance import compute_balance, report_with_balance
@@ -47,7 +47,7 @@ def told(name: str, shift: tuple[float, ...] = ()) -> Balance:
 def test_slid_as_it_says_gravity_takes_what_it_says(name: str) -> None:
     """On the true rig: the load falls to what was foretold, and any other way of a millimetre makes it larger."""
     rig, said = Rig.load(name), told(name)
-    load = gravity_load(slid(rig, said.way).rig)
+    load = compute_gravity_load(slid(rig, said.way).rig)
     for joint, torque in zip(rig.joints, load):
         assert torque == pytest.approx(said.after[joint], abs=0.02 * max(said.before.values()) + 1e-9)
     best = total(rig, said.way)
@@ -60,8 +60,8 @@ def test_slid_as_it_says_gravity_takes_what_it_says(name: str) -> None:
 
 def total(rig: Rig, way: Array) -> float:
     """Gravity over the motors' torque, mean square over poses within the limits."""
-    q = poses(rig, 400)
-    torque = rnea(slid(rig, way).rig, q, np.zeros_like(q), np.zeros_like(q))
+    q = spread_poses(rig, 400)
+    torque = compute_rnea(slid(rig, way).rig, q, np.zeros_like(q), np.zeros_like(q))
     return float(np.mean((torque / rig.tau_max) ** 2))
 
 
@@ -78,7 +78,7 @@ def test_a_camera_that_was_moved_is_to_be_moved_back(name: str) -> None:
 
 def test_the_share_of_the_motor_is_gravity_over_its_torque() -> None:
     said = told("thesis", (0.02, 0.0, 0.0))
-    load = gravity_load(slid(Rig.load("thesis"), np.array([0.02, 0.0, 0.0])).rig)
+    load = compute_gravity_load(slid(Rig.load("thesis"), np.array([0.02, 0.0, 0.0])).rig)
     assert said.held["tilt"] == pytest.approx(load[2] / 3.6, rel=0.02)
     weak = replace(said, available=dict.fromkeys(said.available, 0.5))
     assert "cannot hold it" in weak.holding() and "hold it" in said.holding()

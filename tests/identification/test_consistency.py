@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics import nominal, reduce
+from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Array, Log
@@ -37,7 +37,7 @@ from tests.rigs import taken_by_all
 
 
 def mixing_of(rig: Rig) -> Array:
-    return map_phi_to_base(rig, reduce(rig))
+    return map_phi_to_base(rig, reduce_parameters(rig))
 
 
 def oracle(mixing: Array, rows: Array, target: Array) -> float:

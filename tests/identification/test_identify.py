@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gimbal_pin.dynamics import nominal, reduce
+from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.identification import ESTIMATORS, given_beta, identify, split_logs
 from gimbal_pin.log import Log
@@ -33,7 +33,7 @@ def clean(turret: Rig) -> Log:
 
 
 def planted(rig: Rig) -> np.ndarray:
-    return np.concatenate([given_beta(rig, reduce(rig)), rig.friction.ravel()])
+    return np.concatenate([given_beta(rig, reduce_parameters(rig)), rig.friction.ravel()])
 
 
 @pytest.mark.parametrize("name", ["thesis", "turret"])
@@ -200,7 +200,7 @@ def test_figures_that_cannot_be_are_said(turret: Rig) -> None:
 
 def test_a_sum_of_inertias_under_zero_is_said(turret: Rig) -> None:
     log = prescribed(nominal(turret), torque_noise=0.01, dt=2e-3)
-    base = reduce(turret)
+    base = reduce_parameters(turret)
     sums = [k for k, terms in enumerate(base.terms) if all(x > 0 and ".I" in name for name, x in terms.items())]
     found = identify(turret, [log])
     theta = found.estimate.theta.copy()

@@ -13,7 +13,7 @@ import yaml
 
 from gimbal_pin.control import tune
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.dynamics import nominal, plant_with, reduce
+from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import Cogging, parse_effect
 from gimbal_pin.errors import LogError
 from gimbal_pin.identification import given_beta, identify, read_model, write_extended, write_model
@@ -73,7 +73,7 @@ def deviations_off(rig: Rig, log: Log) -> tuple[Array, Array]:
     plain = fit_weighted(blocks)
     held, _ = add_misfit(blocks, plain)
     assert np.array_equal(held.theta, plain.theta)
-    true = np.concatenate([given_beta(rig, reduce(rig)), rig.friction.ravel()])
+    true = np.concatenate([given_beta(rig, reduce_parameters(rig)), rig.friction.ravel()])
     return (plain.theta - true) / plain.std, (plain.theta - true) / held.std
 
 
@@ -120,7 +120,7 @@ def test_the_urdf_has_the_bodies_of_the_extended_model(
     assert run("identify", "turret", log, "--urdf", urdfs[0], *still)[0] == 0
     assert run("diagnose", "turret", log, "-o", folder, "--urdf", urdfs[1], *still)[0] == 0
     assert run("identify", "turret", log, "--extended", folder / "extended.yaml", "--urdf", urdfs[2], *still)[0] == 0
-    known = reduce(turret)
+    known = reduce_parameters(turret)
     off = [np.linalg.norm(given_beta(Rig.load(urdf), known) - given_beta(turret, known)) for urdf in urdfs]
     assert off[1] < 0.5 * off[0] and off[2] == pytest.approx(off[1], rel=1e-6)
 

@@ -14,7 +14,16 @@ from scipy.spatial.transform import Rotation
 from gimbal_pin.checks.stuck_channel import compute_denial
 from gimbal_pin.control import perturbed, tune
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.dynamics import Model, Sensors, base, noisy, nominal, readings, reduce, simulate
+from gimbal_pin.dynamics import (
+    Model,
+    Sensors,
+    add_imu_noise,
+    compute_base,
+    compute_imu_readings,
+    nominal,
+    reduce_parameters,
+    simulate,
+)
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.identification import given_beta, greatest_base_motion, identify
@@ -66,7 +75,7 @@ def test_an_imu_reports_how_its_link_turns_and_falls_in_the_world(name: str) -> 
     p, R = -np.cos(t[:, None] * w) / w**2, Rotation.from_euler("xyz", 0.2 * np.sin(t[:, None] * w[::-1])).as_matrix()
     q, v, a = np.sin(t[:, None] * size), size * np.cos(t[:, None] * size), -(size**2) * np.sin(t[:, None] * size)
     links = rig.config.imus
-    found = readings(rig, links, q, v, a, platform)
+    found = compute_imu_readings(rig, links, q, v, a, platform)
     assert set(found) == set(links) and rig.base in links
     slope, curve = np.array([1, -8, 0, 8, -1]) / (12 * h), np.array([-1, 16, -30, 16, -1]) / (12 * h**2)
     data = rig.model.createData()
@@ -87,8 +96,8 @@ def test_an_imu_reports_how_its_link_turns_and_falls_in_the_world(name: str) -> 
 def test_noise_has_its_density_and_comes_from_the_generator() -> None:
     rig = bundled("turret")
     still = Platform.still(times())
-    imu = readings(rig, [rig.base], *(np.zeros((len(still), 2)),) * 3, still)[rig.base]
-    one, again = (noisy(imu, rig.config.noise, 1e-3, np.random.default_rng(0)) for _ in range(2))
+    imu = compute_imu_readings(rig, [rig.base], *(np.zeros((len(still), 2)),) * 3, still)[rig.base]
+    one, again = (add_imu_noise(imu, rig.config.noise, 1e-3, np.random.default_rng(0)) for _ in range(2))
     assert one.gyro is not None and one.accel is not None and again.gyro is not None
     np.testing.assert_array_equal(one.gyro, again.gyro)
     assert one.gyro.std() == pytest.approx(rig.config.noise.gyro * np.sqrt(500), rel=0.02)
@@ -200,11 +209,11 @@ def test_hidden_parameters_are_found_from_a_shaken_log_with_noise_within_their_d
     true, t = perturbed(rig, 0.1, np.random.default_rng(1)), times(25.0)
     rng, clean = np.random.default_rng(2), carried(true, profile_s(t, np.random.default_rng(3), size=0.5), 25.0)
     assert clean.v is not None and clean.tau is not None
-    imus = {rig.base: noisy(clean.imus[rig.base], rig.config.noise, 1e-3, rng)}
+    imus = {rig.base: add_imu_noise(clean.imus[rig.base], rig.config.noise, 1e-3, rng)}
     noise = [size * rng.standard_normal(clean.q.shape) for size in (1e-5, 2e-3, 0.01 * np.std(clean.tau))]
     q, v, tau = (x + e for x, e in zip((clean.q, clean.v, clean.tau), noise))
     found = identify(rig, [replace(clean, q=q, v=v, tau=tau, imus=imus)], filtering=EXACT, holdout="none")
-    expected, kept = given_beta(true.rig, found.reduction), reduce(rig).independent
+    expected, kept = given_beta(true.rig, found.reduction), reduce_parameters(rig).independent
     hidden = [i for i, j in enumerate(found.reduction.independent) if j not in kept]
     theta, std = found.estimate.theta[: len(expected)], found.estimate.std[: len(expected)]
     assert len(hidden) == 6 and np.all(np.abs(theta - expected)[hidden] < 4 * std[hidden])
@@ -228,7 +237,7 @@ def test_a_base_that_hardly_turns_keeps_what_it_hides_as_given() -> None:
 
 
 def test_base_says_what_a_moving_base_adds() -> None:
-    found = base(bundled("thesis"), diagonal=True).to_dict()
+    found = compute_base(bundled("thesis"), diagonal=True).to_dict()
     assert found["identifiable"] == 15
     for motion, count in (("tilted", 17), ("rotating", 18)):
         entry = found["moving_base"][motion]

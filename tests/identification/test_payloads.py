@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.control import bench_run, tune
-from gimbal_pin.dynamics import nominal, plant_with, reduce
+from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import Cogging, PayloadShift, parse_effect
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.identification import Identified, Several, given_beta, identify, identify_new, identify_several
@@ -175,7 +175,7 @@ def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_pat
     assert again["held_out"]["how"] == "last third" and again["samples"] == third["samples"]
     assert again["base_parameters"] == third["base_parameters"] and any("all data" in note for note in again["notes"])
     written, true = Rig.load(urdf), Rig.load("turret", "zoom-lens")
-    reduction = reduce(true)
+    reduction = reduce_parameters(true)
     scale = np.abs(given_beta(true, reduction)) + 1e-2
     assert np.all(np.abs(given_beta(written, reduction) - given_beta(true, reduction)) < 0.05 * scale)
     refused(run("identify", "turret", *tagged[:2], *exact, "--urdf", urdf), 2, "--urdf")

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics import nominal, reduce
+from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.identification import given_beta, identify
 from gimbal_pin.log import PAUSE, Log
 from gimbal_pin.regression import Filtering, subsample_log
@@ -53,5 +53,5 @@ def test_a_chain_of_twenty_joints_gives_its_parameters_back() -> None:
     rig = chain(20)
     log = prescribed(nominal(rig), seconds=8.0, dt=0.004)
     found = identify(rig, [log], holdout="none", filtering=Filtering(alignment=0.0)).estimate
-    planted = np.append(given_beta(rig, reduce(rig)), rig.friction.ravel())
+    planted = np.append(given_beta(rig, reduce_parameters(rig)), rig.friction.ravel())
     assert np.abs(found.theta - planted).max() < 1e-4 * np.abs(planted).max()

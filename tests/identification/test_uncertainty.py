@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from gimbal_pin.control import bounds
-from gimbal_pin.dynamics import nominal, reduce
+from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.identification import Bootstrap, Identified, identify
 from gimbal_pin.identification.bodies import compute_figures, estimate_bodies
@@ -95,7 +95,7 @@ def test_figures_are_pinocchios(name: str) -> None:
 def test_intervals_of_bodies_hold_the_truth() -> None:
     """Bodies drawn as far from the URDF's as the trust says, base parameters with noise: 95 % are inside."""
     rig, trust, rng = Rig.load("turret", "cinema"), 0.1, np.random.default_rng(3)
-    mixing, root, hits = map_phi_to_base(rig, reduce(rig)), trust * compute_deformation_root(rig.phi), []
+    mixing, root, hits = map_phi_to_base(rig, reduce_parameters(rig)), trust * compute_deformation_root(rig.phi), []
     std = 1e-3 * np.abs(mixing @ rig.phi) + 1e-5
     for _ in range(12):
         true = rig.phi + root @ rng.standard_normal(root.shape[1])

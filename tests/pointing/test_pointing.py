@@ -27,7 +27,7 @@ from gimbal_pin.control import (
     tune,
 )
 from gimbal_pin.control.laws.observer import observed_loop
-from gimbal_pin.dynamics import Estimated, Model, nominal, plant_with, readings, rnea
+from gimbal_pin.dynamics import Estimated, Model, compute_imu_readings, compute_rnea, nominal, plant_with
 from gimbal_pin.effects import Delay, parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Imu, Platform, profile_s
@@ -108,7 +108,7 @@ def test_the_cameras_rate_and_its_acceleration(name: str) -> None:
     view = sight.view(q)
     np.testing.assert_allclose(sight.rate(q, v, w)[sight.rows], (view.R.T @ w)[sight.rows] + view.J @ v, atol=1e-12)
     base, links = Platform(np.zeros(1), np.zeros((1, 3)), w[None], dw[None]), gyros_between(rig)
-    told = readings(rig, [rig.camera_frame, *links], q[None], v[None], np.zeros((1, rig.n)), base)
+    told = compute_imu_readings(rig, [rig.camera_frame, *links], q[None], v[None], np.zeros((1, rig.n)), base)
     gyros = [np.asarray(told[link].gyro)[0] for link in (rig.camera_frame, *links)]
     np.testing.assert_allclose(np.concatenate(gyros), sight.rates(q, v, w), atol=1e-12)
     assert len(links) == (0 if name == "turret" else 1)
@@ -370,7 +370,7 @@ def test_without_error_the_law_is_the_models_inverse() -> None:
     base = Platform(np.zeros(1), f[None], w[None], dw[None])
     np.testing.assert_allclose(tau, model.inverse(q[None], v[None], a[None], platform=base)[0], atol=1e-9)
     bare, _ = replace(law, terms=False).torque(0.0, q, v, aim, law.start())
-    np.testing.assert_allclose(bare, rnea(model.rig, q[None], v[None], a[None], base)[0], atol=1e-12)
+    np.testing.assert_allclose(bare, compute_rnea(model.rig, q[None], v[None], a[None], base)[0], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["computed-torque", "pid"])
@@ -393,7 +393,7 @@ def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
     """What is cut off one sample is given in the next: the mean stays, but for what is forgotten within a sample."""
     model, zero = nominal(rig_of("handheld")), np.zeros(3)
     limit, law = float(model.tau_max[0]), CarriedTorque(nominal(rig_of("handheld")), (PID,) * 3, DT, terms=False)
-    weight = float(rnea(model.rig, zero[None], zero[None], np.eye(3)[:1])[0, 0])
+    weight = float(compute_rnea(model.rig, zero[None], zero[None], np.eye(3)[:1])[0, 0])
     memory, given_by_yaw = law.start(), []
     for part in [1.2, 0.6] * 20:
         a = np.array([part * limit / weight, 0.0, 0.0])
@@ -450,10 +450,10 @@ def test_the_observer_finds_a_constant_disturbance() -> None:
 
 
 def test_a_model_that_knows_nothing_is_not_trusted() -> None:
-    from gimbal_pin.dynamics import reduce
+    from gimbal_pin.dynamics import reduce_parameters
 
     rig = rig_of("turret")
-    names = (*reduce(rig, base="rotating").base_names, *(f"f{k}" for k in range(4)))
+    names = (*reduce_parameters(rig, base="rotating").base_names, *(f"f{k}" for k in range(4)))
     ground = profile_s(0.01 * np.arange(200), np.random.default_rng(0))
 
     def known(size: float) -> Model:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.control import Experiment, StepMetrics, Tracking, bench_run
-from gimbal_pin.dynamics import Model, columns, nominal, reduce
+from gimbal_pin.dynamics import Model, name_columns, nominal, reduce_parameters
 from gimbal_pin.identification import identify
 from gimbal_pin.log import Log, Platform, profile_s
 from gimbal_pin.pointing import (
@@ -94,7 +94,11 @@ def test_a_shaken_log_shows_what_a_base_at_rest_hides(shaken: tuple[Rig, Model, 
     """
     rig, plant, log = shaken
     model = identify(rig, [log], holdout="none").model
-    shows, fixed, (_, places) = reduce(rig, base="rotating"), reduce(rig, base="fixed").mixing, columns(rig)
+    shows, fixed, (_, places) = (
+        reduce_parameters(rig, base="rotating"),
+        reduce_parameters(rig, base="fixed").mixing,
+        name_columns(rig),
+    )
     true, found = shows.mixing @ plant.rig.phi[places], shows.mixing @ model.rig.phi[places]
     seen = np.linalg.pinv(fixed) @ fixed
     new = [k for k, row in enumerate(shows.mixing) if np.linalg.norm(row - row @ seen) > 1e-6]

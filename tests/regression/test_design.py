@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics import friction_effects, nominal, reduce
+from gimbal_pin.dynamics import build_friction_effects, nominal, reduce_parameters
 from gimbal_pin.log import Log, signals
 from gimbal_pin.regression import (
     Design,
@@ -41,7 +41,7 @@ def test_effects_on_joints_that_stick_are_masked_and_the_equation_stays_exact(tu
     tau = model.inverse(motion.q, motion.v, motion.a)
     smooth = signals.zero_phase(tau, signals.lowpass(EXACT.cutoff * EXACT.smoothing, 1000.0))
     channels = Samples(motion.t, motion.q, motion.v, motion.a, smooth, motion.v, np.full(turret.n, 0.02))
-    rows = Design(turret, reduce(turret), friction_effects(turret.joints), (), EXACT)
+    rows = Design(turret, reduce_parameters(turret), build_friction_effects(turret.joints), (), EXACT)
     made = rows.build_block(channels, slice(350, -350, 50), 1000.0)
     assert made.share.min() < 0.5 < made.share.max()
     assert np.abs(made.A @ true_theta(turret) - made.b).max() < 1e-8
@@ -59,7 +59,7 @@ def test_the_mask_is_zero_at_standstill_and_one_far_away(width: int, taper: int)
 def test_trajectories_are_never_joined(turret: Rig) -> None:
     """Rows of two logs are the rows of each, whatever the jump between them."""
     logs = tuple(prescribed(nominal(turret), seed=seed, seconds=6.0) for seed in (1, 2))
-    make = Design(turret, reduce(turret), friction_effects(turret.joints), logs, EXACT)
+    make = Design(turret, reduce_parameters(turret), build_friction_effects(turret.joints), logs, EXACT)
     both = compute_blocks(make)
     apart = [part for log in logs for part in compute_blocks(replace(make, logs=(log,)))]
     assert len(both) == len(apart)
@@ -67,7 +67,7 @@ def test_trajectories_are_never_joined(turret: Rig) -> None:
 
 
 def test_chunks_do_not_show(turret: Rig, clean: Log, monkeypatch: pytest.MonkeyPatch) -> None:
-    make = Design(turret, reduce(turret), friction_effects(turret.joints), (clean,), EXACT)
+    make = Design(turret, reduce_parameters(turret), build_friction_effects(turret.joints), (clean,), EXACT)
     whole = np.concatenate([part.A for part in compute_blocks(make)])
     monkeypatch.setattr("gimbal_pin.regression.design.CHUNK_SAMPLES", 1777)
     cut = np.concatenate([part.A for part in compute_blocks(make)])
@@ -81,7 +81,9 @@ def test_decimation_does_not_show(name: str, monkeypatch: pytest.MonkeyPatch) ->
     rig = Rig.load(name)
     log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.02)
     noise = 1e-5 * np.random.default_rng(0).standard_normal(log.q.shape)
-    rows = Design(rig, reduce(rig), friction_effects(rig.joints), (replace(log, q=log.q + noise),), Filtering())
+    rows = Design(
+        rig, reduce_parameters(rig), build_friction_effects(rig.joints), (replace(log, q=log.q + noise),), Filtering()
+    )
     thin = list(rows)
     monkeypatch.setattr("gimbal_pin.regression.design.compute_decimation", lambda *_: 1)
     full = list(rows)

@@ -332,9 +332,9 @@ def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk
 
 def nominal_beta(walk: Walk) -> np.ndarray:
     """Return the base parameters of the rig's URDF."""
-    from gimbal_pin.dynamics import columns
+    from gimbal_pin.dynamics import name_columns
 
-    return walk.found.reduction.mixing @ walk.rig.phi[columns(walk.rig)[1]]
+    return walk.found.reduction.mixing @ walk.rig.phi[name_columns(walk.rig)[1]]
 
 
 def test_a_regrouping_breaks_between_its_terms() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.control import perturbed
-from gimbal_pin.dynamics import reduce
+from gimbal_pin.dynamics import reduce_parameters
 from gimbal_pin.errors import ModelError
 from gimbal_pin.regression import find_nearest_bodies, map_phi_to_base
 from gimbal_pin.rig import Rig, bundled_rigs, is_physical, thicken_flat_body, to_pinocchio, to_urdf, urdf
@@ -46,7 +46,7 @@ def test_a_flat_plate_is_thickened_and_nonsense_refused() -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_what_is_physical_stays(name: str) -> None:
     """The true base parameters of another physical rig are reached to a billionth of their deviations."""
-    rig, mixing = Rig.load(name), map_phi_to_base(Rig.load(name), reduce(Rig.load(name)))
+    rig, mixing = Rig.load(name), map_phi_to_base(Rig.load(name), reduce_parameters(Rig.load(name)))
     other = perturbed(rig, 0.1, np.random.default_rng(1)).rig.phi
     beta = mixing @ other
     found = find_nearest_bodies(rig.phi, mixing, beta, np.diag((1e-3 * np.abs(beta) + 1e-6) ** 2))

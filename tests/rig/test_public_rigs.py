@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from gimbal_pin.dynamics import base, check, reduce, rnea, samples
+from gimbal_pin.dynamics import check, compute_base, compute_rnea, reduce_parameters, spread_states
 from gimbal_pin.regression import map_phi_to_base
 from gimbal_pin.rig import Rig, urdf
 from tests.mujoco_peer import rigid_bodies, torque
@@ -112,21 +112,21 @@ INERTIAL = {"px4": 15, "handheld": 15, "ardupilot": 17, "panda": 43}
 def test_public_rigs_are_sound_and_known(name: str) -> None:
     own = rig(name)
     assert own.notes == ()
-    assert check(own).identifiable == len(base(own).terms) == INERTIAL[name] + 2 * own.n
+    assert check(own).identifiable == len(compute_base(own).terms) == INERTIAL[name] + 2 * own.n
     q, v, a = states(own.n, 1)
     peer = rigid_bodies(urdf.parse(own.urdf, name))
-    ours = rnea(own, q, v, a)
+    ours = compute_rnea(own, q, v, a)
     np.testing.assert_allclose(ours, torque(peer, own.joints, q, v, a), rtol=0, atol=1e-12 * np.abs(ours).max())
 
 
 @pytest.mark.parametrize("name", INERTIAL)
 def test_other_bodies_with_the_same_base_parameters_ask_for_the_same_torques(name: str) -> None:
     own = rig(name)
-    mixing = map_phi_to_base(own, reduce(own))
+    mixing = map_phi_to_base(own, reduce_parameters(own))
     null = np.linalg.svd(mixing)[2][np.linalg.matrix_rank(mixing) :]
     phi = own.phi + null.T @ np.random.default_rng(2).normal(size=len(null)) * np.abs(own.phi).max()
-    q, v, a = samples(own, 50)
-    ours, other = rnea(own, q, v, a), rnea(own.with_phi(phi), q, v, a)
+    q, v, a = spread_states(own, 50)
+    ours, other = compute_rnea(own, q, v, a), compute_rnea(own.with_phi(phi), q, v, a)
     np.testing.assert_allclose(other, ours, rtol=0, atol=1e-9 * np.abs(ours).max())
 
 

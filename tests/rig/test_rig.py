@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 
-from gimbal_pin.dynamics import rnea
+from gimbal_pin.dynamics import compute_rnea
 from gimbal_pin.errors import RigError
 from gimbal_pin.rig import (
     Limits,
@@ -129,7 +129,7 @@ def test_the_motors_hold_the_payload_anywhere(name: str, payload: str) -> None:
     rig = bundled(name, payload)
     low, high = (np.array([getattr(limit, end) for limit in rig.limits]) for end in ("lower", "upper"))
     q = low + np.random.default_rng(1).uniform(size=(200, rig.n)) * (high - low)
-    holding = np.abs(rnea(rig, q, 0 * q, 0 * q)).max(axis=0)
+    holding = np.abs(compute_rnea(rig, q, 0 * q, 0 * q)).max(axis=0)
     assert (holding + rig.friction[:, 0] < rig.tau_max).all()
 
 
@@ -190,7 +190,7 @@ def test_continuous_joints_keep_one_angle_without_bounds(tmp_path: Path, limit: 
     assert 'type="continuous"' in rig.urdf
     q, v, a = np.random.default_rng(2).normal(size=(3, 10, 2))
     turned = q + 2 * pi * np.array([40, 0])
-    np.testing.assert_allclose(rnea(rig, turned, v, a), rnea(plain, q, v, a), atol=1e-11)
+    np.testing.assert_allclose(compute_rnea(rig, turned, v, a), compute_rnea(plain, q, v, a), atol=1e-11)
 
 
 BAD_URDF = {
@@ -461,7 +461,7 @@ INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 
 
 def torques(rig: Rig) -> np.ndarray:
-    return rnea(rig, *np.random.default_rng(3).normal(size=(3, 20, rig.n)))
+    return compute_rnea(rig, *np.random.default_rng(3).normal(size=(3, 20, rig.n)))
 
 
 def stated(text: str) -> np.ndarray:
@@ -541,7 +541,9 @@ def test_a_joint_that_mimics_is_held_at_its_offset(tmp_path: Path, kind: str) ->
         Rig.load(write(tmp_path, mimics.replace("<mimic", "<x"), "free.urdf")),
     )
     q, v, a = (np.random.default_rng(4).normal(size=(10, 2)) * [1, 0] + [0, c] for c in (0.3, 0, 0))
-    np.testing.assert_allclose(rnea(rig, q[:, :1], v[:, :1], a[:, :1])[:, 0], rnea(free, q, v, a)[:, 0], atol=1e-12)
+    np.testing.assert_allclose(
+        compute_rnea(rig, q[:, :1], v[:, :1], a[:, :1])[:, 0], compute_rnea(free, q, v, a)[:, 0], atol=1e-12
+    )
     assert rig.joints == ("yaw",) and "mimics" in rig.notes[0] and "tilt (yaw)" in rig.notes[0]
 
 
@@ -585,7 +587,7 @@ def test_a_broken_urdf_is_refused_or_is_a_rig_that_can_move(tmp_path: Path, text
         assert str(path) in str(error) and "\n" not in str(error)
         return
     q, v, a = np.random.default_rng(0).normal(size=(3, 5, rig.n))
-    assert np.isfinite(rnea(rig, q, v, a)).all()
+    assert np.isfinite(compute_rnea(rig, q, v, a)).all()
     inertia = pin.crba(rig.model, rig.model.createData(), q[0])
     assert np.linalg.eigvalsh(inertia, UPLO="U").min() > 0
     for body in rig.model.inertias[1:]:

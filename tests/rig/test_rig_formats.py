@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics import nominal, rnea
+from gimbal_pin.dynamics import compute_rnea, nominal
 from gimbal_pin.errors import GimbalPinError, RigError
 from gimbal_pin.log import Array
 from gimbal_pin.rig import GRAVITY, Rig
@@ -165,7 +165,7 @@ def torques(rig: Rig, seed: int = 0) -> Array:
     """RNEA with the joints in alphabetical order, (20, n): formats list them in orders of their own."""
     order = [sorted(rig.joints).index(joint) for joint in rig.joints]
     q, v, a = (x[:, order] for x in np.random.default_rng(seed).normal(size=(3, 20, rig.n)))
-    return rnea(rig, q, v, a)[:, np.argsort(order)]
+    return compute_rnea(rig, q, v, a)[:, np.argsort(order)]
 
 
 def written(folder: Path, name: str, text: str) -> Path:
@@ -258,7 +258,7 @@ def test_what_mujoco_knows_of_motors_and_sensors_is_the_rigs() -> None:
         np.testing.assert_allclose(eye.rotation[:, 2], other.cam("eye").xmat.reshape(3, 3)[:, 1], atol=1e-12)
         np.testing.assert_allclose(gyro.translation, other.site("gyro").xpos, atol=1e-12)
     row = [np.array([[x]]) for x in (0.1, 0.7, 1.3)]
-    assert nominal(rig).inverse(*row) - rnea(rig, *row) == pytest.approx(0.2 + 0.3 * 0.7 + 0.02 * 1.3)
+    assert nominal(rig).inverse(*row) - compute_rnea(rig, *row) == pytest.approx(0.2 + 0.3 * 0.7 + 0.02 * 1.3)
 
 
 RIG = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
@@ -285,7 +285,7 @@ def test_gears_and_rotors_come_from_transmissions_and_the_yaml_beats_them(tmp_pa
     assert (motor.gear_ratio, motor.rotor_inertia, motor.encoder_bits) == (50, 1e-4, 12)
     q, v, a = np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1))
     rig = Rig.load(path)
-    assert nominal(rig).inverse(q, v, a) - rnea(rig, q, v, a) == pytest.approx(0.25)
+    assert nominal(rig).inverse(q, v, a) - compute_rnea(rig, q, v, a) == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize("axis", ["x", "-x", "y", "-y", "z", "-z"])
@@ -313,7 +313,7 @@ def test_a_joint_that_the_yaml_fixes_is_none(tmp_path: Path) -> None:
     every = [np.tile([at.get(joint, 0.0) * (k == 0) for joint in full.joints], (8, 1)) for k in range(3)]
     for values, own in zip(every, draw):
         values[:, kept] = own
-    np.testing.assert_allclose(rnea(rig, *draw), rnea(full, *every)[:, kept], atol=1e-12)
+    np.testing.assert_allclose(compute_rnea(rig, *draw), compute_rnea(full, *every)[:, kept], atol=1e-12)
     written(tmp_path, "r.yaml", "fixed: {j9: 0}")
     with pytest.raises(RigError, match="j9"):
         Rig.load(path)

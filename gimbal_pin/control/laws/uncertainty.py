@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.dynamics.model import Estimated, Model
-from gimbal_pin.dynamics.reduction import reduce
-from gimbal_pin.dynamics.regressor import regressor, rnea
+from gimbal_pin.dynamics.reduction import reduce_parameters
+from gimbal_pin.dynamics.regressor import compute_regressor, compute_rnea
 from gimbal_pin.effects import Sample
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import BASE_MOTIONS, Platform
@@ -143,7 +143,7 @@ def pushes(model: Model, places: Array, q: Array, v: Array) -> Array:
 def columns(model: Model, places: Array, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
     """Torque per unit of each estimated parameter, (N, n, k): base columns, then the terms' own bases."""
     rig = model.rig
-    tau, parts = rnea(rig, q, v, a, platform), [regressor(rig, q, v, a, platform)[:, :, places]]
+    tau, parts = compute_rnea(rig, q, v, a, platform), [compute_regressor(rig, q, v, a, platform)[:, :, places]]
     weight = model.weight(q, platform)
     for term in model.terms:
         j = rig.joint_index(term.effect.joint)
@@ -166,7 +166,7 @@ def estimate(model: Model) -> tuple[Estimated, Array] | None:
         return None
     width = len(known.names) - sum(len(term.values) for term in model.terms)
     for diagonal, base in itertools.product((False, True), BASE_MOTIONS):
-        reduction = reduce(model.rig, diagonal, base)
+        reduction = reduce_parameters(model.rig, diagonal, base)
         if reduction.base_names == tuple(known.names[:width]):
             return known, find_base_columns(model.rig, reduction)
     return None

@@ -24,7 +24,7 @@ from gimbal_pin.diagnosis.shapes import free, same, shape_names
 from gimbal_pin.diagnosis.state import Problem, State, acted, consistent, solved, width
 from gimbal_pin.diagnosis.uncertainty import tangent
 from gimbal_pin.effects import Cause, Effect, Signal
-from gimbal_pin.effects.signal import Borne
+from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
 
@@ -83,7 +83,7 @@ def passes(state: State, signal: Signal) -> list[Array]:
     of the noise comes through the acceleration passes what is `felt` of the joint's own inertia.
     """
     evidence, joint = state.problem.evidence, state.problem.evidence.rig.joint_index(signal.joint)
-    bearing: Sequence[Borne | None] = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
+    bearing: Sequence[JointLoad | None] = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
     shares: list[Array] = []
     for part, left, borne in zip(evidence.parts, state.unexplained, bearing):
         torque, noise = part.channels.tau[:, joint], flattened(part, left[:, joint], joint)

@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import Library, kept, library
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.dynamics.reduction import Reduction
-from gimbal_pin.dynamics.threads import one_thread
+from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
@@ -84,7 +84,7 @@ class Explained:
         return self.rivals[[kept(one) for one in self.state.causes].index(kept(cause))]
 
 
-@one_thread()
+@limit_to_one_thread()
 def explain(
     evidence: Evidence, reduction: Reduction, causes: Mapping[str, type[Cause]], timed: bool = True
 ) -> Explained:
