@@ -299,10 +299,11 @@ def take_increments(t: Array, values: Array, integrated: bool = False) -> Array:
 def find_ratio(moved: Array, sums: Array) -> tuple[float, float]:
     """Return the correlation of an angle's increments with its rate's, (M,), and k of ``x = k ∫ v dt``; else zeros.
 
-    They are an angle and its rate from a correlation of 0.9 on; in the measured logs of the tests it is over 0.97.
+    They are an angle and its rate from a correlation of 0.9 on; in the measured logs of the tests it is over 0.97. One
+    jump, as where a device begins anew, may make it alone: most increments have to agree in its sign.
     """
     size, other, both = float(moved @ moved), float(sums @ sums), float(moved @ sums)
-    if not abs(both) > 0.9 * (size * other) ** 0.5:
+    if not abs(both) > 0.9 * (size * other) ** 0.5 or both * np.sum(np.sign(moved * sums)) <= 0:
         return 0.0, 0.0
     return abs(both) / (size * other) ** 0.5, float(np.sign(both)) * (size / other) ** 0.5
 
