@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -46,10 +47,10 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 320,
-    "percent of functions that are one word": 50,
-    "upper-case constants": 1006,
-    "distinct deep names imported by the tests": 150,
+    "names at the top of more than one module": 293,
+    "percent of functions that are one word": 45,
+    "upper-case constants": 999,
+    "distinct deep names imported by the tests": 145,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 
@@ -144,6 +145,20 @@ def test_the_rules_are_about_files_that_exist() -> None:
     for folder, names in SHARED.items():
         assert all((PACKAGE / folder / f"{name}.py").is_file() for name in names)
     assert concrete(["Stribeck"]) and concrete(["payload_shift", "PayloadShift"]) and not concrete(["Effect"])
+
+
+def test_studies_import_what_the_package_has() -> None:
+    """No test runs most of them: a name that was moved or renamed shows here."""
+    scripts = [
+        path for path in (PACKAGE.parent / "scripts").rglob("*") if path.is_file() and path.suffix in ("", ".py")
+    ]
+    for path in scripts:
+        text = path.read_text(encoding="utf-8")
+        if path.suffix == ".py" or text.startswith("#!/usr/bin/env python"):
+            for node in ast.walk(ast.parse(text)):
+                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gimbal_pin"):
+                    found = importlib.import_module(str(node.module))
+                    assert all(hasattr(found, alias.name) for alias in node.names), (path, ast.unparse(node))
 
 
 def test_loading_the_command_line_and_a_rig_loads_nothing_heavy() -> None:

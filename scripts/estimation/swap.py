@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gimbal_pin.online import Online
 
 from estimation.jobs import CORES, results
 from gimbal_pin.control.experiment import bench_run
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.identification import given_beta
+from gimbal_pin.identification import Online, given_beta
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
 from gimbal_pin.rig.rig import Rig
@@ -57,10 +56,10 @@ def one(seed: int) -> dict[str, Any]:
     events = {what: [e.t - at - pause for e in memory.events if e.what == what] for what in ("changed", "known")}
     early = sum(t <= 0 for t in events["changed"]) + max(0, len(events["changed"]) - 1)
     rig = Rig.load(name, second)
-    truth = np.concatenate([given_beta(rig, online.rows.reduction), rig.friction.ravel()])
-    old = given_beta(Rig.load(name, first), online.rows.reduction)
+    truth = np.concatenate([given_beta(rig, online.design.reduction), rig.friction.ravel()])
+    old = given_beta(Rig.load(name, first), online.design.reduction)
     known = bool(events["known"]) and events["known"][-1] > 0
-    away = float(np.linalg.norm(online.estimate(memory).estimate.theta - truth)) if known else float("inf")
+    away = float(np.linalg.norm(online.estimate(memory).theta - truth)) if known else float("inf")
     change = float(np.linalg.norm(old - truth[: len(old)]))
     told = events["changed"][0] if events["changed"] else float("inf")
     return {"told": told, "false": early, "known": events["known"][-1] if known else float("inf"), "off": away / change}
