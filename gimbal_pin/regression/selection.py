@@ -38,6 +38,8 @@ class Group:
         log_odds: Logarithm of the prior odds that the group is in.
         variances: Prior variances v of its coefficients, equally likely each.
         mean: Prior mean m of its coefficients.
+        family: Of which kind it is one of several, such as one harmonic of a motor's cogging; None: it stands alone.
+        log_odds_beside: The odds where a group of its family is in already; None: the same.
     """
 
     key: Hashable
@@ -45,6 +47,8 @@ class Group:
     log_odds: float
     variances: tuple[float, ...]
     mean: float = 0.0
+    family: Hashable = None
+    log_odds_beside: float | None = None
 
 
 class ChosenSet(NamedTuple):
@@ -54,6 +58,7 @@ class ChosenSet(NamedTuple):
         groups: Their places in the sequence of groups, ascending.
         variances: The prior variance of each that explains most.
         log_posterior: Logarithm of evidence times prior, less that of the empty set.
+        log_prior: Logarithm of its prior, less that of the empty set.
         log_share: Logarithm of how much of the evidence, averaged over a group's variances beside the groups that were
             in before it, is that of its best variance; the sum over the groups.
     """
@@ -61,6 +66,7 @@ class ChosenSet(NamedTuple):
     groups: tuple[int, ...]
     variances: tuple[float, ...]
     log_posterior: float
+    log_prior: float
     log_share: float
 
 
@@ -216,21 +222,26 @@ def select_groups(
         negligible: Log odds under the best set's at which a set is not extended, and no further one looked at.
     """
     batches, odds = _batch_groups(X, groups), np.array([group.log_odds for group in groups])
-    visited: dict[tuple[int, ...], ChosenSet] = {(): ChosenSet((), (), 0.0, 0.0)}
+    beside = np.array([g.log_odds if g.log_odds_beside is None else g.log_odds_beside for g in groups])
+    families = list(dict.fromkeys(g.family for g in groups if g.family is not None))
+    kinds = np.array([-1 - k if g.family is None else families.index(g.family) for k, g in enumerate(groups)])
+    visited: dict[tuple[int, ...], ChosenSet] = {(): ChosenSet((), (), 0.0, 0.0, 0.0)}
     front = list(visited.values())
     for _ in range(largest):
         found: dict[tuple[int, ...], ChosenSet] = {}
         for chosen in front:
             evidence, gains, variances, share = _score_extensions(X, y, groups, batches, chosen)
             taken = {groups[g].key for g in chosen.groups}
-            posterior = evidence + chosen.log_share + odds[list(chosen.groups)].sum() + odds + gains
+            prior = chosen.log_prior + np.where(np.isin(kinds, kinds[list(chosen.groups)]), beside, odds)
+            posterior = evidence + chosen.log_share + prior + gains
             for g in np.flatnonzero(posterior > posterior.max() - negligible).tolist():
                 if groups[g].key in taken:
                     continue
                 pairs = sorted(zip((*chosen.groups, g), (*chosen.variances, float(variances[g]))))
                 members, used = (tuple(x) for x in zip(*pairs))
                 if members not in found or posterior[g] > found[members].log_posterior:
-                    found[members] = ChosenSet(members, used, float(posterior[g]), chosen.log_share + float(share[g]))
+                    share_of = chosen.log_share + float(share[g])
+                    found[members] = ChosenSet(members, used, float(posterior[g]), float(prior[g]), share_of)
         visited |= found
         most = max(one.log_posterior for one in visited.values())
         front = sorted(found.values(), key=lambda one: -one.log_posterior)[:beam]

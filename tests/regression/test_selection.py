@@ -153,3 +153,17 @@ def test_a_set_holds_one_group_of_a_key() -> None:
     found = select_groups(X, y, groups)
     assert all(len(found.keys(one)) == len(one.groups) for one in found.sets)
     assert found.compute_inclusion()["a"] > 0.99
+
+
+def test_a_further_group_of_a_family_pays_the_lesser_price() -> None:
+    X, groups, rng = draw(9)
+    y = rng.normal(size=ROWS)
+    alone = tuple(replace(g, variances=g.variances[:1]) for g in groups)
+    related = (alone[0], *(replace(g, family="kin", log_odds_beside=-0.5) for g in alone[1:]))
+    plain, kin = (
+        {one.groups: one.log_posterior for one in select_groups(X, y, each, beam=99, negligible=np.inf).sets}
+        for each in (alone, related)
+    )
+    for members, value in plain.items():
+        further = max(sum(g > 0 for g in members) - 1, 0)
+        assert kin[members] == pytest.approx(value + 1.5 * further, abs=1e-8)
