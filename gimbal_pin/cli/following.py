@@ -113,14 +113,14 @@ def followed(online: Online, log: str, mapping: Sequence[str], wish: Following, 
 
 def concluded(found: Identified, json: Path | None) -> None:
     """Say what was learned: the last line of JSON where every second had one, else as for a log that is whole."""
-    from gimbal_pin.diagnosis.given import compared, reported
+    from gimbal_pin.identification import compare_payload, report_with_payload
     from gimbal_pin.log.io.files import to_json
 
-    apart = compared(found)
+    apart = compare_payload(found)
     if by_line(json):
-        say(to_json({**reported(found, apart), "kind": "result"}, None)[:-1])
+        say(to_json({**report_with_payload(found, apart), "kind": "result"}, None)[:-1])
     else:
-        present(text.identified(found, apart), reported(found, apart), json)
+        present(text.identified(found, apart), report_with_payload(found, apart), json)
 
 
 def by_line(json: Path | None) -> bool:

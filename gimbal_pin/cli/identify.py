@@ -94,8 +94,7 @@ def identify(
     json: Json = None,
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once."""
-    from gimbal_pin.diagnosis.given import compared, reported
-    from gimbal_pin.identification import refittable_effects
+    from gimbal_pin.identification import compare_payload, refittable_effects, report_with_payload
     from gimbal_pin.identification.model_file import read_model
     from gimbal_pin.regression import TRUST, Filtering
 
@@ -129,8 +128,8 @@ def identify(
     causes = () if extended is None else refittable_effects(read_model(extended, loaded))
     found = identified(loaded, read, fit, bias, refit, trusted, causes)
     write(found, output, urdf)
-    apart = compared(found)
-    present(text.identified(found, apart), reported(found, apart), json)
+    apart = compare_payload(found)
+    present(text.identified(found, apart), report_with_payload(found, apart), json)
 
 
 def identified(

@@ -1,6 +1,5 @@
 from .band import BAND as BAND
 from .band import usual as usual
-from .bodies import Bodies as Bodies
 from .diagnose import diagnose as diagnose
 from .engine import Explained as Explained
 from .engine import explain as explain
@@ -13,9 +12,9 @@ from .fit import fit as fit
 from .gain import describe_motion as describe_motion
 from .gain import heat as heat
 from .gain import torque_rmse as torque_rmse
-from .given import Difference as Difference
-from .given import Given as Given
-from .given import compared as compared
+from .given_causes import GivenResponse as GivenResponse
+from .given_causes import find_given_causes as find_given_causes
+from .given_model import compute_difference as compute_difference
 from .next_experiment import next_experiment as next_experiment
 from .next_experiment import planned as planned
 from .parting import NextExperiment as NextExperiment

@@ -14,14 +14,13 @@ import numpy as np
 
 from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis.evidence import gather
-from gimbal_pin.diagnosis.given import outside
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, Flags
+from gimbal_pin.regression import Filtering, Flags, project_rows
 from gimbal_pin.rig.rig import Rig
 
 NAME = "logs-disagree"
@@ -125,7 +124,9 @@ def free(state: State) -> tuple[Array, Array]:
     """
     fit, width = state.fit, len(state.problem.reduction.independent)
     rubbing = slice(width, width + len(state.problem.friction))
-    columns = outside(fit.stack[:, rubbing], np.delete(fit.stack, rubbing, axis=1))
+    columns = project_rows(
+        np.delete(fit.stack, rubbing, axis=1), fit.stack[:, rubbing], np.empty((len(fit.stack), 0)), 0.0
+    )
     return columns, columns @ np.delete(fit.theta, rubbing)
 
 

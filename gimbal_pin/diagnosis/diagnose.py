@@ -17,12 +17,12 @@ from gimbal_pin.diagnosis.counterfactual import off_centre, ridden
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
+from gimbal_pin.diagnosis.given_model import compare_given_model
 from gimbal_pin.diagnosis.limit_cycle import swung
 from gimbal_pin.diagnosis.reported import beside, hold, reported, spoilt, with_motion
 from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.reversals import opened
 from gimbal_pin.diagnosis.state import Problem, solved
-from gimbal_pin.diagnosis.trusted import compared
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES, Cause
@@ -170,7 +170,7 @@ def searched(
     said = said if moving is None else with_motion(said, moving)
     encoders = {one.log.name: one.encoders for one in checked}
     said = beside(said, off_centre(found.final, held, train, test, filtering, encoders))
-    return compared(said, found.final, causes)
+    return compare_given_model(said, found.final, causes)
 
 
 def of_refitted(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:

@@ -11,7 +11,6 @@ from gimbal_pin.checks import Alteration, Fault, list_alterations
 from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
-from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.state import State
@@ -19,6 +18,7 @@ from gimbal_pin.dynamics.model import Doubt, Model
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
+from gimbal_pin.identification import PayloadDiscrepancy
 from gimbal_pin.log.log import Motion
 from gimbal_pin.rig.brief import brief
 
@@ -228,7 +228,7 @@ class Diagnosis:
     before: Extended
     after: Extended
     held: Evidence | None = None
-    given: Given | None = None
+    given: PayloadDiscrepancy | None = None
     state: State | None = None
     planned: NextExperiment | None = None
     tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)

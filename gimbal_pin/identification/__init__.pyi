@@ -26,6 +26,11 @@ from .model_file import write_extended as write_extended
 from .model_file import write_model as write_model
 from .output_error import fit_idim as fit_idim
 from .output_error import fit_output_error as fit_output_error
+from .payload import BaseDifference as BaseDifference
+from .payload import PayloadDiscrepancy as PayloadDiscrepancy
+from .payload import compare_payload as compare_payload
+from .payload import explain_by_payload as explain_by_payload
+from .payload import report_with_payload as report_with_payload
 from .payloads import Several as Several
 from .payloads import identify_new as identify_new
 from .payloads import identify_several as identify_several

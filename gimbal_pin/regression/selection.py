@@ -120,7 +120,7 @@ def project_rows(rows: Array, free: Array, background: Array, size: float) -> Ar
     known[len(rows) :, free.shape[1] :] = np.eye(z)
     scale = np.linalg.norm(known, axis=0)
     left, values, _ = np.linalg.svd(known / np.where(scale > 0, scale, 1.0), full_matrices=False)
-    Q = left[:, values > 1e-10 * values[0]]
+    Q = left[:, values > 1e-10 * values.max(initial=0.0)]
     padded = np.concatenate([rows, np.zeros((z, rows.shape[1]))])
     return np.asarray(padded - Q @ (Q.T @ padded))
 

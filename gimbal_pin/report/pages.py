@@ -12,8 +12,7 @@ from tqdm import tqdm
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.diagnosis import Diagnosis
-from gimbal_pin.diagnosis.given import compared
-from gimbal_pin.identification import Identified
+from gimbal_pin.identification import Identified, compare_payload
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.outlook import outlook, shown
@@ -76,7 +75,7 @@ def full(
         *([] if wrong is None else [partial(diagnosis, wrong)]),
         *([partial(Section, WRONG, paragraph(NOT_DIAGNOSED.format(undiagnosed)))] if undiagnosed else []),
         lambda: animation(recording, STEPS.format(controller_name(law))),
-        lambda: parameters(found, evaluated, compared(found) if wrong is None else wrong.given),
+        lambda: parameters(found, evaluated, compare_payload(found) if wrong is None else wrong.given),
         lambda: torque(found, evaluated),
         lambda: margins(*tunings.values()),
         lambda: tracking(result, rig, plant),

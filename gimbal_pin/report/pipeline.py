@@ -17,13 +17,19 @@ from gimbal_pin.control.tracking import Tracking, tour, track
 from gimbal_pin.control.tuning import Tuning, tune
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
-from gimbal_pin.diagnosis.given import Given, compared, reported
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import plant_with, simulate
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.identification import Identified, identify, refittable_effects
+from gimbal_pin.identification import (
+    Identified,
+    PayloadDiscrepancy,
+    compare_payload,
+    identify,
+    refittable_effects,
+    report_with_payload,
+)
 from gimbal_pin.identification.model_file import write_extended, write_model
 from gimbal_pin.log.io import write_log, write_motion
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
@@ -107,9 +113,9 @@ class Auto:
         return next(iter(self.tunings.values()))
 
     @property
-    def apart(self) -> Given | None:
+    def apart(self) -> PayloadDiscrepancy | None:
         """What sets the payload apart from its URDF: the diagnosis's answer where there is one, for it knows more."""
-        return compared(self.identified) if self.diagnosis is None else self.diagnosis.given
+        return compare_payload(self.identified) if self.diagnosis is None else self.diagnosis.given
 
     @property
     def held_on(self) -> str:
@@ -120,7 +126,7 @@ class Auto:
         """Return the verbs' JSON side by side."""
         return {
             "schema": 1,
-            "identify": reported(self.identified, self.apart),
+            "identify": report_with_payload(self.identified, self.apart),
             "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
             "tune": self.tuning.to_dict(),
             "track": {**self.tracking.to_dict(), **({} if self.held is None else self.held.to_dict())},

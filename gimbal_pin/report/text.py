@@ -18,14 +18,13 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis
-    from gimbal_pin.diagnosis.given import Given
     from gimbal_pin.diagnosis.result import Finding
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
     from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.export import Exported
-    from gimbal_pin.identification import Identified, Progress
+    from gimbal_pin.identification import Identified, PayloadDiscrepancy, Progress
     from gimbal_pin.identification.bodies import Figure
     from gimbal_pin.identification.payloads import Several
     from gimbal_pin.log.io.inspection import Inspected
@@ -143,14 +142,16 @@ def inspected(found: Inspected, altered: Sequence[Alteration] = ()) -> str:
 # -- identification ----------------------------------------------------------------------------------------------------
 
 
-def identified(found: Identified, apart: Given | None = None) -> str:
+def identified(found: Identified, apart: PayloadDiscrepancy | None = None) -> str:
     """Parameters with uncertainty, accuracy, the payload's place and mass, and how to balance it."""
     from gimbal_pin.identification.balance import compute_balance
 
     aims = found.model.rig.aims
     # Advice from the parameters of neither rig would lead astray.
     balanced = (
-        compute_balance(found, *(() if apart is None else apart.weighs)) if aims and not found.is_of_two_rigs else None
+        compute_balance(found, *(() if apart is None else apart.found_mass))
+        if aims and not found.is_of_two_rigs
+        else None
     )
     against = (f"given model: {line}" for line in apart.lines) if apart is not None and aims else ()
     warned = (f"warning: {said}" for said in found.warnings)

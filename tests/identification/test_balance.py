@@ -9,11 +9,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import compared
 from gimbal_pin.dynamics import Model, compute_rnea, nominal
 from gimbal_pin.dynamics.checking import compute_gravity_load, spread_poses
 from gimbal_pin.effects import PayloadShift
-from gimbal_pin.identification import Balance, Identified, identify
+from gimbal_pin.identification import Balance, Identified, compare_payload, identify
 from gimbal_pin.identification.balance import compute_balance, report_with_balance
 from gimbal_pin.log import Array
 from gimbal_pin.regression import Filtering
@@ -102,7 +101,7 @@ def test_the_json_holds_millimetres_and_nothing_where_nothing_is_mounted() -> No
 def test_one_sentence_alone_says_how_to_slide_the_payload() -> None:
     """The comparison with the URDF says where it sits: to slide it there is another way than to balance it."""
     one = found("turret", (0.02, 0.0, 0.0))
-    said = text.identified(one, compared(one))
+    said = text.identified(one, compare_payload(one))
     assert re.search(r"given model: the payload sits 20\S* ± \S+ mm further forward", said)
     assert len(re.findall("slide", said)) == 1 and "to balance the payload, slide it" in said
 

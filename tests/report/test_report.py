@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from markupsafe import Markup
 
 from gimbal_pin.control import Tracking, Tuning, track, tune
-from gimbal_pin.diagnosis import compared, diagnose
+from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import Model, Sensors, check, nominal
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.identification import Identified, identify
+from gimbal_pin.identification import Identified, compare_payload, identify
 from gimbal_pin.log import Log, to_json
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import (
@@ -318,7 +318,7 @@ def test_the_rows_shown_are_the_rows_judged(holdout: str) -> None:
 
 
 def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:
-    section = parameters(walk.found, evaluate(walk.found, walk.logs), compared(walk.found))
+    section = parameters(walk.found, evaluate(walk.found, walk.logs), compare_payload(walk.found))
     rows = cells(section, "Base parameters") + cells(section, "Friction and other effects")
     theta, std = walk.found.estimate.theta, walk.found.estimate.std
     assert len(rows) == len(theta)
@@ -519,7 +519,7 @@ def test_no_cause_speaks_of_turns_where_a_joint_slides(cause: str) -> None:
 def test_a_rig_without_a_camera_hears_nothing_of_one(slid: Walk) -> None:
     """Nor of a payload and its balance; one that states a camera does."""
     assert not slid.rig.aims and Rig.load("turret").aims and Rig.load("turret", "none").aims
-    apart = compared(slid.found)
+    apart = compare_payload(slid.found)
     assert apart is not None and apart.lines
     head = summary(slid.rig, slid.found, None, slid.result, slid.logs)
     results = slid.rig, slid.logs, slid.found, slid.tunings, slid.result

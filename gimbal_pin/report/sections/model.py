@@ -9,9 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.diagnosis.given import Given
 from gimbal_pin.effects import Sample, Term
-from gimbal_pin.identification import Identified
+from gimbal_pin.identification import Identified, PayloadDiscrepancy
 from gimbal_pin.identification.balance import compute_balance
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
@@ -48,12 +47,12 @@ CLOUD = 900
 """Most dots in a cloud."""
 
 
-def parameters(found: Identified, evaluated: Evaluated, apart: Given | None) -> Section:
+def parameters(found: Identified, evaluated: Evaluated, apart: PayloadDiscrepancy | None) -> Section:
     """Return base parameters and friction with 95 % intervals, the torque that each moves, and the payload's place."""
     every, width = known(found, evaluated), len(found.reduction.independent)
     force, aims = forces(joints_of(found.model.rig)), found.model.rig.aims
     bound = None if found.bound is None else found.bound.tolist()
-    payload = compute_balance(found, *(() if apart is None else apart.weighs))
+    payload = compute_balance(found, *(() if apart is None else apart.found_mass))
     caption = (
         "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
         "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."

@@ -1,0 +1,196 @@
+"""The given model against the refitted one: sentences, and where the URDF is trusted, findings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.extended import Extended, extended, settled
+from gimbal_pin.diagnosis.gain import rollout_rmse, torque_rmse
+from gimbal_pin.diagnosis.given_causes import (
+    Form,
+    GivenCauses,
+    GivenResponse,
+    change_rig,
+    find_given_causes,
+)
+from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, overall
+from gimbal_pin.diagnosis.state import State
+from gimbal_pin.effects import Cause, RigEffect
+from gimbal_pin.identification import BaseDifference, explain_by_payload, given_beta
+from gimbal_pin.identification.payload import (
+    DEVIATIONS,
+    FALSE_ALARM,
+    IMPOSSIBLE,
+    LEAST_DIFFERENCE,
+    is_physical_inertia,
+)
+from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Flags, build_discrepancy_columns, fit_misfit, propagate_misfit
+
+_LEAST_CHANGE = 0.05
+"""Share of a joint's given inertia from which a difference is told: few URDFs are nearer."""
+
+_APART = 1.96
+"""Deviations from which the log parts two causes, 95 %."""
+
+
+def compute_difference(state: State) -> BaseDifference:
+    """``cov = H⁻¹ (Σ_blocks g gᵀ) H⁻¹ + Σ_joints R Rᵀ``, R what the fit misses there: see `propagate_misfit`."""
+    evidence, reduction, fit = state.problem.evidence, state.problem.reduction, state.fit
+    width, rig = len(reduction.independent), evidence.rig
+    scores = fit.by_block(fit.stack * fit.residual[:, None])
+    spread = fit.information @ (scores.T @ scores) @ fit.information * len(scores) / max(len(scores) - 1, 1)
+    change = fit.theta[:width] - given_beta(rig, reduction)
+    found = BaseDifference(rig, reduction, change, spread[:width, :width], fit.information[:width, :width])
+    return found.widen(np.hstack([_compute_misfit(state, j)[:width] for j in range(rig.n)]))
+
+
+def _compute_misfit(state: State, joint: int) -> Array:
+    """By how much what a fit misses at a joint may move its coefficients, (k, f): see `propagate_misfit`."""
+    evidence, fit, rows = state.problem.evidence, state.fit, state.fit.rows(joint)
+    parts = [part.channels for part in evidence.parts]
+    q, v = (np.concatenate([getattr(part, name)[:, joint] for part in parts]) for name in "qv")
+    ends = np.cumsum([len(part.q) for part in parts])[:-1]
+    X, A = evidence.whiten(np.split(build_discrepancy_columns(q, v), ends), joint), fit.stack[rows]
+    X /= max(float(np.sqrt(np.mean(X**2))), 1e-300)  # `fit_misfit` knows columns of about unit size, as cosines are
+    one = fit_misfit(A[:, A.any(axis=0)], X, fit.target[rows], float(evidence.used()[joint]) * len(X))
+    return propagate_misfit(fit.information, A, X, one)
+
+
+def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) -> Diagnosis:
+    """Add what sets the given model apart from the refitted one; as findings, if the rig's URDF is trusted.
+
+    Args:
+        found: The diagnosis so far.
+        state: The fit with all its findings in.
+        causes: The causes to look for.
+    """
+    difference = compute_difference(state)
+    hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
+    inertias = describe_inertias(difference, state.problem.inertia, hidden)
+    found = replace(found, given=explain_by_payload(difference), notes=(*found.notes, *inertias))
+    if difference.rig.config.inertia != "trusted" or found.held is None:
+        return found
+    case = _Case(state, GivenResponse(difference), find_given_causes(difference, causes), found.held)
+    share = {
+        form: _compute_torque_share(case, form) for form in case.found.best.values if _find_known(case, form).any()
+    }
+    more = [_describe_finding(case, form, size) for form, size in share.items() if size.max() > LEAST_DIFFERENCE]
+    less = [Slight(*form.place, float(size.max())) for form, size in share.items() if size.max() <= LEAST_DIFFERENCE]
+    every = tuple(sorted([*found.findings, *more], key=lambda one: -one.explained_share))
+    verdict = overall([one.status for one in every], list(found.residual.values()))
+    return replace(found, findings=every, verdict=verdict, immaterial=(*found.immaterial, *less))
+
+
+def describe_inertias(found: BaseDifference, rows: Array, hidden: Sequence[Untestable] = ()) -> tuple[str, ...]:
+    """``m_j = mean over poses of M_jj``, refitted over given: a sentence for each joint where that is not one.
+
+    Where a log cannot tell a motor's constant gain from the inertias that it moves, this is all that shows of it.
+
+    Args:
+        found: Refitted less given base parameters.
+        rows: Base parameters → each joint's mean inertia about its axis, (n, b): see `Problem.inertia`.
+        hidden: What the logs cannot show: what of it sits at the joint may be the reason.
+    """
+    before, out = given_beta(found.rig, found.reduction), []
+    for joint, row in zip(found.rig.joints, rows):
+        whole = float(row @ before)
+        change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
+        if not (abs(change) > _LEAST_CHANGE and 2 * norm.sf(abs(change) / std) < FALSE_ALARM):
+            continue
+        if not is_physical_inertia(whole * (1 + change)):
+            out.append(f"{joint}: the log does not determine the inertia about its axis; {IMPOSSIBLE}")
+            continue
+        less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
+        others = [one.cause for one in hidden if one.joint == joint]
+        instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
+        out.append(f"{joint}: the inertia about its axis is {less} than the URDF's{instead}")
+    return tuple(out)
+
+
+class _Case(NamedTuple):
+    """What a finding is described from: the fit to the training part, responses, causes, and the held-out part."""
+
+    state: State
+    response: GivenResponse
+    found: GivenCauses
+    held: Evidence
+
+
+def _find_known(case: _Case, form: Form) -> Flags:
+    """Which figures of a cause are known to two deviations, (p,)."""
+    best = case.found.best
+    return np.asarray(np.abs(best.values[form]) > DEVIATIONS * best.std[form])
+
+
+def _compute_torque_share(case: _Case, form: Form) -> Array:
+    """Torque that a cause makes, as a share of each joint's, rms, (n,)."""
+    problem = case.state.problem
+    change = case.response.compute([case.found.best.causes[form]])
+    torque, whole = (np.concatenate(x) for x in ([r @ change for r in problem.rigid_full], problem.evidence.torque))
+    return np.sqrt(np.mean(torque**2, axis=0) / np.maximum(np.mean(whole**2, axis=0), 1e-300))
+
+
+def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
+    """Describe one cause; before and after are the given URDF without and with it, all the rest as it was found."""
+    rig, causes = case.held.rig, case.found.best.causes
+    at = rig.joint_index(form.joint) if form.kind.of_joint else int(np.argmax(share))
+    rivals = _compare_rivals(case, form)
+    alike = (form.kind.name, *(one.cause for one in rivals if one.z < _APART or one.delta < case.found.odds))
+    errors = [
+        _build_stated_model(case, [x for one, x in causes.items() if one is not form]),
+        _build_stated_model(case, list(causes.values())),
+    ]
+    gain = {
+        f"{name}_{when}": float(figure(case.held, model)[at])
+        for name, figure in (("torque_rmse", torque_rmse), ("rollout_rmse", rollout_rmse))
+        for when, model in zip(("before", "after"), errors)
+    }
+    before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
+    told = form.build(np.where(_find_known(case, form), case.found.best.values[form], 0.0))
+    gained = f"held-out torque error of the given model {before:.3g} → {after:.3g} N m"
+    std = dict(zip((name for name, _ in form.start), case.found.best.std[form].tolist()))
+    return Finding(
+        cause=form.kind.name,
+        joint=form.place[1],
+        status="ambiguous" if len(alike) > 1 else "named",
+        alike=alike,
+        parameters=tuple(
+            replace(p, std=std.get(p.name, float("nan")), unit=rig.in_units(form.place[1], p.unit))
+            for p in causes[form].shown()
+        ),
+        gain=gain,
+        p_value=case.found.p_values[form],
+        selection_frequency=float(min((norm.cdf(rival.z) for rival in rivals), default=1.0)),
+        explained_share=1 - after**2 / max(before**2, 1e-300),
+        visible_fraction=1.0,
+        rivals=rivals,
+        sentence=f"{rig.in_units(form.place[1], told.told(rig))}; {rig.in_units(rig.joints[at], gained)}",
+        next_experiment=form.kind.experiment if len(alike) > 1 else None,
+    )
+
+
+def _compare_rivals(case: _Case, form: Form) -> tuple[Rival, ...]:
+    """Return the nearest rival of each name, its odds over their deviation if noise parts the two (Vuong 1989)."""
+    best, nearest = case.found.best, dict[str, Rival]()
+    for other in case.found.rivals[form]:
+        (name,) = (one.kind.name for one in other.values if one not in best.values)
+        odds = best.compute_odds(other)
+        apart = np.linalg.norm(case.response.difference.whitener @ (other.response - best.response))
+        new = Rival(name, odds, odds * float(np.sqrt(best.dispersion) / max(apart, 1e-12)))
+        if name != form.kind.name:
+            nearest[name] = min(new, nearest.get(name, new), key=lambda one: one.z)
+    return tuple(sorted(nearest.values(), key=lambda one: one.z))
+
+
+def _build_stated_model(case: _Case, causes: Sequence[RigEffect]) -> Extended:
+    """The given URDF with causes in its bodies, and everything else as the diagnosis has it."""
+    found = [cause for cause in settled(case.state) if isinstance(cause, RigEffect)]
+    full = extended(case.state)
+    return replace(full, model=replace(full.model, rig=change_rig(case.held.rig, [*causes, *found])))

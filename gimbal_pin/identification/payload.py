@@ -1,0 +1,396 @@
+"""The payload of the given model against the refitted one: where it sits and what it weighs, from base parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+
+from gimbal_pin.dynamics.reduction import Reduction
+from gimbal_pin.dynamics.regressor import compute_inertia_regressor
+from gimbal_pin.effects.rig_effect import (
+    DIRECTIONS,
+    compute_gyration_radius,
+    find_camera_axes,
+    find_joint_axis,
+    find_payload_link,
+    get_payload,
+    shift_inertia,
+)
+from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.identification.balance import report_with_balance
+from gimbal_pin.identification.fitting import given_beta
+from gimbal_pin.identification.identified import Identified
+from gimbal_pin.log.log import Array
+from gimbal_pin.regression import compute_deformation_root, find_base_columns, map_phi_to_base, project_rows
+from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.rig import Rig
+
+LEAST_KEPT = 1e-6
+"""A direction that keeps less than this of the largest, once the others are projected out, is not shown by the rig."""
+LEAST_KNOWN = 0.1
+"""Standard deviation from which a log does not show a difference, as a share of what the payload has: of its mass, of
+its radius of gyration, of its body's largest moment of inertia: what is known no better is not worth a figure."""
+FALSE_ALARM = 0.003
+"""Chance of speaking of a difference where there is none: three deviations."""
+DEVIATIONS = 2.0
+"""Standard deviations from which a direction is spoken of, 95 %."""
+LEAST_DIFFERENCE = 0.005
+"""Share of a radius of gyration or of a moment of inertia under which no URDF is right: an error of its form."""
+IMPOSSIBLE = "the fit's figure is no body's, which points at noise in the motion or at torque that the model lacks"
+"""What is said in place of a mass or an inertia that no body can have."""
+TRIAL_MASS, LEAST_SHIFT = 0.03, 0.05
+"""Share of a mass, and the millimetres from which it is said what that much more of it does."""
+MOMENTS, INERTIA, PRODUCTS = [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
+"""Places in a body's ten parameters, in the order of `rig.PHI`."""
+
+
+class ShownChange(NamedTuple):
+    """What of a change of some parameters the base parameters show.
+
+    Attributes:
+        basis: Directions in the parameters' space that are shown, orthonormal, (p, r).
+        value: The change along each, (r,).
+        covariance: Of these, (r, r).
+    """
+
+    basis: Array
+    value: Array
+    covariance: Array
+
+    @property
+    def change(self) -> Array:
+        """The parameters' change, nothing along what is not shown, (p,)."""
+        return self.basis @ self.value
+
+    @property
+    def std(self) -> Array:
+        """Its standard deviations, (p,)."""
+        return np.sqrt(np.maximum(np.diag(self.basis @ self.covariance @ self.basis.T), 0.0))
+
+    @property
+    def axes(self) -> list[bool]:
+        """Whether each of the p axes lies more than half in the directions that are shown."""
+        return [bool(np.linalg.norm(row) > 0.5) for row in self.basis]
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether chance makes as large a change in less than `FALSE_ALARM` of the cases."""
+        if not len(self.value):
+            return False
+        power = self.value @ np.linalg.solve(self.covariance, self.value)
+        return bool(chi2.sf(power, len(self.value)) <= FALSE_ALARM)
+
+    def hide(self) -> ShownChange:
+        """Return the same parameters with nothing of them shown."""
+        return ShownChange(self.basis[:, :0], self.value[:0], self.covariance[:0, :0])
+
+
+@dataclass(frozen=True, eq=False)
+class BaseDifference:
+    """``change = beta refitted - beta given``.
+
+    Attributes:
+        rig: The given rig.
+        reduction: Its base parameters.
+        change: In SI units, (b,).
+        covariance: Of the change under the residual's own colour, (b, b).
+        weighting: Of the change if the residual were white, (b, b): what the least squares are weighted by, since a
+            covariance estimated from few blocks of time has no inverse that deserves trust.
+    """
+
+    rig: Rig
+    reduction: Reduction
+    change: Array
+    covariance: Array
+    weighting: Array
+
+    @cached_property
+    def responses(self) -> Array:
+        """Change of the base parameters per change of each entry of `Rig.phi`, (b, 10 n)."""
+        return map_phi_to_base(self.rig, self.reduction)
+
+    @cached_property
+    def whitener(self) -> Array:
+        """``W = L⁻¹/√c``, ``weighting = L Lᵀ``, (b, b): noise of unit variance on average, ``tr(W cov Wᵀ) = b``."""
+        std = np.sqrt(np.diag(self.weighting))
+        correlation = self.weighting / np.outer(std, std) + 1e-12 * np.eye(len(std))
+        white = np.linalg.inv(np.linalg.cholesky(correlation)) / std
+        return np.asarray(white / np.sqrt(np.trace(white @ self.covariance @ white.T) / len(std)))
+
+    def explain(self, wanted: Array, unknown: Array, limit: float) -> ShownChange:
+        """Least squares for the wanted parameters, whatever the unknown ones are.
+
+        Args:
+            wanted: Base parameters per wanted parameter, (b, p).
+            unknown: The same of what is to be left open, (b, m).
+            limit: Standard deviation, in the wanted parameters' unit, from which a direction is not shown.
+        """
+        W = self.whitener
+        left, size, right = np.linalg.svd(_project(W @ wanted, W @ unknown), full_matrices=False)
+        floor = LEAST_KEPT * max(float(np.linalg.norm(W @ wanted)), 1e-300)
+        shown = (size > floor) & (size * limit > 1.0)
+        gain = (left[:, shown] / size[shown]).T @ W
+        return ShownChange(right[shown].T, gain @ self.change, gain @ self.covariance @ gain.T)
+
+    def compute_rest(self, columns: Array) -> tuple[float, int]:
+        """Power of the change outside the reach of some columns, (b, m), in units of noise, and in how many ways."""
+        span = self.whitener @ columns
+        rest = _project((self.whitener @ self.change)[:, None], span)
+        return float(np.sum(rest**2)), len(self.change) - int(np.linalg.matrix_rank(span))
+
+    def widen(self, root: Array) -> BaseDifference:
+        """Return it with a root of another covariance, (b, r), in its own."""
+        W, more = self.whitener, root @ root.T
+        noise = self.weighting * len(self.change) / np.trace(W @ self.weighting @ W.T)
+        return replace(self, covariance=self.covariance + more, weighting=noise + more)
+
+
+def _project(columns: Array, span: Array) -> Array:
+    """Take out of columns (b, p) what lies in the span of others (b, m), which may depend on each other."""
+    return project_rows(columns, span, np.empty((len(span), 0)), 0.0)
+
+
+def is_physical_inertia(inertia: float, mass: float = 1.0, moment: float = 0.0) -> bool:
+    """``m > 0``, ``I > h²/m``: whether a mass with the first moment h about an axis can have this inertia about it."""
+    return mass > 0 and inertia > moment**2 / mass
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadDiscrepancy:
+    """What sets the payload apart from its URDF.
+
+    Attributes:
+        link: The payload's link, in whose frame the shift stands.
+        body: The moving link that carries it, in whose joint's frame the products of inertia stand.
+        is_sufficient: Whether the payload's parameters explain all of the difference; else the other bodies are left
+            open, and only what shows without them is said.
+        stated: The mass that its URDF states, kg.
+        mass: Difference from it, kg, one value, or none where it does not show.
+        shift: Of the centre of mass of the payload with the mass above, m, forms (3,) with its directions.
+        per_mass: Change of that shift if the payload has a kilogram more, m/kg, (3,): a body that carries it off the
+            joints' axes pulls as one that sits further out, and what sits off its place does so less if it is heavier.
+        products: Difference of Ixy, Ixz and Iyz of the whole body, beyond what shift and mass make of them, kg m².
+        camera: Forward, left and up as the camera sees them, as columns in the payload's frame, (3, 3).
+        gyration: The payload's radius of gyration as stated, m.
+        moment: The body's largest moment of inertia as stated, kg m².
+        is_physical: Whether a body can be so; if not, nothing of it is shown.
+    """
+
+    link: str
+    body: str
+    is_sufficient: bool
+    stated: float
+    mass: ShownChange
+    shift: ShownChange
+    per_mass: Array
+    products: ShownChange
+    camera: Array
+    gyration: float
+    moment: float
+    is_physical: bool
+
+    __repr__ = brief
+
+    @property
+    def sentence(self) -> str:
+        """Where the payload is, and what it weighs."""
+        parts = [self._describe_place(), self._describe_mass()]
+        if not self.is_sufficient:
+            parts.append("other bodies of the rig differ from the URDF, too")
+        if not self.is_physical:
+            parts.append(IMPOSSIBLE)
+        return "; ".join(parts)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """All that is to be said."""
+        return tuple(line for line in (self.sentence, self._describe_products()) if line)
+
+    @property
+    def found_mass(self) -> tuple[float, float] | tuple[()]:
+        """What the payload weighs, and the deviation of that, kg; nothing where it does not show."""
+        return (self.stated + float(self.mass.change[0]), float(self.mass.std[0])) if len(self.mass.value) else ()
+
+    def _describe_place(self) -> str:
+        """Say where it sits, in the camera's own directions."""
+        shift, least = self.shift._replace(basis=self.camera.T @ self.shift.basis), LEAST_DIFFERENCE * self.gyration
+        change, std = shift.change, shift.std
+        hidden = [f"{a}/{b}" for (a, b), shown in zip(DIRECTIONS, shift.axes) if not shown]
+        if len(hidden) == 3:
+            return "the log does not show where the payload sits"
+        unseen = f" ({' and '.join(hidden)} does not show)" if hidden else ""
+        clear = np.abs(change) > np.maximum(DEVIATIONS * std, least)
+        if not (shift.is_significant and clear.any()):
+            most = max(float((np.abs(change) + DEVIATIONS * std).max()), least)
+            return f"the payload sits where its URDF says, to {digits(1e3 * most, 2)} mm{unseen}"
+        away = [
+            f"{digits(1e3 * abs(x))} ± {digits(max(1e3 * s, 0.01), 1)} mm further {names[x < 0]}"
+            for x, s, names, yes in zip(change.tolist(), std.tolist(), DIRECTIONS, clear)
+            if yes
+        ]
+        return f"the payload sits {', '.join(away)} than its URDF says{unseen}"
+
+    def _describe_mass(self) -> str:
+        """Say what it weighs; of a mass that does not show, how the place changes with it."""
+        stated = f"the stated {digits(1e3 * self.stated, 4)} g"
+        if self.found_mass:
+            extra, std = 1e3 * (self.found_mass[0] - self.stated), 1e3 * self.found_mass[1]
+            if not self.mass.is_significant:
+                return f"it weighs {stated}, to {digits(DEVIATIONS * std, 2)} g"
+            way = "heavier" if extra > 0 else "lighter"
+            return f"it is {digits(abs(extra))} ± {digits(std, 2)} g {way} than {stated}"
+        grams = 10.0 ** round(np.log10(TRIAL_MASS * 1e3 * self.stated))
+        change = grams * self.camera.T @ self.per_mass  # mm
+        ways = [
+            f"{digits(abs(x), 2)} mm {names[x < 0]}"
+            for x, names in zip(change.tolist(), DIRECTIONS)
+            if abs(x) > LEAST_SHIFT
+        ]
+        otherwise = f"; every {grams:g} g more would mean {', '.join(ways)} of that" if ways else ""
+        return f"its mass does not show: taken as {stated}{otherwise}"
+
+    def _describe_products(self) -> str:
+        """Say that the body's products of inertia are others than stated, or nothing."""
+        size = float(np.abs(self.products.change).max(initial=0.0))
+        if not self.products.is_significant or size < LEAST_DIFFERENCE * self.moment:
+            return ""
+        shown = zip(("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), self.products.std.tolist())
+        figures = ", ".join(f"{name} by {x:+.2g} ± {digits(s, 1)}" for name, x, s in shown if abs(x) > DEVIATIONS * s)
+        meaning = "turning one axis pushes the others more than the URDF says"
+        return f"{self.body}: products of inertia differ from the URDF, {figures} kg m^2: {meaning}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return `given_model` of `diagnose --json`: grams and millimetres, null where nothing is shown."""
+        shown, com, std = self.shift.axes, 1e3 * self.shift.change, 1e3 * self.shift.std
+        mass, mass_std = self.found_mass or (None, None)
+        row = {
+            "mass": None if mass is None else 1e3 * (mass - self.stated),
+            "com_mm": [float(x) if yes else None for x, yes in zip(com, shown)],
+            "std": float(max(s for s, yes in zip(std, shown) if yes)) if any(shown) else None,
+            "sentence": self.sentence,
+            "com_mm_per_g": self.per_mass.tolist(),
+            "com_std_mm": [float(s) if yes else None for s, yes in zip(std, shown)],
+            "mass_std": None if mass_std is None else 1e3 * mass_std,
+            "stated_mass": 1e3 * self.stated,
+            "link": self.link,
+            "alone": self.is_sufficient,
+        }
+        if not (said := self._describe_products()):
+            return {"camera": row}
+        products = self.products
+        figures = zip(("Ixy", "Ixz", "Iyz"), products.axes, products.change.tolist(), products.std.tolist())
+        differ = {name: {"value": x, "std": s} for name, yes, x, s in figures if yes}
+        return {"camera": row, self.body: {**differ, "sentence": said}}
+
+
+def compare_payload(found: Identified) -> PayloadDiscrepancy | None:
+    """Compare what `identify` found with the rig that it was given; None where nothing is mounted that is known."""
+    if found.is_of_two_rigs or found.swapped:
+        return None
+    rig, width = found.model.rig.with_phi(found.given), len(found.reduction.independent)
+    spread = found.estimate.covariance[:width, :width]
+    change = found.estimate.theta[:width] - given_beta(rig, found.reduction)
+    return explain_by_payload(BaseDifference(rig, found.reduction, change, spread, spread))
+
+
+def report_with_payload(found: Identified, discrepancy: PayloadDiscrepancy | None) -> dict[str, Any]:
+    """Return what JSON holds of an identification, the payload's place and mass and the balance with it."""
+    mass = () if discrepancy is None else discrepancy.found_mass
+    return {
+        **report_with_balance(found, *mass),
+        "given_model": None if discrepancy is None else discrepancy.to_dict(),
+    }
+
+
+def explain_by_payload(found: BaseDifference) -> PayloadDiscrepancy | None:
+    """Explain a difference by the payload's ten parameters; None where the rig carries nothing with a mass.
+
+    Inertias are left open: a shift is read from first moments, a mass from what it alone moves (arms that carry it off
+    an axis). Where the payload cannot explain the difference, the other bodies differ from the URDF, too, by a share
+    that is estimated, see `_allow_other_bodies`.
+    """
+    rig = found.rig
+    try:
+        body, inertia, frame = get_payload(rig)
+    except UsageError:
+        return None
+    mine = slice(10 * body, 10 * body + 10)
+    own, phi, stated = found.responses[:, mine], inertia.toDynamicParameters(), float(inertia.mass)
+    power, freedom = found.compute_rest(own)
+    is_sufficient = freedom == 0 or bool(chi2.sf(power, freedom) > FALSE_ALARM)
+    found, open_ = (found, own[:, INERTIA]) if is_sufficient else _allow_other_bodies(found, body)
+    heavier, per_metre = own @ (phi / stated)[:, None], own[:, MOMENTS] @ frame.rotation
+    radius = compute_gyration_radius(inertia)
+    mass = found.explain(heavier, np.hstack([stated * per_metre, open_]), LEAST_KNOWN * stated)
+    more, unsure = float(mass.change[0]), heavier[:, : len(mass.value)]
+    whole = stated + more
+
+    def place(change: Array, beside: Array) -> ShownChange:
+        """Explain a change by a shift of all of the payload's mass, what it has more included."""
+        return replace(found, change=change).explain(
+            whole * per_metre, np.hstack([beside, open_]), LEAST_KNOWN * radius
+        )
+
+    first = found.explain(stated * per_metre, np.hstack([unsure, open_]), LEAST_KNOWN * radius)
+    moved = per_metre @ first.change * stated / whole
+    shift = place(found.change + more * moved, unsure + moved[:, None])
+    unweighed = -(heavier[:, 0] + moved) * (not len(mass.value))
+    per_mass = place(unweighed, unsure + moved[:, None]).change
+
+    def change_payload(extra: float) -> Array:
+        """Change of the payload's ten parameters if it weighs so much more than was found, kg."""
+        there = shift_inertia(inertia, frame, shift.change + extra * per_mass).toDynamicParameters()
+        return np.asarray(there * (whole + extra) / stated - phi)
+
+    moment = float(np.linalg.eigvalsh(rig.model.inertias[body + 1].inertia).max())
+    left = replace(found, change=found.change - own @ change_payload(0.0))
+    hidden = own @ (change_payload(TRIAL_MASS * stated) - change_payload(0.0))[:, None]  # makes products, too
+    beside = [np.delete(own, PRODUCTS, axis=1), open_[:, 6:], hidden[:, len(mass.value) :]]
+    products = left.explain(own[:, PRODUCTS], np.hstack(beside), LEAST_KNOWN * moment)
+    total = rig.phi[mine] + change_payload(0.0)
+    about = compute_inertia_regressor(rig, np.zeros((1, rig.n)), body)[0, body, find_base_columns(rig, found.reduction)]
+    turns = float(about @ (given_beta(rig, found.reduction) + found.change))
+    off = float(np.linalg.norm(np.cross(find_joint_axis(rig, body), total[MOMENTS])))
+    is_physical = whole > 0 and is_physical_inertia(turns, float(total[0]), off)
+    if not is_physical:
+        mass, shift, products, per_mass = mass.hide(), shift.hide(), products.hide(), np.zeros(3)
+    return PayloadDiscrepancy(
+        link=find_payload_link(rig),
+        body=rig.links[body],
+        is_sufficient=is_sufficient,
+        stated=stated,
+        mass=mass,
+        shift=shift,
+        per_mass=per_mass,
+        products=products,
+        camera=np.asarray(frame.rotation.T @ find_camera_axes(rig)),
+        gyration=radius,
+        moment=moment,
+        is_physical=is_physical,
+    )
+
+
+def _allow_other_bodies(found: BaseDifference, body: int) -> tuple[BaseDifference, Array]:
+    """Return the difference, deviations holding what other bodies than one may differ by, and what is open beside it.
+
+    Open are all inertias, as no URDF holds the motors' rotors; where that leaves nothing to judge by, the body's own.
+    Masses and first moments are the URDF's, stretched by τ (`compute_deformation_root`), with τ so that what the body
+    does not explain is as large as its degrees of freedom (Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 1982).
+    """
+    mine = np.arange(10 * body, 10 * body + 10)
+    own = found.responses[:, mine]
+    order = sorted(range(found.rig.n), key=lambda k: k != body)
+    open_ = found.responses[:, [10 * k + place for k in order for place in INERTIA]]
+    if not found.compute_rest(np.hstack([own, open_]))[1]:
+        open_ = own[:, INERTIA]
+    others = found.responses @ np.delete(compute_deformation_root(found.rig.phi), mine, axis=1)
+    low, high = 1e-4, 1.0
+    for _ in range(12):
+        share = float(np.sqrt(low * high))
+        power, freedom = found.widen(share * others).compute_rest(np.hstack([own, open_]))
+        low, high = (share, high) if power > freedom else (low, share)
+    return found.widen(high * others), open_
