@@ -23,6 +23,7 @@ from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.errors import DataError
+from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.regression import (
@@ -200,9 +201,9 @@ class Evidence:
         """How many blocks there are."""
         return int(self.block[-1]) + 1
 
-    def whiten(self, signals: Sequence[Array], joint: int) -> Array:
+    def whiten(self, torques: Sequence[Array], joint: int) -> Array:
         """Whiten a torque at one joint, one array per part: (rows,) or (rows, k)."""
-        return np.concatenate([part.whiten(signal, joint) for part, signal in zip(self.parts, signals)])
+        return np.concatenate([part.whiten(torque, joint) for part, torque in zip(self.parts, torques)])
 
     def rewhiten(self, rows: Array, before: Evidence, joint: int | None) -> Array:
         """Return rows of the same logs as another evidence whitens them, (rows, ...), as this one does.
@@ -224,9 +225,9 @@ class Evidence:
             out.append(fft.irfft(spectrum, old.rows, axis=0))
         return np.concatenate(out)
 
-    def whiten_all(self, signals: Sequence[Array]) -> Array:
+    def whiten_all(self, torques: Sequence[Array]) -> Array:
         """Whiten torques of all joints, (m, n) or (m, n, k) per part: (rows, n) or (rows, n, k)."""
-        return np.stack([self.whiten([x[:, j] for x in signals], j) for j in range(self.rig.n)], axis=1)
+        return np.stack([self.whiten([x[:, j] for x in torques], j) for j in range(self.rig.n)], axis=1)
 
     @cached_property
     def samples(self) -> list[list[Sample]]:
@@ -242,6 +243,16 @@ class Evidence:
     def seconds(self) -> float:
         """Length of all parts, s."""
         return sum(part.dt * len(part.gate) for part in self.parts)
+
+    def slow_down(self, cutoff: float) -> Evidence:
+        """Return it with its motion, not its torque, through a further low-pass at a cutoff, Hz."""
+        parts = []
+        for part in self.parts:
+            sections = signals.lowpass(cutoff, 1.0 / part.dt)
+            q, v = (signals.zero_phase(x, sections) for x in (part.channels.q, part.channels.v))
+            slow = part.channels._replace(q=q, v=v, a=signals.differentiate(v, part.dt))
+            parts.append(part._replace(channels=slow))
+        return replace(self, parts=tuple(parts))
 
     @property
     def torque(self) -> list[Array]:

@@ -22,6 +22,7 @@ from gimbal_pin.diagnosis.given_causes import (
 from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, overall
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
+from gimbal_pin.errors import digits
 from gimbal_pin.identification import BaseDifference, explain_by_payload, given_beta
 from gimbal_pin.identification.payload import (
     DEVIATIONS,
@@ -31,7 +32,7 @@ from gimbal_pin.identification.payload import (
     is_physical_inertia,
 )
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Flags, build_discrepancy_columns, fit_misfit, propagate_misfit
+from gimbal_pin.regression import Flags, MotionNoise, build_discrepancy_columns, fit_misfit, propagate_misfit
 
 _LEAST_CHANGE = 0.05
 """Share of a joint's given inertia from which a difference is told: few URDFs are nearer."""
@@ -73,7 +74,7 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     """
     difference = compute_difference(state)
     hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
-    inertias = describe_inertias(difference, state.problem.inertia, hidden)
+    inertias = describe_inertias(difference, state.problem.inertia, hidden, state.problem.motion_noise)
     found = replace(found, given=explain_by_payload(difference), notes=(*found.notes, *inertias))
     if difference.rig.config.inertia != "trusted" or found.held is None:
         return found
@@ -88,7 +89,9 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     return replace(found, findings=every, verdict=verdict, immaterial=(*found.immaterial, *less))
 
 
-def describe_inertias(found: BaseDifference, rows: Array, hidden: Sequence[Untestable] = ()) -> tuple[str, ...]:
+def describe_inertias(
+    found: BaseDifference, rows: Array, hidden: Sequence[Untestable] = (), noise: MotionNoise | None = None
+) -> tuple[str, ...]:
     """``m_j = mean over poses of M_jj``, refitted over given: a sentence for each joint where that is not one.
 
     Where a log cannot tell a motor's constant gain from the inertias that it moves, this is all that shows of it.
@@ -97,12 +100,16 @@ def describe_inertias(found: BaseDifference, rows: Array, hidden: Sequence[Untes
         found: Refitted less given base parameters.
         rows: Base parameters → each joint's mean inertia about its axis, (n, b): see `Problem.inertia`.
         hidden: What the logs cannot show: what of it sits at the joint may be the reason.
+        noise: How noise in the motion attenuates the inertias; None: not at all.
     """
     before, out = given_beta(found.rig, found.reduction), []
-    for joint, row in zip(found.rig.joints, rows):
+    for j, (joint, row) in enumerate(zip(found.rig.joints, rows)):
         whole = float(row @ before)
         change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
         if not (abs(change) > _LEAST_CHANGE and 2 * norm.sf(abs(change) / std) < FALSE_ALARM):
+            continue
+        if noise is not None and noise.is_hiding[j]:
+            out.append(found.rig.in_units(joint, f"{joint}: {_describe_attenuation(noise, j)}"))
             continue
         if not is_physical_inertia(whole * (1 + change)):
             out.append(f"{joint}: the log does not determine the inertia about its axis; {IMPOSSIBLE}")
@@ -112,6 +119,16 @@ def describe_inertias(found: BaseDifference, rows: Array, hidden: Sequence[Untes
         instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
         out.append(f"{joint}: the inertia about its axis is {less} than the URDF's{instead}")
     return tuple(out)
+
+
+def _describe_attenuation(noise: MotionNoise, joint: int) -> str:
+    """Say that noise in the motion may hide a joint's inertia, and of what size that is by either estimate."""
+    plain, slow, std = (float(x[joint]) for x in (noise.plain, noise.instrumental, noise.std))
+    known = f"{digits(slow, 2)} ± {digits(std, 1)} kg m^2" if slow > DEVIATIONS * std else "none that is known"
+    return (
+        f"noise in the motion may hide inertia: {digits(max(plain, 0.0), 2)} kg m^2 by least squares, {known} from the "
+        f"motion below {noise.cutoff:g} Hz alone; no difference in inertia is told from this log"
+    )
 
 
 class _Case(NamedTuple):

@@ -20,7 +20,7 @@ from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Flags, find_base_columns
+from gimbal_pin.regression import Flags, MotionNoise, compare_instruments, find_base_columns
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -112,6 +112,19 @@ class Problem:
         some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
         rows = [compute_inertia_regressor(rig, some, j)[:, j, places] for j in range(rig.n)]
         return np.stack([np.mean(row, axis=0) for row in rows])
+
+    @cached_property
+    def motion_noise(self) -> MotionNoise:
+        """Inertia about each joint's axis, kg m², by least squares and by slow motion as instruments.
+
+        Where the two say something else, much of the faster motion is not the torque's: it is noise of the angles, or
+        what shakes the joint and the controller answers to, and attenuates inertia.
+        """
+        now = solved(self, ())
+        slow = solved(Problem.of(self.evidence.slow_down(MotionNoise.cutoff), self.reduction), (), now, keep=True)
+        figures = np.zeros((self.evidence.rig.n, now.fit.stack.shape[1]))
+        figures[:, : self.inertia.shape[1]] = self.inertia
+        return compare_instruments(now.fit.stack, slow.fit.stack, now.fit.target, now.fit.block, figures)
 
     @cached_property
     def friction(self) -> tuple[Effect, ...]:

@@ -9,7 +9,16 @@ from hypothesis import strategies as st
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
-from gimbal_pin.regression import Block, Estimate, fit_instrumental, fit_ordinary, fit_repeated, fit_weighted
+from gimbal_pin.regression import (
+    Block,
+    Estimate,
+    MotionNoise,
+    compare_instruments,
+    fit_instrumental,
+    fit_ordinary,
+    fit_repeated,
+    fit_weighted,
+)
 
 
 def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) -> tuple[Block, Block, Array]:
@@ -106,3 +115,43 @@ def test_a_direction_without_instrument_has_infinite_deviation() -> None:
     blind = block._replace(A=block.A * [1.0, 1.0, 1.0, 0.0])
     found: Estimate = fit_instrumental([blind], [other.A * [1.0, 1.0, 1.0, 0.0]])
     assert np.isinf(found.std).tolist() == [False, False, False, True]
+
+
+def compare_shaken(seed: int, noise: float, answer: float = 0.0) -> MotionNoise:
+    """Compare where a column that multiplies 2 has noise, of which `answer` times as much stands in the torque."""
+    rng, block = np.random.default_rng(seed), np.repeat(np.arange(40), 500)
+    slow, shaken = rng.standard_normal((20_000, 2)), noise * rng.standard_normal(20_000)
+    A = slow + shaken[:, None] * [1.0, 0.0]
+    b = slow @ [2.0, 1.0] + answer * shaken + 0.1 * rng.standard_normal(20_000)
+    return compare_instruments(A, slow, b, block, np.array([[1.0, 0.0], [0.0, 1.0]]))
+
+
+def test_without_noise_in_the_motion_instruments_say_what_least_squares_does() -> None:
+    found = compare_shaken(0, noise=0.0)
+    assert np.allclose(found.plain, found.instrumental, rtol=1e-9) and not found.is_hiding.any()
+    assert np.allclose(found.instrumental, found.theta)
+
+
+@pytest.mark.parametrize("answer", [0.0, -0.5])
+def test_the_slow_motion_recovers_what_growing_noise_takes_from_least_squares(answer: float) -> None:
+    """``plain → (2 + answer σ²) / (1 + σ²)``, whether a controller answers to the noise or not."""
+    before = 0.0
+    for noise in (0.1, 0.5, 1.0, 2.0):
+        found = compare_shaken(1, noise, answer)
+        lost = 1.0 - (2.0 + answer * noise**2) / (1.0 + noise**2) / 2.0
+        assert found.attenuation[0] == pytest.approx(lost, abs=0.06)
+        assert found.instrumental == pytest.approx([2.0, 1.0], rel=0.15)
+        assert found.attenuation[0] > before and bool(found.is_hiding[0]) is (lost > 0.1)
+        assert not found.is_hiding[1]
+        before = float(found.attenuation[0])
+
+
+def test_the_deviation_of_what_noise_takes_is_its_scatter_from_log_to_log() -> None:
+    each = [compare_shaken(seed, noise=1.0) for seed in range(60)]
+    scatter = np.std([one.instrumental - one.plain for one in each], axis=0)
+    assert np.mean([one.std for one in each], axis=0) == pytest.approx(scatter, rel=0.3)
+
+
+def test_more_inertia_in_fast_motion_than_in_slow_is_no_noise() -> None:
+    found = compare_shaken(2, noise=1.0, answer=4.0)
+    assert found.plain[0] > found.instrumental[0] and not found.is_hiding[0]
