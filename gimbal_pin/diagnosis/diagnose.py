@@ -11,15 +11,15 @@ import numpy as np
 from gimbal_pin.checks import CheckedLog, Fault, check_log
 from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
 from gimbal_pin.checks.torque_time import find_shifted_torques, find_time_fault, report_shifts
-from gimbal_pin.diagnosis.agreement import agreement, alone, outright
+from gimbal_pin.diagnosis.agreement import fit_each_log, test_log_consistency
 from gimbal_pin.diagnosis.band import alternate, usual
-from gimbal_pin.diagnosis.counterfactual import off_centre, ridden
+from gimbal_pin.diagnosis.counterfactual import SensorContext, add_sensor_findings
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.given_model import compare_given_model
 from gimbal_pin.diagnosis.limit_cycle import swung
-from gimbal_pin.diagnosis.reported import beside, hold, reported, spoilt, with_motion
+from gimbal_pin.diagnosis.reported import hold, reported, spoilt
 from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.reversals import opened
 from gimbal_pin.diagnosis.state import Problem, solved
@@ -149,8 +149,8 @@ def searched(
         raise DataError(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
         )
-    each = alone(rig, [one.log for one in checked], filtering)
-    apart = outright(rig, each)
+    each = fit_each_log(rig, [one.log for one in checked], filtering)
+    apart = test_log_consistency(rig, each)
     if apart is not None:
         return spoilt(rig, logs, with_fault(checked, apart), filtering)
     reduction = reduce_parameters(rig, base=base)
@@ -160,16 +160,14 @@ def searched(
         evidence, held = alternate(evidence, filtering)
     found = explain(evidence, reduction, of_refitted(causes), timed=filtering.alignment is None)
     resting = check_driven(found, find_joints_asked_to_rest(train))
-    apart = agreement(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
+    apart = test_log_consistency(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
     if apart is not None:
         return spoilt(rig, logs, with_fault(checked, apart), filtering)
     held = retimed(held, found.alignment)
     said = reported(found, held, checked, hold(logs[0], filtering), rng)
     said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
-    moving = ridden(found.final, held, train, test, filtering)
-    said = said if moving is None else with_motion(said, moving)
     encoders = {one.log.name: one.encoders for one in checked}
-    said = beside(said, off_centre(found.final, held, train, test, filtering, encoders))
+    said = add_sensor_findings(said, SensorContext(found.final, held, train, test, filtering), encoders)
     return compare_given_model(said, found.final, causes)
 
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from gimbal_pin.checks import CheckedLog, collect_alterations
-from gimbal_pin.diagnosis.counterfactual import Ridden, joined
 from gimbal_pin.diagnosis.engine.criterion import criterion, fitted, matters, rows
 from gimbal_pin.diagnosis.engine.discrepancy import place
 from gimbal_pin.diagnosis.engine.explained import Explained
@@ -19,7 +17,7 @@ from gimbal_pin.diagnosis.extended import Extended, extended
 from gimbal_pin.diagnosis.findings import findings, untestable
 from gimbal_pin.diagnosis.gain import Figures, followed, measured
 from gimbal_pin.diagnosis.likeness import likeness
-from gimbal_pin.diagnosis.result import Diagnosis, Finding, Residual, Slight, overall
+from gimbal_pin.diagnosis.result import Diagnosis, Residual, Slight, overall
 from gimbal_pin.diagnosis.shapes import same
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.model import nominal
@@ -119,17 +117,6 @@ def unexplained(state: State) -> Array:
 def level(state: State) -> Array:
     """Return the power of each joint's torque, whitened, (n,)."""
     return np.asarray(np.sum(state.problem.evidence.whiten_all(state.torque) ** 2, axis=0))
-
-
-def beside(said: Diagnosis, more: Sequence[Finding]) -> Diagnosis:
-    """Put further findings beside what was found with them in the model."""
-    every = tuple(sorted(joined(said.findings, more), key=lambda one: -one.explained_share))
-    return replace(said, findings=every, verdict=overall([one.status for one in every], tuple(said.residual.values())))
-
-
-def with_motion(said: Diagnosis, moving: Ridden) -> Diagnosis:
-    """Put the motion of the platform beside what was found with it in the model."""
-    return replace(beside(said, [moving.finding]), baseline=moving.baseline)
 
 
 def spoilt(rig: Rig, logs: Sequence[Log], checked: Sequence[CheckedLog], filtering: Filtering) -> Diagnosis:
