@@ -108,11 +108,11 @@ def describe_inertias(
         change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
         if not (abs(change) > _LEAST_CHANGE and 2 * norm.sf(abs(change) / std) < FALSE_ALARM):
             continue
-        if noise is not None and noise.is_hiding[j]:
-            out.append(found.rig.in_units(joint, f"{joint}: {_describe_attenuation(noise, j)}"))
-            continue
         if not is_physical_inertia(whole * (1 + change)):
             out.append(f"{joint}: the log does not determine the inertia about its axis; {IMPOSSIBLE}")
+            continue
+        if noise is not None and noise.is_hiding[j]:
+            out.append(found.rig.in_units(joint, f"{joint}: {_describe_attenuation(noise, j)}"))
             continue
         less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
         others = [one.cause for one in hidden if one.joint == joint]
