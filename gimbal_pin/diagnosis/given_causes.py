@@ -9,8 +9,7 @@ of such an error would: an F test, at the rate α/K of K causes.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from gimbal_pin.rig.rig import Rig
 
 _ERROR_RATE = 0.01
 """Chance α of a cause where there is none."""
-_BEAM, _LARGEST_SET = 2, 6
+_BEAM, _LARGEST_SET = 3, 6
 """Sets of each size that are extended, and causes in the largest."""
 _STEP = 1e-6
 """Step of differences, kg, m, rad or kg m²: too small for a body to forbid, and round-off leaves eight digits."""
@@ -140,36 +139,18 @@ def change_rig(rig: Rig, causes: Sequence[RigEffect]) -> Rig:
     return rig
 
 
-@dataclass(frozen=True, eq=False)
 class GivenResponse:
     """Base parameters that causes make of the given rig's."""
 
-    difference: BaseDifference
-
-    @cached_property
-    def _motion(self) -> tuple[Array, Array, Array]:
-        """Poses that show all, with speeds and accelerations."""
-        return spread_states(self.difference.rig)
-
-    @cached_property
-    def _columns(self) -> Array:
-        """Torque per base parameter, (m, b)."""
-        rig = self.difference.rig
-        places = find_base_columns(rig, self.difference.reduction)
-        return compute_regressor(rig, *self._motion)[:, :, places].reshape(-1, len(places))
-
-    @cached_property
-    def _inverse(self) -> Array:
-        """Its pseudo-inverse, (b, m)."""
-        return np.linalg.pinv(self._columns)
-
-    @cached_property
-    def _torque(self) -> Array:
-        """The given rig's torque, (m,)."""
-        return compute_rnea(self.difference.rig, *self._motion).ravel()
+    def __init__(self, difference: BaseDifference) -> None:
+        self.difference, self._motion = difference, spread_states(difference.rig)
+        places = find_base_columns(difference.rig, difference.reduction)
+        self._columns = compute_regressor(difference.rig, *self._motion)[:, :, places].reshape(-1, len(places))
+        self._inverse = np.linalg.pinv(self._columns)
+        self._torque = compute_rnea(difference.rig, *self._motion).ravel()
 
     def compute_torque(self, causes: Sequence[RigEffect]) -> Array:
-        """Torque that causes add, (m,); nan where no body allows them."""
+        """Torque that causes add in poses that show all, (m,); nan where no body allows them."""
         try:
             return compute_rnea(change_rig(self.difference.rig, causes), *self._motion).ravel() - self._torque
         except UsageError:
@@ -284,45 +265,26 @@ class _Search:
     def select(self) -> FittedForms:
         """Return as few causes as explain the difference; none, where too much of it is left.
 
-        Grown with a beam as far as any could be worth it, as what hides each other shows only together; then mended.
+        Grown with a beam, as what hides each other shows only together, as far as any set could be worth it: no fit
+        does better than to leave noise with one figure more. Then what is needless goes.
         """
         worth, best = partial(_compute_worth, self.nothing), self.nothing
-        front, seen = [best], set[frozenset[Form]]()
-        while front := [one for one in front if self.is_open(one) and worth(_idealise(one)) < worth(best)]:
+        front = [best]
+        for _ in range(_LARGEST_SET):
+            ideal = [one._replace(cost=one.spare - 1.0, freedom=one.freedom + 1) for one in front]
+            front = [one for one, more in zip(front, ideal) if self.is_gain(one, more) and worth(more) < worth(best)]
             grown = sorted((more for one in front for more in self.extend(one)), key=worth)
-            front = list({frozenset(form.place for form in one.values): one for one in reversed(grown)}.values())
-            front = sorted(front, key=worth)[:_BEAM]
+            alike = {frozenset(form.place for form in one.values): one for one in reversed(grown)}
+            front = sorted(alike.values(), key=worth)[:_BEAM]
             best = min([best, *front], key=worth)
-        while (other := self.mend(best)) and (key := frozenset(other.values)) not in seen:
-            seen.add(key)
-            best = other
+        while needless := [one for form in best.values if not self.is_gain(one := self.drop(best, form), best)]:
+            best = min(needless, key=lambda one: one.cost)
         noise, whole = len(self.difference.change), self.nothing.cost
         return self.nothing if best.cost - noise > _UNEXPLAINED * max(whole - noise, 0.0) else best
 
     def is_gain(self, less: FittedForms, more: FittedForms) -> bool:
         """Whether luck gains so much with a chance of less than α, trying all causes."""
         return _compute_chance(less, more) < np.log(_ERROR_RATE) - self.tries
-
-    def is_open(self, fit: FittedForms) -> bool:
-        """Whether one more figure could be worth it."""
-        return len(fit.values) < _LARGEST_SET and self.is_gain(fit, _idealise(fit))
-
-    def mend(self, fit: FittedForms) -> FittedForms | None:
-        """Return the fit without a needless cause, with a better one in its place, or with one more; None: as it is."""
-        less = {form: self.drop(fit, form) for form in fit.values}
-        if needless := [one for one in less.values() if not self.is_gain(one, fit)]:
-            return min(needless, key=lambda one: one.cost)
-        for form, one in less.items():
-            other = min(self.extend(fit, form), key=partial(_compute_worth, one), default=fit)
-            if _compute_worth(one, other) < _compute_worth(one, fit):
-                return other
-        more = min(self.extend(fit), key=partial(_compute_worth, fit), default=fit) if self.is_open(fit) else fit
-        return more if self.is_gain(fit, more) else None
-
-
-def _idealise(fit: FittedForms) -> FittedForms:
-    """Return what no fit with more causes can do better: one figure more, and noise is left."""
-    return fit._replace(cost=fit.spare - 1.0, freedom=fit.freedom + 1)
 
 
 def _compute_chance(less: FittedForms, more: FittedForms) -> float:
