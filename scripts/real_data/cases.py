@@ -88,9 +88,9 @@ class Case:
         return all(path.is_file() for log in self.logs for path in files_of(log))
 
     def arguments(self, run: str, out: Path) -> list[str]:
-        """Return the words of a run's command line; files are written in `out`, the JSON to ``out/.json``."""
+        """Return the words of a run's command line; files are written in `out`, the JSON to ``out/told/run.json``."""
         several = {"{logs}": [str(log) for log in self.logs], "{maps}": [w for m in self.maps for w in ("--map", m)]}
-        one = {"rig": str(self.rig), "out": str(out), "json": str(out / ".json")}
+        one = {"rig": str(self.rig), "out": str(out), "json": str(out / "told" / "run.json")}
         words = (several[part] if part in several else [part.format(**one)] for part in self.runs[run])
         return [word for group in words for word in group]
 

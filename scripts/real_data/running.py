@@ -51,9 +51,9 @@ class Outcome:
 
 
 def run(arguments: Sequence[str], out: Path, limit: float) -> Outcome:
-    """Run a verb; files go to `out`, its JSON is read from ``out/.json``; after `limit`, s, it is killed."""
-    out.mkdir(parents=True, exist_ok=True)
-    told = out / ".json"
+    """Run a verb; files go to `out`, its JSON is read from ``out/told/run.json``; after `limit`, s, it is killed."""
+    (out / "told").mkdir(parents=True, exist_ok=True)
+    told = out / "told" / "run.json"
     told.unlink(missing_ok=True)
     began, spent = time.perf_counter(), processor_time()
     process = subprocess.Popen(
