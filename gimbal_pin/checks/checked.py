@@ -93,10 +93,11 @@ def collect_alterations(checked: Sequence[CheckedLog]) -> dict[str, tuple[Altera
 def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs_only: bool = False) -> CheckedLog:
     """Refuse a log that nothing can be made of; mend what is wrong with another, and say what was altered and why.
 
-    Nothing else alters data between the reading of a log and its samples. First the sensors are made to agree: IMUs are
-    turned into their links' axes, rates that are missing come from the gyros, and angles of eccentric encoders are
-    mended by the rates. Then `CHECKS` follow, each on what those before it have mended. Of a long log they see an
-    excerpt first, and the whole only where that has something to mend.
+    Nothing else alters data between the reading of a log and its samples, where short gaps are filled for the filters
+    alone (`regression.split_segments`). First the sensors are made to agree: IMUs are turned into their links' axes,
+    rates that are missing come from the gyros, and angles of eccentric encoders are mended by the rates. Then `CHECKS`
+    follow, each on what those before it have mended. Of a long log they see an excerpt first, and the whole only where
+    that has something to mend.
 
     A log that was returned is returned as it is.
 

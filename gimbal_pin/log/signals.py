@@ -1,4 +1,4 @@
-"""Zero-phase low-pass, differentiation and resampling: the only operations that touch a log's channels."""
+"""Zero-phase low-pass, differentiation and resampling of a log's channels."""
 
 from __future__ import annotations
 
