@@ -68,7 +68,7 @@ def test_a_runs_words_name_logs_and_maps() -> None:
     case = Case("two", "turret", (Path("a.csv"), Path("b.csv")), cases.joints({"q": "pos{}"}, ("pan", "tilt")))
     words = case.arguments("diagnose", Path("out"))
     maps = ["--map", "q_pan=pos1", "--map", "q_tilt=pos2"]
-    assert words == ["diagnose", "turret", "a.csv", "b.csv", *maps, "--json", "out/.json"]
+    assert words == ["diagnose", "turret", "a.csv", "b.csv", *maps, "--json", "out/told/run.json"]
 
 
 def test_three_files_are_one_log_of_some_joints(tmp_path: Path) -> None:
