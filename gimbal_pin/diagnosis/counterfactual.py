@@ -15,6 +15,7 @@ from scipy.stats import norm
 from gimbal_pin.checks import Eccentricity
 from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
 from gimbal_pin.diagnosis.extended import extended
+from gimbal_pin.diagnosis.fit import CRITICAL_Z, compute_vuong_z
 from gimbal_pin.diagnosis.gain import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.result import MEASURED, Diagnosis, Finding, overall
 from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
@@ -25,8 +26,6 @@ from gimbal_pin.log.platform import LEANS, BaseMotion, Platform
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import GRAVITY, Rig
 
-_SIGNIFICANT = 1.96
-"""Deviations by which the fit with the sensor must be better, 95 %."""
 COMPENSATION = "a controller that reads the platform's IMU: see 'gimbal-pin track RIG --platform'"
 
 
@@ -145,8 +144,8 @@ def _compare(context: SensorContext, train: Sequence[Log], test: Sequence[Log], 
     ratios = [before["torque_rmse"][joint] / max(after["torque_rmse"][joint], 1e-300) for joint in rig.joints]
     j = int(np.argmax(ratios))
     gained = _sum_squares(state, j) - _sum_squares(found, j)
-    z = float(gained.sum() / max(np.sqrt(len(gained)) * gained.std(ddof=1), 1e-12))
-    if ratios[j] < CONFIRMED or z < _SIGNIFICANT:
+    z = compute_vuong_z(gained)
+    if ratios[j] < CONFIRMED or z < CRITICAL_Z:
         return None
     return _Comparison(measured(without, extended(plain)), before, after, rig.joints[j], z)
 

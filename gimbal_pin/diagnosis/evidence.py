@@ -244,7 +244,7 @@ class Evidence:
         """Length of all parts, s."""
         return sum(part.dt * len(part.gate) for part in self.parts)
 
-    def slow_down(self, cutoff: float) -> Evidence:
+    def low_pass_motion(self, cutoff: float) -> Evidence:
         """Return it with its motion, not its torque, through a further low-pass at a cutoff, Hz."""
         parts = []
         for part in self.parts:

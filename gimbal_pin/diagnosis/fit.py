@@ -15,6 +15,8 @@ from gimbal_pin.rig.brief import brief
 PASSES = 4
 LUCK = 0.5
 """Least dispersion that is believed: what fits better than its sensors allow is luck, not knowledge."""
+CRITICAL_Z = 1.96
+"""Deviations from which two models are told apart (Vuong, Econometrica 57, 1989; 95 %)."""
 
 
 class Placed(Protocol):
@@ -140,6 +142,11 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     seen = values > 1e-10 * values[0]
     axes = (right[seen].T / values[seen]) / unit[:, None]
     return Fit(theta, stack, target, stack @ axes, target - stack @ theta, weight, axes @ axes.T, np.repeat(block, n))
+
+
+def compute_vuong_z(blocks: Array) -> float:
+    """``Σ_b d_b/(√B std d_b)``, in deviations, of what each block tells of two models, (blocks,)."""
+    return float(blocks.sum() / max(np.sqrt(len(blocks)) * blocks.std(ddof=1), 1e-12))
 
 
 def least(R: Array, weight: Array) -> Array:

@@ -13,7 +13,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit, logsumexp
 from scipy.stats import f
 
 from gimbal_pin.dynamics.reduction import spread_states
@@ -106,21 +105,14 @@ class GivenCauses(NamedTuple):
     Attributes:
         best: They, fitted together.
         p_values: Chance of each where there is none, at any of the places that were looked at.
-        without: The fit without each.
         rivals: With each other cause in a form's place, the fit.
         odds: Logarithm of the odds from which one is no rival.
     """
 
     best: FittedForms
     p_values: dict[Form, float]
-    without: dict[Form, FittedForms]
     rivals: dict[Form, list[FittedForms]]
     odds: float
-
-    def compute_probability(self, form: Form) -> float:
-        """``1/(1 + Σ 1/odds)`` of a cause over none and over each other in its place, all as likely beforehand."""
-        others = [one for one in self.rivals[form] if form.place not in {own.place for own in one.values}]
-        return float(expit(-logsumexp([-self.best.compute_odds(one) for one in (self.without[form], *others)])))
 
 
 def find_given_causes(difference: BaseDifference, causes: Mapping[str, type[Cause]]) -> GivenCauses:
@@ -131,7 +123,6 @@ def find_given_causes(difference: BaseDifference, causes: Mapping[str, type[Caus
     return GivenCauses(
         best,
         {form: float(np.exp(min(0.0, _compute_chance(one, best) + search.tries))) for form, one in less.items()},
-        less,
         {form: list(search.extend(best, form)) for form in best.values},
         search.tries - np.log(_ERROR_RATE),
     )

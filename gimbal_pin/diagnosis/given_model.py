@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
+from gimbal_pin.diagnosis.fit import CRITICAL_Z
 from gimbal_pin.diagnosis.gain import rollout_rmse, torque_rmse
 from gimbal_pin.diagnosis.given_causes import (
     Form,
@@ -28,17 +29,20 @@ from gimbal_pin.identification.payload import (
     DEVIATIONS,
     FALSE_ALARM,
     IMPOSSIBLE,
-    LEAST_DIFFERENCE,
     is_physical_inertia,
 )
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Flags, MotionNoise, build_discrepancy_columns, fit_misfit, propagate_misfit
+from gimbal_pin.regression import (
+    FORM_ERROR,
+    Flags,
+    MotionNoise,
+    build_discrepancy_columns,
+    fit_misfit,
+    propagate_misfit,
+)
 
 _LEAST_CHANGE = 0.05
 """Share of a joint's given inertia from which a difference is told: few URDFs are nearer."""
-
-_APART = 1.96
-"""Deviations from which the log parts two causes, 95 %."""
 
 
 def compute_difference(state: State) -> BaseDifference:
@@ -82,8 +86,8 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     share = {
         form: _compute_torque_share(case, form) for form in case.found.best.values if _find_known(case, form).any()
     }
-    more = [_describe_finding(case, form, size) for form, size in share.items() if size.max() > LEAST_DIFFERENCE]
-    less = [Slight(*form.place, float(size.max())) for form, size in share.items() if size.max() <= LEAST_DIFFERENCE]
+    more = [_describe_finding(case, form, size) for form, size in share.items() if size.max() > FORM_ERROR]
+    less = [Slight(*form.place, float(size.max())) for form, size in share.items() if size.max() <= FORM_ERROR]
     every = tuple(sorted([*found.findings, *more], key=lambda one: -one.explained_share))
     verdict = overall([one.status for one in every], list(found.residual.values()))
     return replace(found, findings=every, verdict=verdict, immaterial=(*found.immaterial, *less))
@@ -159,7 +163,7 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
     rig, causes = case.held.rig, case.found.best.causes
     at = rig.joint_index(form.joint) if form.kind.of_joint else int(np.argmax(share))
     rivals = _compare_rivals(case, form)
-    alike = (form.kind.name, *(one.cause for one in rivals if one.z < _APART or one.delta < case.found.odds))
+    alike = (form.kind.name, *(one.cause for one in rivals if one.z < CRITICAL_Z or one.delta < case.found.odds))
     errors = [
         _build_stated_model(case, [x for one, x in causes.items() if one is not form]),
         _build_stated_model(case, list(causes.values())),

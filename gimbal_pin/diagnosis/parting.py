@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from gimbal_pin.diagnosis.engine.selection import APART
+from gimbal_pin.diagnosis.fit import CRITICAL_Z
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Motion
 from gimbal_pin.rig.brief import brief
 
-NAMED = 2 * APART
+NAMED = 2 * CRITICAL_Z
 """Standard deviations between two causes from which one is named: half of them is Vuong's z to be expected."""
 
 

@@ -8,9 +8,9 @@ from math import isfinite
 from typing import Any
 
 from gimbal_pin.checks import Alteration, Fault, list_alterations
-from gimbal_pin.diagnosis.engine.selection import APART
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
+from gimbal_pin.diagnosis.fit import CRITICAL_Z
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.state import State
@@ -122,7 +122,7 @@ class Finding:
     @property
     def open(self) -> str:
         """What else it may be, and why that is not ruled out, in a sentence; nothing where it is named."""
-        worse = {one.cause: digits(one.z, 2) for one in self.rivals if one.z > APART}
+        worse = {one.cause: digits(one.z, 2) for one in self.rivals if one.z > CRITICAL_Z}
         same = ", ".join(name for name in self.alike[1:] if name not in worse)
         less = ", ".join(f"{name} ({worse[name]} standard deviations)" for name in self.alike[1:] if name in worse)
         parts = {"this log cannot tell it from ": same, f"{WORSE}: ": less}

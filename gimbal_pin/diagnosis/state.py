@@ -121,7 +121,7 @@ class Problem:
         what shakes the joint and the controller answers to, and attenuates inertia.
         """
         now = solved(self, ())
-        slow = solved(Problem.of(self.evidence.slow_down(MotionNoise.cutoff), self.reduction), (), now, keep=True)
+        slow = solved(Problem.of(self.evidence.low_pass_motion(MotionNoise.cutoff), self.reduction), (), now, keep=True)
         figures = np.zeros((self.evidence.rig.n, now.fit.stack.shape[1]))
         figures[:, : self.inertia.shape[1]] = self.inertia
         return compare_instruments(now.fit.stack, slow.fit.stack, now.fit.target, now.fit.block, figures)

@@ -25,7 +25,7 @@ from gimbal_pin.identification.balance import report_with_balance
 from gimbal_pin.identification.fitting import given_beta
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import compute_deformation_root, find_base_columns, map_phi_to_base, project_rows
+from gimbal_pin.regression import FORM_ERROR, compute_deformation_root, find_base_columns, map_phi_to_base, project_rows
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -38,8 +38,6 @@ FALSE_ALARM = 0.003
 """Chance of speaking of a difference where there is none: three deviations."""
 DEVIATIONS = 2.0
 """Standard deviations from which a direction is spoken of, 95 %."""
-LEAST_DIFFERENCE = 0.005
-"""Share of a radius of gyration or of a moment of inertia under which no URDF is right: an error of its form."""
 IMPOSSIBLE = "the fit's figure is no body's, which points at noise in the motion or at torque that the model lacks"
 """What is said in place of a mass or an inertia that no body can have."""
 TRIAL_MASS, LEAST_SHIFT = 0.03, 0.05
@@ -217,7 +215,7 @@ class PayloadDiscrepancy:
 
     def _describe_place(self) -> str:
         """Say where it sits, in the camera's own directions."""
-        shift, least = self.shift._replace(basis=self.camera.T @ self.shift.basis), LEAST_DIFFERENCE * self.gyration
+        shift, least = self.shift._replace(basis=self.camera.T @ self.shift.basis), FORM_ERROR * self.gyration
         change, std = shift.change, shift.std
         hidden = [f"{a}/{b}" for (a, b), shown in zip(DIRECTIONS, shift.axes) if not shown]
         if len(hidden) == 3:
@@ -256,7 +254,7 @@ class PayloadDiscrepancy:
     def _describe_products(self) -> str:
         """Say that the body's products of inertia are others than stated, or nothing."""
         size = float(np.abs(self.products.change).max(initial=0.0))
-        if not self.products.is_significant or size < LEAST_DIFFERENCE * self.moment:
+        if not self.products.is_significant or size < FORM_ERROR * self.moment:
             return ""
         shown = zip(("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), self.products.std.tolist())
         figures = ", ".join(f"{name} by {x:+.2g} ± {digits(s, 1)}" for name, x, s in shown if abs(x) > DEVIATIONS * s)

@@ -35,6 +35,7 @@ from gimbal_pin.regression.design import find_slow_samples as find_slow_samples
 from gimbal_pin.regression.design import find_standstill as find_standstill
 from gimbal_pin.regression.design import get_design as get_design
 from gimbal_pin.regression.design import map_phi_to_base as map_phi_to_base
+from gimbal_pin.regression.discrepancy import FORM_ERROR as FORM_ERROR
 from gimbal_pin.regression.discrepancy import GROUPS as GROUPS
 from gimbal_pin.regression.discrepancy import Misfit as Misfit
 from gimbal_pin.regression.discrepancy import add_misfit as add_misfit

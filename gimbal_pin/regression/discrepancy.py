@@ -29,6 +29,9 @@ from gimbal_pin.regression.solve import (
 )
 from gimbal_pin.rig.brief import brief
 
+FORM_ERROR = 0.005
+"""Plausible error of a rigid model's form, as a share of its torque, of a moment of inertia or a radius of gyration: no
+URDF is right to less."""
 ANGLES, RATES, SIGNED = 24, 12, 6
 """Cosines over the angle's range (a ripple of 14 per turn has six in 2.5 rad), over the rate's, and over the angle
 times the direction of motion."""

@@ -46,9 +46,7 @@ class MotionNoise:
             below it, and what a joint does beside its reference has little power there. On measured logs 2 and 4 Hz
             say the same.
         material: Attenuation that matters: as much as a drive's torque constant is off.
-        vouched: Probability of such an attenuation under which a joint's acceleration is vouched for. The wrists of an
-            arm with fine encoders, whose inertias agree in two logs, stay under it; six logs of pendulums whose do not
-            lie above it.
+        credible: Probability of such an attenuation from which it is not ruled out: one chance in ten.
     """
 
     plain: Array
@@ -57,7 +55,7 @@ class MotionNoise:
     theta: Array
     cutoff: float = 3.0
     material: float = 0.1
-    vouched: float = 0.1
+    credible: float = 0.1
 
     __repr__ = brief
 
@@ -79,7 +77,7 @@ class MotionNoise:
     @property
     def is_hiding(self) -> Flags:
         """Joints, (n,), at which noise may hide what multiplies the acceleration: nothing of it is named there."""
-        return np.asarray(self.probability > self.vouched)
+        return np.asarray(self.probability > self.credible)
 
 
 def compare_instruments(A: Array, Z: Array, b: Array, block: Array, figures: Array) -> MotionNoise:

@@ -150,11 +150,11 @@ def residual(found: Diagnosis) -> Table:
 
 def rivals(finding: Finding) -> Table:
     """The causes that were fitted in a finding's place."""
-    from gimbal_pin.diagnosis.engine.selection import APART
+    from gimbal_pin.diagnosis.fit import CRITICAL_Z
 
     rows: list[list[Content]] = []
     for rival in finding.rivals[:MOST]:
-        no = "no" if rival.z <= APART else "no, too like it in form"
+        no = "no" if rival.z <= CRITICAL_Z else "no, too like it in form"
         out = toned(no, "fair") if rival.cause in finding.alike else toned("yes", "good")
         rows.append([rival.cause, figures(rival.delta), bar(rival.z / RULED_OUT, f"{rival.z:.1f}"), out])
     head = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Ruled out by this log"]

@@ -101,7 +101,7 @@ CASES = {
 def test_what_is_planted_in_a_trusted_urdf_is_found(case: str) -> None:
     """Named, with its figures within four deviations, and a model that predicts better with it."""
     name, planted, wanted = CASES[case]
-    found = examine(load(name), *planted, seed=9 if len(planted) > 1 else 6)
+    found = examine(load(name), *planted, seed=6)
     assert {(one.cause, one.joint) for one in found.findings} == set(wanted)
     assert found.verdict == ("named" if wanted else "nothing") and not found.immaterial
     for one in found.findings:
@@ -134,7 +134,7 @@ def test_what_no_body_makes_is_not_laid_on_further_ones(clean: BaseDifference) -
     strange = np.linalg.solve(clean.whitener, 30.0 * RNG(0).normal(size=len(clean.change)))
     found = find_given_causes(replace(clean, change=clean.change + shift + strange), BODIES)
     (form,) = found.best.values
-    assert form.kind is PayloadShift and 0.95 < found.compute_probability(form) <= 1.0
+    assert form.kind is PayloadShift and found.p_values[form] < 1e-3
 
 
 def test_causes_that_hide_each_other_are_found_together(clean: BaseDifference) -> None:

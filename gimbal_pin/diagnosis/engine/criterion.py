@@ -27,11 +27,12 @@ from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import FORM_ERROR
 
 INSIDE, WIDTH = 0.75, 8
 """Share of the band that does not fade, and frequencies that are averaged where two spectra are compared."""
-FORM, OF_CAUSE = 0.005, 0.17
-"""Plausible error of a form, as a share of its torque: of the rigid model, and of what only a cause explains."""
+OF_CAUSE = 0.17
+"""Plausible error of a cause's form, as a share of what only it explains; of the rigid model's, `FORM_ERROR`."""
 LIGHTEST = 1 / 3
 """Share of the given inertia about a joint's axis that what its drive passes on must move at least: no URDF is further
 off than that."""
@@ -126,11 +127,6 @@ def by_block(state: State, other: State) -> Array:
     return state.fit.by_block(difference[:, None])[:, 0] / 2
 
 
-def vuong(blocks: Array) -> float:
-    """``Σ_b d_b/(√B std d_b)``, in deviations, of what each block tells of two models, (blocks,)."""
-    return float(blocks.sum() / max(np.sqrt(len(blocks)) * blocks.std(ddof=1), 1e-12))
-
-
 def fitted(problem: Problem, causes: Sequence[Cause], before: State) -> State:
     """Refit everything with these causes until what reads the model's torque agrees with it."""
     return consistent(solved(problem, causes, before))
@@ -147,9 +143,9 @@ def matters(state: State, other: State) -> bool:
     """Whether a model explains more of any joint's torque than an error of the other's form could.
 
     ``Σ (|R'|² - |R|²)/(1 + s) > Σ s/(1 + s)`` over frequencies, R' and R the two residuals in units of the noise and
-    ``s = FORM² |T|² + OF_CAUSE² Σ_k |T_k|²`` the power of such an error: T is the torque that the other model predicts,
-    T_k what only its cause k explains, unless the model has but other pieces of it. Nature has more forms than a
-    library, of the rigid model and of every cause.
+    ``s = FORM_ERROR² |T|² + OF_CAUSE² Σ_k |T_k|²`` the power of such an error: T is the torque that the other model
+    predicts, T_k what only its cause k explains, unless the model has but other pieces of it. Nature has more forms
+    than a library, of the rigid model and of every cause.
     """
     evidence, n = other.problem.evidence, len(other.fit.scale)
     total = evidence.whiten_all(other.torque)
@@ -158,7 +154,7 @@ def matters(state: State, other: State) -> bool:
     whole = [one for one in other.causes if not any(same(one, x) and one.pieces != x.pieces for x in pieced)]
     lacking = (without(other, cause).fit for cause in whole)
     missed = (fit.residual.reshape(-1, n) / fit.scale - residuals[0] for fit in lacking)
-    signals = [(FORM, total), *((OF_CAUSE, one) for one in missed)]
+    signals = [(FORM_ERROR, total), *((OF_CAUSE, one) for one in missed)]
     gained, allowed, first = np.zeros(n), np.zeros(n), 0
     for part in evidence.parts:
         rows = slice(first, first + part.rows)

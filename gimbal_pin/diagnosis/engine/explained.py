@@ -8,7 +8,7 @@ from functools import partial
 
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.alignment import aligned, shifts
-from gimbal_pin.diagnosis.engine.criterion import FORM, OF_CAUSE, added, fitted, without
+from gimbal_pin.diagnosis.engine.criterion import OF_CAUSE, added, fitted, without
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
 from gimbal_pin.diagnosis.engine.noise import coloured, flat, rewhitened_problem
 from gimbal_pin.diagnosis.engine.selection import MOST, Rival, Search, contested, polished, pruned, selected
@@ -19,6 +19,7 @@ from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import FORM_ERROR
 from gimbal_pin.rig.rig import Rig
 
 STRUCTURED = 0.1
@@ -123,7 +124,7 @@ def explain(
 
 def material(lack: Lack) -> bool:
     """Whether a lack of fit is a structure, and larger than an error of form that any model has."""
-    return lack.share > STRUCTURED and lack.size > FORM
+    return lack.share > STRUCTURED and lack.size > FORM_ERROR
 
 
 def deserving(found: Explained) -> tuple[Cause, ...]:

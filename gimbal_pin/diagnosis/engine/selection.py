@@ -19,10 +19,9 @@ from gimbal_pin.diagnosis.engine.criterion import (
     passes,
     rows,
     unsupported,
-    vuong,
     without,
 )
-from gimbal_pin.diagnosis.fit import Fit, refit
+from gimbal_pin.diagnosis.fit import CRITICAL_Z, Fit, compute_vuong_z, refit
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import all_gained, gained
 from gimbal_pin.diagnosis.shapes import free, other_forms, refined, same
@@ -46,8 +45,6 @@ STEP = 2.0**0.25
 """Factor by which shapes are moved first when a model is refined once more."""
 Names = frozenset[tuple[str, str]]
 """Causes of a model by name and place."""
-APART = 1.96
-"""Deviations from which two models are told apart (Vuong, Econometrica 57, 1989; 95 %)."""
 
 
 @dataclass(frozen=True)
@@ -273,11 +270,11 @@ class Rival:
     @property
     def z(self) -> float:
         """Vuong's ratio: difference of the log likelihoods over its deviation by blocks."""
-        return vuong(self.blocks)
+        return compute_vuong_z(self.blocks)
 
     def parted(self, threshold: float) -> bool:
         """Whether the log tells it from the finding: by more than chance, and in more than a few blocks."""
-        return self.worse > threshold and self.z > APART
+        return self.worse > threshold and self.z > CRITICAL_Z
 
 
 def rivals(state: State, cause: Cause, search: Search) -> tuple[Rival, ...]:
