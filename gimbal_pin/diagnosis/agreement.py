@@ -111,7 +111,7 @@ def _compare_logs(states: Mapping[str, State]) -> list[LogDisagreement]:
         fit, width = state.fit, len(state.problem.reduction.independent)
         rubbing = slice(width, width + len(state.problem.friction))
         shared = np.delete(fit.stack, rubbing, axis=1)
-        columns.append(project_rows(shared, fit.stack[:, rubbing], np.empty((len(shared), 0)), 0.0))
+        columns.append(project_rows(shared, fit.stack[:, rubbing]))
         fitted.append(columns[-1] @ np.delete(fit.theta, rubbing))
     common = np.linalg.lstsq(np.vstack(columns), np.concatenate(fitted), rcond=1e-10)[0]
     rows = []

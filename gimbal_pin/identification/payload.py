@@ -128,7 +128,7 @@ class BaseDifference:
             limit: Standard deviation, in the wanted parameters' unit, from which a direction is not shown.
         """
         W = self.whitener
-        left, size, right = np.linalg.svd(_project(W @ wanted, W @ unknown), full_matrices=False)
+        left, size, right = np.linalg.svd(project_rows(W @ wanted, W @ unknown), full_matrices=False)
         floor = LEAST_KEPT * max(float(np.linalg.norm(W @ wanted)), 1e-300)
         shown = (size > floor) & (size * limit > 1.0)
         gain = (left[:, shown] / size[shown]).T @ W
@@ -137,7 +137,7 @@ class BaseDifference:
     def compute_rest(self, columns: Array) -> tuple[float, int]:
         """Power of the change outside the reach of some columns, (b, m), in units of noise, and in how many ways."""
         span = self.whitener @ columns
-        rest = _project((self.whitener @ self.change)[:, None], span)
+        rest = project_rows((self.whitener @ self.change)[:, None], span)
         return float(np.sum(rest**2)), len(self.change) - int(np.linalg.matrix_rank(span))
 
     def widen(self, root: Array) -> BaseDifference:
@@ -145,11 +145,6 @@ class BaseDifference:
         W, more = self.whitener, root @ root.T
         noise = self.weighting * len(self.change) / np.trace(W @ self.weighting @ W.T)
         return replace(self, covariance=self.covariance + more, weighting=noise + more)
-
-
-def _project(columns: Array, span: Array) -> Array:
-    """Take out of columns (b, p) what lies in the span of others (b, m), which may depend on each other."""
-    return project_rows(columns, span, np.empty((len(span), 0)), 0.0)
 
 
 def is_physical_inertia(inertia: float, mass: float = 1.0, moment: float = 0.0) -> bool:

@@ -42,6 +42,9 @@ from gimbal_pin.regression.discrepancy import add_misfit as add_misfit
 from gimbal_pin.regression.discrepancy import build_discrepancy_columns as build_discrepancy_columns
 from gimbal_pin.regression.discrepancy import fit_misfit as fit_misfit
 from gimbal_pin.regression.discrepancy import propagate_misfit as propagate_misfit
+from gimbal_pin.regression.gram import Gram as Gram
+from gimbal_pin.regression.gram import JointRows as JointRows
+from gimbal_pin.regression.gram import project_rows as project_rows
 from gimbal_pin.regression.instrumental import MotionNoise as MotionNoise
 from gimbal_pin.regression.instrumental import compare_instruments as compare_instruments
 from gimbal_pin.regression.instrumental import compute_moments as compute_moments
@@ -87,7 +90,6 @@ from gimbal_pin.regression.samples import subsample_log as subsample_log
 from gimbal_pin.regression.selection import ChosenSet as ChosenSet
 from gimbal_pin.regression.selection import Group as Group
 from gimbal_pin.regression.selection import Selection as Selection
-from gimbal_pin.regression.selection import project_rows as project_rows
 from gimbal_pin.regression.selection import select_groups as select_groups
 from gimbal_pin.regression.solve import RANK as RANK
 from gimbal_pin.regression.solve import Estimate as Estimate

@@ -18,6 +18,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression.gram import Gram, factor_posterior
 from gimbal_pin.rig.brief import brief
 
 BEAM = 6
@@ -99,30 +100,9 @@ class Selection:
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
-def project_rows(rows: Array, free: Array, background: Array, size: float) -> Array:
-    """``V^{-1/2} P rows``: rows without what free columns and a background explain, such that their noise is white.
-
-    V is ``I + τ² Z Zᵀ`` and P the projection off the free columns in its metric: inner products of the result are
-    ``rowsᵀ (V⁻¹ - V⁻¹ X_f (X_fᵀ V⁻¹ X_f)⁻¹ X_fᵀ V⁻¹) rows``, all that marginal likelihoods need of them.
-
-    Args:
-        rows: Columns and the torque, (N, k).
-        free: X_f, (N, f).
-        background: Z, (N, z).
-        size: τ.
-
-    Returns:
-        (N + z, k): the last rows are those of the background's prior.
-    """
-    z = background.shape[1]
-    known = np.zeros((len(rows) + z, free.shape[1] + z))
-    known[: len(rows), : free.shape[1]], known[: len(rows), free.shape[1] :] = free, size * background
-    known[len(rows) :, free.shape[1] :] = np.eye(z)
-    scale = np.linalg.norm(known, axis=0)
-    left, values, _ = np.linalg.svd(known / np.where(scale > 0, scale, 1.0), full_matrices=False)
-    Q = left[:, values > 1e-10 * values.max(initial=0.0)]
-    padded = np.concatenate([rows, np.zeros((z, rows.shape[1]))])
-    return np.asarray(padded - Q @ (Q.T @ padded))
+def _list_places(groups: Sequence[Group], chosen: Sequence[int]) -> list[int]:
+    """Places of the columns of some groups, one after the other."""
+    return [place for g in chosen for place in range(groups[g].columns.start, groups[g].columns.stop)]
 
 
 class _Batch(NamedTuple):
@@ -130,8 +110,8 @@ class _Batch(NamedTuple):
 
     Attributes:
         groups: Their places in the sequence of groups, (g,).
-        places: Places of their columns in X, (g, w).
-        grams: ``X_gᵀ X_g``, (g, w, w).
+        places: Places of their columns, (g, w).
+        grams: K's blocks of them, (g, w, w).
         mean: Prior means, (g, w).
         variances: Prior variances, (g, v); nan where a group has fewer than another.
     """
@@ -143,7 +123,7 @@ class _Batch(NamedTuple):
     variances: Array
 
 
-def _batch_groups(X: Array, groups: Sequence[Group]) -> list[_Batch]:
+def _batch_groups(gram: Gram, groups: Sequence[Group]) -> list[_Batch]:
     """Return the groups by their width."""
     widths = np.array([group.columns.stop - group.columns.start for group in groups])
     most = max((len(group.variances) for group in groups), default=0)
@@ -152,17 +132,16 @@ def _batch_groups(X: Array, groups: Sequence[Group]) -> list[_Batch]:
         members = np.flatnonzero(widths == width)
         same = [groups[g] for g in members.tolist()]
         places = np.array([range(group.columns.start, group.columns.stop) for group in same])
-        own = X[:, places]
         variances = np.full((len(same), most), np.nan)
         for row, group in zip(variances, same):
             row[: len(group.variances)] = group.variances
         mean = np.repeat([[group.mean] for group in same], width, axis=1)
-        out.append(_Batch(members, places, np.einsum("rgi,rgj->gij", own, own), mean, variances))
+        out.append(_Batch(members, places, gram.compute_blocks(places), mean, variances))
     return out
 
 
 def _score_extensions(
-    X: Array, y: Array, groups: Sequence[Group], batches: Sequence[_Batch], chosen: ChosenSet
+    gram: Gram, rows: Array, groups: Sequence[Group], batches: Sequence[_Batch], chosen: ChosenSet
 ) -> tuple[float, Array, Array, Array]:
     """Evidence of a set, and what every group would add to it; all relative to the empty set.
 
@@ -170,22 +149,30 @@ def _score_extensions(
     then a group with mean m and variance v adds
     ``½ c'ᵀ(K + I/v)⁻¹c' + mᵀc - ½ mᵀKm - ½ log det(I + vK)``, ``c' = c - K m``.
 
+    Args:
+        gram: Inner products.
+        rows: K's rows of the set's columns, (s, k).
+        groups: What may be in.
+        batches: The groups by their width.
+        chosen: The set.
+
     Returns:
         Log evidence; what each group adds to it, averaged over its variances, (g,); the variance that adds most, (g,);
         the logarithm of the average over the most, (g,).
     """
-    own = np.concatenate([X[:, :0], *(X[:, groups[g].columns] for g in chosen.groups)], axis=1)
+    own = _list_places(groups, chosen.groups)
     widths = [groups[g].columns.stop - groups[g].columns.start for g in chosen.groups]
     means, variance = (np.repeat(x, widths) for x in ([groups[g].mean for g in chosen.groups], chosen.variances))
-    left = y - own @ means
-    factor = np.linalg.cholesky(own.T @ own + np.diag(1.0 / variance))
-    swept = solve_triangular(factor, own.T @ X, lower=True)
-    b = solve_triangular(factor, own.T @ left, lower=True)
-    half_log_det = float(np.sum(np.log(np.diag(factor))) + 0.5 * np.sum(np.log(variance)))
-    evidence, c = 0.5 * float(y @ y - left @ left + b @ b) - half_log_det, X.T @ left - swept.T @ b
+    factor, root = factor_posterior(rows[:, own], variance), np.sqrt(variance)[:, None]
+    swept = solve_triangular(factor, root * rows, lower=True)
+    c = gram.correlations - means @ rows
+    b = solve_triangular(factor, root[:, 0] * c[own], lower=True)
+    evidence = 0.5 * float(means @ (gram.correlations[own] + c[own]) + b @ b) - float(np.sum(np.log(np.diag(factor))))
+    c = c - b @ swept
     gains, best, share = np.empty((3, len(groups)))
     for members, places, grams, mean, variances in batches:
-        K = grams - np.einsum("sgi,sgj->gij", swept[:, places], swept[:, places])
+        swept_of = swept.T[places]
+        K = grams - swept_of @ swept_of.swapaxes(1, 2)
         power, axes = np.linalg.eigh(K)
         power, drawn = np.maximum(power, 0.0), np.einsum("gij,gj->gi", K, mean)
         along = np.einsum("gij,gi->gj", axes, c[places] - drawn)
@@ -200,37 +187,39 @@ def _score_extensions(
 
 
 def select_groups(
-    X: Array,
-    y: Array,
+    gram: Gram,
     groups: Sequence[Group],
     *,
     beam: int = BEAM,
     largest: int = LARGEST_SET,
     negligible: float = NEGLIGIBLE,
 ) -> Selection:
-    """Find the sets of groups that explain y, and how probable each is.
+    """Find the sets of groups that explain the torque, and how probable each is.
 
     Of each size the most probable `beam` sets are extended by every group; every set that was looked at counts in the
     probabilities.
 
     Args:
-        X: Columns with what every model holds projected off, see `project_rows`, (N, k).
-        y: The same of the torque, (N,).
+        gram: Inner products of all groups' columns and the torque.
         groups: What may be in.
         beam: Sets of each size that are extended.
         largest: Groups in the largest set.
         negligible: Log odds under the best set's at which a set is not extended, and no further one looked at.
     """
-    batches, odds = _batch_groups(X, groups), np.array([group.log_odds for group in groups])
+    batches, odds = _batch_groups(gram, groups), np.array([group.log_odds for group in groups])
     beside = np.array([g.log_odds if g.log_odds_beside is None else g.log_odds_beside for g in groups])
     families = list(dict.fromkeys(g.family for g in groups if g.family is not None))
     kinds = np.array([-1 - k if g.family is None else families.index(g.family) for k, g in enumerate(groups)])
     visited: dict[tuple[int, ...], ChosenSet] = {(): ChosenSet((), (), 0.0, 0.0, 0.0)}
     front = list(visited.values())
+    rows: dict[int, Array] = {}
     for _ in range(largest):
         found: dict[tuple[int, ...], ChosenSet] = {}
         for chosen in front:
-            evidence, gains, variances, share = _score_extensions(X, y, groups, batches, chosen)
+            for g in set(chosen.groups) - set(rows):
+                rows[g] = gram.compute_rows(_list_places(groups, [g]))
+            own = np.concatenate([np.zeros((0, gram.width)), *(rows[g] for g in chosen.groups)])
+            evidence, gains, variances, share = _score_extensions(gram, own, groups, batches, chosen)
             taken = {groups[g].key for g in chosen.groups}
             prior = chosen.log_prior + np.where(np.isin(kinds, kinds[list(chosen.groups)]), beside, odds)
             posterior = evidence + chosen.log_share + prior + gains

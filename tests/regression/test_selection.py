@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from gimbal_pin.regression import Group, project_rows, select_groups
+from gimbal_pin.regression import Gram, Group, JointRows, select_groups
 
 ROWS = 60
 WIDTHS = (1, 2, 3, 2)
@@ -27,6 +27,12 @@ def draw(seed: int) -> tuple[np.ndarray, tuple[Group, ...], np.random.Generator]
     return rng.normal(size=(ROWS, ends[-1])), groups, rng
 
 
+def gram_of(X: np.ndarray, y: np.ndarray, free: np.ndarray | None = None) -> Gram:
+    """Gram matrix of dense rows of one joint, without a background."""
+    none = np.zeros((len(y), 0))
+    return Gram.of([JointRows(y, X, np.arange(X.shape[1]), none if free is None else free, none, none)], 0.0)
+
+
 def evidence_of(X: np.ndarray, y: np.ndarray, chosen: list[tuple[Group, float]]) -> float:
     """``log N(y; X m, I + Σ v X_g X_gᵀ)``."""
     mean, covariance = np.zeros(len(y)), np.eye(len(y))
@@ -40,7 +46,9 @@ def test_the_evidence_of_every_set_is_that_of_the_normal_distribution() -> None:
     X, groups, rng = draw(1)
     groups = tuple(replace(group, variances=group.variances[:1]) for group in groups)
     y = rng.normal(size=ROWS)
-    found = {one.groups: one.log_posterior for one in select_groups(X, y, groups, beam=99, negligible=np.inf).sets}
+    found = {
+        one.groups: one.log_posterior for one in select_groups(gram_of(X, y), groups, beam=99, negligible=np.inf).sets
+    }
     empty = evidence_of(X, y, [])
     for size in range(len(groups) + 1):
         for members in combinations(range(len(groups)), size):
@@ -51,7 +59,7 @@ def test_the_evidence_of_every_set_is_that_of_the_normal_distribution() -> None:
 def test_the_evidence_of_a_group_is_averaged_over_its_variances() -> None:
     X, groups, rng = draw(8)
     y = X @ rng.normal(size=X.shape[1]) + rng.normal(size=ROWS)
-    found = {one.groups: one for one in select_groups(X, y, groups, beam=99, negligible=np.inf).sets}
+    found = {one.groups: one for one in select_groups(gram_of(X, y), groups, beam=99, negligible=np.inf).sets}
     empty = evidence_of(X, y, [])
     for g, group in enumerate(groups):
         each = [evidence_of(X, y, [(group, v)]) - empty + group.log_odds for v in group.variances]
@@ -60,39 +68,38 @@ def test_the_evidence_of_a_group_is_averaged_over_its_variances() -> None:
         assert one.variances == (group.variances[int(np.argmax(each))],)
 
 
-def test_projected_rows_have_the_inner_products_of_the_whole_model() -> None:
-    rng = np.random.default_rng(2)
-    free, background, rows = (rng.normal(size=(ROWS, k)) for k in (3, 20, 4))
-    size = 0.3
-    weight = np.linalg.inv(np.eye(ROWS) + size**2 * background @ background.T)
-    off = weight - weight @ free @ np.linalg.solve(free.T @ weight @ free, free.T @ weight)
-    projected = project_rows(rows, free, background, size)
-    np.testing.assert_allclose(projected.T @ projected, rows.T @ off @ rows, rtol=1e-9, atol=1e-9)
-
-
 def test_what_free_columns_explain_changes_nothing() -> None:
     X, groups, rng = draw(3)
     free, y = rng.normal(size=(ROWS, 3)), rng.normal(size=ROWS)
-    none = np.zeros((ROWS, 0))
     answers = []
     for moved in (0.0, 100.0):
-        rows = np.column_stack([X + moved * free[:, :1], y + moved * free[:, 1]])
-        rows = project_rows(rows, free, none, 0.0)
-        answers.append(select_groups(rows[:, :-1], rows[:, -1], groups).compute_inclusion())
+        gram = gram_of(X + moved * free[:, :1], y + moved * free[:, 1], free)
+        answers.append(select_groups(gram, groups).compute_inclusion())
     assert answers[0] == pytest.approx(answers[1], abs=1e-9)
+
+
+def test_a_column_that_free_columns_explain_adds_nothing() -> None:
+    """Were K or c of it rounding errors of the whole column's, a mean or a wide variance would amplify them."""
+    rng = np.random.default_rng(10)
+    free, y = rng.normal(size=(ROWS, 3)), rng.normal(size=ROWS)
+    x = free @ [1.0, 2.0, -1.0] + 1e-9 * rng.normal(size=ROWS)
+    for mean in (0.0, 1.0):
+        group = Group("x", slice(0, 1), 0.0, (1e8,), mean)
+        found = select_groups(gram_of(x[:, None], y + 100.0 * free[:, 0], free), [group])
+        assert found.compute_inclusion()["x"] == pytest.approx(0.5, abs=1e-6)
 
 
 def test_units_and_order_of_the_groups_change_nothing() -> None:
     X, groups, rng = draw(4)
     y = X[:, 1:3] @ [1.0, -0.5] + rng.normal(size=ROWS)
-    plain = select_groups(X, y, groups).compute_inclusion()
+    plain = select_groups(gram_of(X, y), groups).compute_inclusion()
     scales = np.array([2.0, 1e3, 1e-3, 5.0])
     scaled = X / np.repeat(scales, WIDTHS)
     other = tuple(
         replace(g, variances=tuple(v * s**2 for v in g.variances), mean=g.mean * s) for g, s in zip(groups, scales)
     )
-    assert select_groups(scaled, y, other).compute_inclusion() == pytest.approx(plain, abs=1e-9)
-    assert select_groups(X, y, groups[::-1]).compute_inclusion() == pytest.approx(plain, abs=1e-9)
+    assert select_groups(gram_of(scaled, y), other).compute_inclusion() == pytest.approx(plain, abs=1e-9)
+    assert select_groups(gram_of(X, y), groups[::-1]).compute_inclusion() == pytest.approx(plain, abs=1e-9)
 
 
 def plant(seed: int, planted: tuple[int, ...], size: float = 1.0) -> dict[object, float]:
@@ -103,7 +110,7 @@ def plant(seed: int, planted: tuple[int, ...], size: float = 1.0) -> dict[object
     for g in planted:
         y += size * X[:, 2 * g : 2 * g + 2] @ np.sign(rng.normal(size=2))
     groups = [Group(g, slice(2 * g, 2 * g + 2), float(np.log(0.02)), (0.01, 0.1, 1.0)) for g in range(30)]
-    return dict(select_groups(X, y, groups).compute_inclusion())
+    return dict(select_groups(gram_of(X, y), groups).compute_inclusion())
 
 
 @pytest.mark.parametrize("planted", [(), (7,), (3, 21), (2, 11, 29)])
@@ -122,7 +129,7 @@ def test_probabilities_are_calibrated() -> None:
         acts = rng.random(6) < 0.2
         y = X @ np.where(acts, rng.normal(0.0, 0.4, 6), 0.0) + rng.normal(size=40)
         groups = [Group(g, slice(g, g + 1), float(np.log(0.25)), (0.16,)) for g in range(6)]
-        inclusion = select_groups(X, y, groups, beam=20).compute_inclusion()
+        inclusion = select_groups(gram_of(X, y), groups, beam=20).compute_inclusion()
         said += [inclusion.get(g, 0.0) for g in range(6)]
         true += acts.tolist()
     said, true = np.array(said), np.array(true, float)
@@ -139,7 +146,7 @@ def test_what_no_rows_can_part_shares_its_probability() -> None:
     x = rng.normal(size=(100, 1))
     y = x[:, 0] + rng.normal(size=100)
     groups = [Group(name, slice(i, i + 1), -3.0, (1.0,)) for i, name in enumerate("ab")]
-    found = select_groups(np.hstack([x, x]), y, groups)
+    found = select_groups(gram_of(np.hstack([x, x]), y), groups)
     inclusion = found.compute_inclusion()
     assert inclusion["a"] == pytest.approx(inclusion["b"])
     assert found.probabilities[0] + found.probabilities[1] > 0.9
@@ -150,7 +157,7 @@ def test_a_set_holds_one_group_of_a_key() -> None:
     X = rng.normal(size=(80, 4))
     y = X @ [3.0, 3.0, 3.0, 0.0] + rng.normal(size=80)
     groups = [Group(k, slice(i, i + 1), -3.0, (1.0, 9.0)) for i, k in enumerate(("a", "a", "b", "c"))]
-    found = select_groups(X, y, groups)
+    found = select_groups(gram_of(X, y), groups)
     assert all(len(found.keys(one)) == len(one.groups) for one in found.sets)
     assert found.compute_inclusion()["a"] > 0.99
 
@@ -161,7 +168,7 @@ def test_a_further_group_of_a_family_pays_the_lesser_price() -> None:
     alone = tuple(replace(g, variances=g.variances[:1]) for g in groups)
     related = (alone[0], *(replace(g, family="kin", log_odds_beside=-0.5) for g in alone[1:]))
     plain, kin = (
-        {one.groups: one.log_posterior for one in select_groups(X, y, each, beam=99, negligible=np.inf).sets}
+        {one.groups: one.log_posterior for one in select_groups(gram_of(X, y), each, beam=99, negligible=np.inf).sets}
         for each in (alone, related)
     )
     for members, value in plain.items():
