@@ -103,6 +103,7 @@ def main(
     data: int = 60,
     held_out: int = 30,
     corrupted: int = 30,
+    mismatched: int = 0,
     drive_clean: int = 0,
     drive_single: int = 0,
     drive_pair: int = 0,
@@ -123,6 +124,7 @@ def main(
         data: Faults of the data.
         held_out: Effects that begin in the held-out part.
         corrupted: Clean logs with a spoilt segment.
+        mismatched: Logs with a late torque column, or with two joints exchanged.
         drive_clean: Logs of a drive's sensors with nothing in them.
         drive_single: The same with one effect of the library.
         drive_pair: The same with two.
@@ -132,8 +134,9 @@ def main(
     """
     sizes = {
         "clean": clean, "single": single, "pair": pair, "outside": outside, "mixed": mixed, "data": data,
-        "held-out": held_out, "corrupted": corrupted, "drive-clean": drive_clean, "drive-single": drive_single,
-        "drive-pair": drive_pair, "drive-outside": drive_outside,
+        "held-out": held_out, "corrupted": corrupted, "mismatched": mismatched,
+        "drive-clean": drive_clean, "drive-single": drive_single, "drive-pair": drive_pair,
+        "drive-outside": drive_outside,
     }  # fmt: skip
     wanted = plans(seed, sizes)
     done = {name for name in wanted if any((folder / name / f).exists() for f in ("diagnosis.json", "diverged"))}

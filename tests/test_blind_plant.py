@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from tests.blind.calibrate import calibrate, share_of, trial
 from tests.blind.cases import Case, hide
-from tests.blind.corruption import CORRUPTIONS
+from tests.blind.corruption import CORRUPTIONS, exchanged_joints, late_torque
 from tests.blind.draw import sample
 from tests.blind.effects import CATALOGUE, PUBLISHED, Effect
 from tests.blind.files import read_csv, write, write_truth
@@ -407,6 +407,26 @@ def test_corruption_stays_in_its_window(cause: str, form: str) -> None:
         np.testing.assert_array_equal(damage.columns[name][: int(0.38 * n)], log[name][: int(0.38 * n)])
         if name != "t" and form != "gaps":
             np.testing.assert_array_equal(damage.columns[name][int(0.62 * n) :], log[name][int(0.62 * n) :])
+
+
+def test_late_torque_is_the_torque_of_before() -> None:
+    log = small_case(2, "clean").log
+    damage = late_torque(log, np.random.default_rng(0), (0.0, 1.0))
+    late, t = damage.parameters["late"], damage.columns["t"]
+    assert 0.05 <= late <= 0.2
+    for name, values in damage.columns.items():
+        earlier = t - late if name.startswith("tau_") else t
+        np.testing.assert_allclose(values, np.interp(earlier, log["t"], log[name]), rtol=1e-12)
+
+
+def test_to_exchange_joints_twice_is_to_do_nothing() -> None:
+    log = small_case(2, "clean").log
+    once = exchanged_joints(log, np.random.default_rng(0), (0.0, 1.0)).columns
+    again = exchanged_joints(once, np.random.default_rng(0), (0.0, 1.0)).columns
+    assert list(once) == list(log)
+    for name, values in log.items():
+        np.testing.assert_array_equal(again[name], values)
+        assert np.array_equal(once[name], values) is (name == "t")
 
 
 # sampling ------------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import drive_log, people
 from .calibrate import calibrate
-from .corruption import CORRUPTIONS, Columns, Damage
+from .corruption import CORRUPTIONS, MISMATCHES, Columns, Damage
 from .drive_sensors import DriveSensors
 from .effects import CATALOGUE, Effect, PlatformMotion, diagonal
 from .ledger import settle
@@ -169,4 +169,4 @@ def _damaged(plan: Plan, log: Columns, rng: np.random.Generator) -> Damage:
     if plan.data is None or plan.formula:
         return Damage(log)
     cause, form = plan.data
-    return CORRUPTIONS[cause][form](log, rng, plan.window)
+    return (CORRUPTIONS | MISMATCHES)[cause][form](log, rng, plan.window)

@@ -158,5 +158,34 @@ CORRUPTIONS: dict[str, dict[str, Corruption]] = {
     "stuck-channel": {"frozen": frozen_channel, "railed": railed_channel},
     "outliers": {"spikes": spikes, "burst": burst},
 }
+
+
+def late_torque(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
+    """Every torque column 50–200 ms behind the others; the rows before the first torque are not in the log."""
+    late, t = float(rng.uniform(0.05, 0.2)), columns["t"]
+    kept = t >= t[0] + late
+    delayed = {name: np.interp(t - late, t, columns[name]) for name in _named(columns, "tau")}
+    return Damage({name: x[kept] for name, x in (columns | delayed).items()}, {"late": late}, tuple(delayed))
+
+
+def exchanged_joints(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
+    """Two joints' columns stand under each other's name, in every channel."""
+    joints = [name.removeprefix("tau_") for name in _named(columns, "tau")]
+    first, second = (str(joint) for joint in rng.choice(joints, 2, replace=False))
+    other = {first: second, second: first}
+    exchanged = {
+        f"{kind}_{joint}": columns[f"{kind}_{other[joint]}"]
+        for kind in ("q", "dq", "tau", "q_ref", "temp")
+        for joint in other
+        if f"{kind}_{joint}" in columns
+    }
+    return Damage(columns | exchanged, channels=tuple(exchanged))
+
+
+MISMATCHES: dict[str, dict[str, Corruption]] = {
+    "late-torque": {"resampled": late_torque},
+    "exchanged-joints": {"all-channels": exchanged_joints},
+}
+"""Whole channels that do not belong together: to be told as *data*, whatever else is said."""
 COMMANDED = ("pure", "lagging-drive")
 """Forms of `commanded-torque`, no damage done to a log: its torque is the controller's formula from the start."""

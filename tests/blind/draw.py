@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .corruption import COMMANDED, CORRUPTIONS
+from .corruption import COMMANDED, CORRUPTIONS, MISMATCHES
 from .drive_draw import dressed, spread
 from .effects import CATALOGUE, OUTSIDE, PUBLISHED, TRUSTED, Effect
 from .excitation import EXCITATIONS
@@ -98,6 +98,13 @@ def _data(rng: np.random.Generator, block: int) -> list[Plan]:
     return [replace(plan, data=item, level="clean") for plan, item in zip(plans, ALL_DATA, strict=True)]
 
 
+def _mismatched(rng: np.random.Generator) -> list[Plan]:
+    """Clean rigs of two axes or more, their torque late and their joints exchanged by turns."""
+    faults = [(cause, form) for cause, forms in MISMATCHES.items() for form in forms]
+    plans = _bare(rng, "mismatched", 6 * len(faults))
+    return [replace(p, data=faults[i % len(faults)], axes=max(p.axes, 2)) for i, p in enumerate(plans)]
+
+
 def _held_out(rng: np.random.Generator, block: int) -> list[Plan]:
     """Effects that begin where the last third does."""
     kinds = [kind for kind in PUBLISHED if kind.can_start_late]
@@ -136,6 +143,7 @@ def _block(seed: int, stratum: str, block: int) -> list[Plan]:
         "data": lambda: _data(rng, block),
         "held-out": lambda: _held_out(rng, block),
         "corrupted": lambda: _corrupted(rng, block),
+        "mismatched": lambda: _mismatched(rng),
         "drive-clean": lambda: _dressed(rng, _clean(rng, stratum)),
         "drive-single": lambda: _dressed(rng, _singles(rng, block, stratum, PUBLISHED)),
         "drive-pair": lambda: _dressed(rng, _pairs(rng, block, stratum, PUBLISHED)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 DRIVE_STRATA = ("drive-clean", "drive-single", "drive-pair", "drive-outside")
-STRATA = ("clean", "single", "pair", "outside", "mixed", "data", "held-out", "corrupted", *DRIVE_STRATA)
+STRATA = ("clean", "single", "pair", "outside", "mixed", "data", "held-out", "corrupted", *DRIVE_STRATA, "mismatched")
 SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 LEVELS = ("clean", "dirty")
 VARIANTS = ("plain", "short", "long", "turning", "many-joints")
