@@ -1,7 +1,7 @@
 """Each rule and each constant of the diagnosis that decides a verdict, switched off: what it costs on blind logs.
 
-A rule that moves no figure beyond its Wilson bounds goes (DESIGN). The logs are those that ``scripts/blind --keep`` has
-left in a folder: development logs, never those of a final draw. Every ablation diagnoses all of them in a process of
+A rule that moves no figure beyond its Wilson bounds goes (DESIGN). The logs are those of ``scripts/blind draw``
+in a folder: development logs, never those of a final draw. Every ablation diagnoses all of them in a process of
 its own; what is in the folder of results is not run again.
 """
 

@@ -1,62 +1,68 @@
-"""A seeded, stratified sample of hidden effects: only the log's and the rig's files reach ``gimbal-pin diagnose``.
+"""Hidden effects in logs of another simulator: only the log's and the rig's files reach ``gimbal-pin diagnose``.
 
-Every case leaves its truth and its diagnosis in the folder; a run that was stopped goes on where it was. To hide takes
-longer than to diagnose: with ``--keep`` the logs stay too, and a case whose ``diagnosis.json`` is removed is diagnosed
-again. Prints the figures with Wilson bounds, one confusion matrix and the detection limits.
+    scripts/blind draw --folder F --seed N   logs, rigs and truths: a sample (``--counts clean 30 single 60``)
+    scripts/blind run --folder F             diagnoses what is not diagnosed yet
+    scripts/blind judge --folder F           the table: every figure with Wilson bounds, must, aim, PASS or FAIL
+    scripts/blind --reliability --folder F   stated probabilities against the truth: table, picture and JSON in F
 
-The final draw: ``--clean 300 --single 160 --pair 100 --outside 60 --drive-clean 300 --drive-single 80``, and 0 of
-``--mixed``, ``--data``, ``--held-out`` and ``--corrupted``, which are drawn on demand like the other two of a drive's.
+``draw`` and ``run`` go on where they were stopped; a log whose ``diagnosis.json`` is removed is diagnosed again.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
 import sys
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import redirect_stdout
+from dataclasses import asdict
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Literal
 
 import tyro
 from tqdm import tqdm
 
 from gimbal_pin.cli import main as gimbal_pin
-from tests.blind import breakdown, cases, draw, files, plant, table
+from tests.blind import cases, files, plant, reliability, table
+from tests.blind import draw as sampling
+from tests.blind.judge import Judged, confident, judge, tells
 from tests.blind.plan import Plan
-
-REFUSED = {"verdict": "refused", "findings": [], "residual": {}, "immaterial": [], "untestable": []}
-"""What stands for a log that was refused: with exit code 3, or 2 where a joint is missing."""
-
 
 LOGS = ("log.csv", "rig.urdf", "rig.yaml")
 """What may reach a diagnosis."""
+Stratum = Literal["clean", "single", "pair", "outside", "data", "drive-clean", "drive-single", "mismatched"]
+FINAL: dict[Stratum, int] = {
+    "clean": 300, "single": 160, "pair": 100, "outside": 60, "drive-clean": 300, "drive-single": 80, "mismatched": 40,
+}  # fmt: skip
+"""Logs of the final draw."""
 
 
-def hide(plan: Plan, folder: Path) -> bool:
-    """Hide and write log, rig and truth; return whether the plant stood it."""
+def hide(plan: Plan, folder: Path) -> None:
+    """Hide and write log, rig and, last, the truth; or a file `diverged` where no controller holds the plant."""
+    folder.mkdir(parents=True, exist_ok=True)
     try:
         hidden = cases.hide(plan)
     except plant.PlantDivergedError:
         (folder / "diverged").touch()
-        return False
+        return
     files.write(hidden, folder)
-    with TemporaryDirectory() as place:
-        told = files.write_truth(hidden, Path(place))
-        (folder / "truth.json").write_text(told.truth.read_text(encoding="utf-8"), encoding="utf-8")
-    return True
+    files.write_whole(folder / "truth.json", json.dumps(hidden.truth, indent=1) + "\n")
 
 
-def joints_missing(folder: Path) -> bool:
-    """Whether the log lacks a joint that moves in its URDF: to refuse it as bad input is an answer, and is counted."""
-    return loaded(folder / "truth.json")["plan"].get("idle") == "unlogged"
+def plans(seed: int, counts: dict[Stratum, int]) -> dict[str, Plan]:
+    """Folder name → plan."""
+    return {f"{s}-{seed}-{i:04d}": p for s, n in counts.items() for i, p in enumerate(sampling.sample(n, seed, s))}
 
 
 def diagnosed(folder: Path) -> None:
-    """Diagnose the log's and the rig's files, and nothing else, from a folder where nothing else is."""
+    """Diagnose the log's and the rig's files, and nothing else, from a folder where nothing else is.
+
+    Exit code 3 is a refusal, and so is 2 where the log lacks a joint that moves in its URDF; all else is an error.
+    """
+    missing = loaded(folder / "truth.json")["plan"].get("idle") == "unlogged"
     with TemporaryDirectory() as place:
         rig, log, said = (Path(place) / name for name in ("rig.yaml", "log.csv", "said.json"))
         for name in LOGS:
@@ -64,22 +70,12 @@ def diagnosed(folder: Path) -> None:
         try:
             with redirect_stdout(StringIO()):
                 gimbal_pin(["diagnose", str(rig), str(log), "--json", str(said)])
-        except SystemExit as stop:
-            if stop.code != 3 and not (stop.code == 2 and joints_missing(folder)):
-                raise RuntimeError(f"diagnose left with {stop.code} on {folder.name}") from stop
-            said.write_text(json.dumps(REFUSED), encoding="utf-8")
-        shutil.copy(said, folder / ".said.json")
-        os.replace(folder / ".said.json", folder / "diagnosis.json")
-
-
-def case(plan: Plan, folder: Path, keep: bool) -> None:
-    """Hide what is not hidden yet, diagnose, and drop the logs unless they are to be kept."""
-    hidden = all((folder / name).exists() for name in (*LOGS, "truth.json"))
-    if hidden or hide(plan, folder):
-        diagnosed(folder)
-    if not keep:
-        for name in LOGS:
-            (folder / name).unlink(missing_ok=True)
+            answer = said.read_text(encoding="utf-8")
+        except (Exception, SystemExit) as stop:  # noqa: BLE001 - an error of ours is counted, and ends no run
+            code = stop.code if isinstance(stop, SystemExit) else repr(stop)
+            verdict = "refused" if code == 3 or (code == 2 and missing) else "error"
+            answer = json.dumps({"verdict": verdict, "findings": [], "exit": code})
+    files.write_whole(folder / "diagnosis.json", answer)
 
 
 def loaded(path: Path) -> dict[str, Any]:
@@ -87,72 +83,93 @@ def loaded(path: Path) -> dict[str, Any]:
     return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
-def plans(seed: int, sizes: dict[str, int]) -> dict[str, Plan]:
-    """Folder name → plan."""
-    return {f"{s}-{seed}-{i:04d}": p for s, n in sizes.items() for i, p in enumerate(draw.sample(n, seed, s))}
+def in_parallel(jobs: int, work: Callable[..., None], arguments: list[tuple[Any, ...]]) -> None:
+    """Call with each of the arguments, in processes, with a progress bar."""
+    with ProcessPoolExecutor(jobs) as pool:
+        futures = [pool.submit(work, *each) for each in arguments]
+        for future in tqdm(as_completed(futures), total=len(futures), disable=None, file=sys.stderr):
+            future.result()
 
 
-def main(
-    folder: Path = Path("blind-results"),
-    seed: int = 1,
-    clean: int = 300,
-    single: int = 600,
-    pair: int = 120,
-    outside: int = 120,
-    mixed: int = 40,
-    data: int = 60,
-    held_out: int = 30,
-    corrupted: int = 30,
-    mismatched: int = 0,
-    drive_clean: int = 0,
-    drive_single: int = 0,
-    drive_pair: int = 0,
-    drive_outside: int = 0,
-    keep: bool = False,
-    workers: int = os.cpu_count() or 1,
-) -> None:
-    """Run what is missing and print the table.
+def draw(folder: Path, seed: int, counts: dict[Stratum, int] | None = None, jobs: int = os.cpu_count() or 1) -> None:
+    """Draw logs with effects hidden in them.
 
     Args:
-        folder: Where cases are kept.
-        seed: Seed of the sample.
-        clean: Logs with nothing in them.
-        single: Logs with one effect of the library, half of them in forms that it does not have.
-        pair: Logs with two.
-        outside: Logs with an effect that the library does not have.
-        mixed: One known and one from outside.
-        data: Faults of the data.
-        held_out: Effects that begin in the held-out part.
-        corrupted: Clean logs with a spoilt segment.
-        mismatched: Logs with a late torque column, or with two joints exchanged.
-        drive_clean: Logs of a drive's sensors with nothing in them.
-        drive_single: The same with one effect of the library.
-        drive_pair: The same with two.
-        drive_outside: The same with an effect that the library does not have.
-        keep: Keep the logs, to diagnose them again.
-        workers: Processes.
+        folder: Where each log gets a folder of its own.
+        seed: Seed of the sample; a longer sample begins with the logs of a shorter one.
+        counts: How many logs of each stratum (FINAL's where none is given).
+        jobs: Processes.
     """
-    sizes = {
-        "clean": clean, "single": single, "pair": pair, "outside": outside, "mixed": mixed, "data": data,
-        "held-out": held_out, "corrupted": corrupted, "mismatched": mismatched,
-        "drive-clean": drive_clean, "drive-single": drive_single, "drive-pair": drive_pair,
-        "drive-outside": drive_outside,
-    }  # fmt: skip
-    wanted = plans(seed, sizes)
-    done = {name for name in wanted if any((folder / name / f).exists() for f in ("diagnosis.json", "diverged"))}
-    with ProcessPoolExecutor(workers) as pool:
-        futures = []
-        for name in wanted.keys() - done:
-            (folder / name).mkdir(parents=True, exist_ok=True)
-            futures.append(pool.submit(case, wanted[name], folder / name, keep))
-        for future in tqdm(as_completed(futures), total=len(futures), desc="cases", disable=None, file=sys.stderr):
-            future.result()
-    kept = [folder / name for name in wanted if (folder / name / "diagnosis.json").exists()]
-    pairs = [(loaded(place / "truth.json"), loaded(place / "diagnosis.json")) for place in kept]
-    print(table.text(table.score(pairs)))
-    print(breakdown.confusion(pairs))
-    print(breakdown.limits_text(breakdown.detection_limits(pairs)))
+    wanted = [(plan, folder / name) for name, plan in plans(seed, counts or FINAL).items()]
+    in_parallel(jobs, hide, [
+        one for one in wanted if not any((one[1] / name).exists() for name in ("truth.json", "diverged"))
+    ])  # fmt: skip
+
+
+def run(folder: Path, jobs: int = os.cpu_count() or 1) -> None:
+    """Diagnose every drawn log that is not diagnosed yet.
+
+    Args:
+        folder: Folder of the draw.
+        jobs: Processes.
+    """
+    drawn = sorted(truth.parent for truth in folder.glob("*/truth.json"))
+    in_parallel(jobs, diagnosed, [(place,) for place in drawn if not (place / "diagnosis.json").exists()])
+
+
+def judged_in(folder: Path) -> dict[str, Judged]:
+    """Folder name → the case, of every log that is diagnosed."""
+    places = sorted(said.parent for said in folder.glob("*/diagnosis.json"))
+    return {each.name: judge(loaded(each / "truth.json"), loaded(each / "diagnosis.json")) for each in places}
+
+
+def described(name: str, case: Judged) -> str:
+    """One line: what was hidden and what was said; ! before what is wrong."""
+    hidden = [f"{cause['cause']}:{cause['form']} at {cause['joint']}" for cause in case.causes]
+    fault = case.truth["data"]["cause"] if case.truth["data"] else "nothing"
+    said = [
+        "! "[any(tells(found, cause) for cause in case.causes) or not confident(found)]
+        + f"{found['cause']} at {found['joint']} ({found['status']})"
+        for found in case.findings
+    ]
+    return f"{name}: {', '.join(hidden) or fault} → {case.verdict}: {', '.join(said)}"
+
+
+def judge_folder(folder: Path, each: bool = False) -> None:
+    """Print the table.
+
+    Args:
+        folder: Folder of the draw, diagnosed.
+        each: Print each log's truth and diagnosis too, for development; never of a final draw before its table.
+    """
+    cases_of = judged_in(folder)
+    rows = table.score(list(cases_of.values()))
+    stated = [case for case in cases_of.values() if "causes" in case.diagnosis]
+    rows += reliability.as_figures(reliability.measure(stated)) if stated else []
+    print(table.text(rows))
+    if each:
+        print("\n".join(described(name, case) for name, case in cases_of.items()))
+
+
+def judge_probabilities(folder: Path) -> None:
+    """Print the reliability of the stated probabilities, and write reliability.json and reliability.svg.
+
+    Args:
+        folder: Folder of the draw, diagnosed.
+    """
+    found = reliability.measure(judged_in(folder).values())
+    print(reliability.text(found.bins))
+    print(table.text(reliability.as_figures(found)))
+    (folder / "reliability.json").write_text(json.dumps(asdict(found), indent=1) + "\n", encoding="utf-8")
+    reliability.chart(found).savefig(folder / "reliability.svg")
+
+
+def main() -> None:
+    """Run one of the commands; ``--reliability`` is one too."""
+    commands = {"draw": draw, "run": run, "judge": judge_folder, "reliability": judge_probabilities}
+    asked = ["reliability" if word == "--reliability" else word for word in sys.argv[1:]]
+    tyro.extras.subcommand_cli_from_dict(commands, prog="scripts/blind", description=__doc__, args=asked)
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    main()

@@ -40,8 +40,7 @@ from tests.blind.world import World
 RATE = 500.0
 OLD_PLANS = {
     "clean": "5b053391344d", "single": "26cedaeb24ba", "pair": "e49da14f6420", "outside": "cb9adb9cf0c0",
-    "mixed": "1b4fbabd6b32", "data": "d833ef0ad600", "held-out": "52dd92355de3", "corrupted": "e400ce9a3f56",
-    "mismatched": "23889ad52f4c",
+    "data": "d833ef0ad600", "mismatched": "23889ad52f4c",
 }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import pytest
@@ -9,10 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from tests.blind.breakdown import confusion, detection_limits, limits_text
-from tests.blind.conventions import Reading
 from tests.blind.judge import judge, named_wrong, near
-from tests.blind.table import Figure, score, text, wilson
+from tests.blind.table import Figure, text, wilson
+from tests.blind.table import score as score_of
 
 Json = dict[str, Any]
 JOINTS = ("yaw", "tilt")
@@ -37,7 +37,8 @@ def truth(stratum: str, *causes: Json, faults: tuple[str, ...] = (), data: str |
 
 def finding(name: str, joint: str | None = "yaw", status: str = "named", size: float = 2.0, **more: Any) -> Json:
     parameters = {"size": {"value": size, "std": 0.1, "unit": ""}}
-    return {"cause": name, "joint": joint, "status": status, "class": [name], "parameters": parameters} | more
+    told: Json = {"cause": name, "joint": joint, "status": status, "class": [name], "parameters": parameters}
+    return told | more
 
 
 def diagnosis(verdict: str, *findings: Json, after: float = 0.01, structured: bool = False) -> Json:
@@ -56,6 +57,7 @@ TRUTHS = [
     *[truth("pair", cause("cogging"), cause("stribeck", "tilt")) for _ in range(10)],
     *[truth("outside", cause("wind", outside=True, comparable=False)) for _ in range(10)],
     *[truth("data", data="clock") for _ in range(10)],
+    *[truth("mismatched", data="late-torque") for _ in range(10)],
 ]
 
 
@@ -69,6 +71,10 @@ def perfect(case: Json) -> Json:
     return diagnosis("named", *(finding(item["cause"], item["joint"]) for item in case["causes"]))
 
 
+def score(pairs: Iterable[tuple[Json, Json]]) -> list[Figure]:
+    return score_of([judge(*pair) for pair in pairs])
+
+
 def row(rows: list[Figure], start: str) -> Figure:
     return next(figure for figure in rows if figure.name.startswith(start))
 
@@ -76,8 +82,8 @@ def row(rows: list[Figure], start: str) -> Figure:
 def test_a_perfect_diagnosis_reaches_every_aim_but_too_sure_intervals() -> None:
     rows = score((case, perfect(case)) for case in TRUTHS)
     graded = [figure for figure in rows if figure.must is not None and figure.count]
-    assert {figure.name: figure.grade for figure in graded if figure.grade != "aim"} == {
-        "interval coverage at 95 %": "short"
+    assert {figure.name: figure.grade for figure in graded if figure.grade != "PASS, aim"} == {
+        "interval coverage at 95 %": "FAIL"
     }
     assert row(rows, "held-out gain").value == pytest.approx(1.0)
     assert row(rows, "data faults told").value == 1.0
@@ -90,6 +96,7 @@ def test_silence_is_never_wrong_and_never_right() -> None:
         "first name right, known": 0.0,
         "named but wrong": 0.0,
         "outside": 0.0,
+        "torque late": 0.0,
         "two": 0.0,
     }.items():
         assert row(rows, name).value == value
@@ -99,7 +106,7 @@ def test_silence_is_never_wrong_and_never_right() -> None:
 
 def test_a_liar_is_caught_everywhere() -> None:
     rows = score((case, diagnosis("named", finding("backlash", "tilt"))) for case in TRUTHS)
-    for name in ("false findings", "named but wrong", "outside: named with confidence", "data faults: physics"):
+    for name in ("false findings", "named but wrong", "outside the library: something", "data faults: physics"):
         assert row(rows, name).value == 1.0
     assert row(rows, "first name right, known").value == 0.0
 
@@ -150,7 +157,6 @@ def test_an_unconfirmed_finding_counts_as_named() -> None:
     rows = score([(truth("single", cause("cogging")), told)])
     assert row(rows, "first name right, known").value == 1.0
     assert row(rows, "findings that are unconfirmed").value == 0.5
-    assert row(rows, "findings that are unconfirmed").name.endswith("(1)")
 
 
 def test_a_torque_by_formula_may_be_told_by_either_name() -> None:
@@ -175,9 +181,9 @@ def test_drives_logs_have_rows_of_their_own() -> None:
     ])  # fmt: skip
     assert row(rows, "drive-like, clean: unknown").value == pytest.approx(1.0 / 3.0)
     assert row(rows, "drive-like, clean: any name").value == pytest.approx(1.0 / 3.0)
-    assert row(rows, "drive-like: refused").value == pytest.approx(1.0 / 7.0)
+    assert row(rows, "refused").value == pytest.approx(1.0 / 7.0)
     one = row(rows, "drive-like, one cause: right")
-    assert (one.value, one.count, one.grade) == (0.5, 2, "short")
+    assert (one.value, one.count, one.grade) == (0.5, 2, "FAIL")
     assert row(rows, "false findings").count == row(rows, "first name right, known").count == 0
 
 
@@ -190,18 +196,17 @@ def test_near_causes_are_near_only_from_outside() -> None:
 def test_half_of_the_gain_is_half_of_the_gain() -> None:
     case, told = truth("single", cause("cogging")), diagnosis("named", finding("cogging"), after=0.055)
     assert row(score([(case, told)]), "held-out gain").value == pytest.approx(0.5)
-    better = case | {"oracle_torque_rmse": dict.fromkeys(JOINTS, 0.04)}
-    assert row(score([(better, told)]), "held-out gain").value == pytest.approx(0.75)
 
 
 def test_coverage_counts_what_lies_within_and_reads_other_words() -> None:
     case = truth("single", cause("cogging"))
     told = [(case, diagnosis("named", finding("cogging", size=2.0 + 0.1 * z))) for z in (0.0, 1.9, -1.9, 2.5)]
     assert row(score(told), "interval coverage").value == 0.75
-    renamed = finding("cogging") | {"parameters": {"height": {"value": -3.0, "std": 0.2, "unit": ""}}}
-    pairs = [(case, diagnosis("named", renamed))]
-    assert row(score(pairs), "interval coverage").count == 0
-    assert row(score(pairs, {("cogging", "size"): Reading("height", -0.5, 0.5)}), "interval coverage").value == 1.0
+    bias = truth("single", cause("torque-bias", parameters={"bias": 2.0}))
+    for bias_told, value in ((-2.0, 1.0), (2.0, 0.0)):
+        parameters = {"bias": {"value": bias_told, "std": 0.1, "unit": "N m"}}
+        said = diagnosis("named", finding("torque-bias", parameters=parameters))
+        assert row(score([(bias, said)]), "interval coverage").value == value
 
 
 @given(st.integers(1, 400), st.floats(0.0, 1.0))
@@ -214,28 +219,6 @@ def test_bounds_are_wilsons(count: int, share: float) -> None:
 def test_three_hundred_clean_logs_bound_one_per_cent() -> None:
     assert wilson(0, 20)[1] > 0.1
     assert wilson(0, 381)[1] < 0.01
-
-
-def test_the_confusion_matrix_counts_every_lone_case_once() -> None:
-    matrix = confusion((case, perfect(case)) for case in TRUTHS)
-    lines = {line.split()[0]: line.split()[1:] for line in matrix.splitlines()[1:] if line.strip() and line[0] != " "}
-    counts = {name: sum(int(cell) for cell in cells if cell != ".") for name, cells in lines.items()}
-    assert counts == {"nothing": 20, "cogging": 10, "delay": 10, "~wind": 10, "clock": 10}
-
-
-def test_the_detection_limit_is_where_all_larger_ones_are_told() -> None:
-    sizes = [0.05, 0.2, 0.5, 2.0, 5.0, 20.0]
-    pairs = [
-        (
-            truth("single", cause("cogging", snr=size)),
-            diagnosis("named", finding("cogging")) if size > 1 else diagnosis("nothing"),
-        )
-        for size in sizes
-    ]
-    (limit,) = detection_limits(pairs)
-    assert limit.reliable == 1.0
-    assert sum(count for _, _, count in limit.bins) == len(sizes)
-    assert "cogging" in limits_text([limit])
 
 
 def test_the_table_is_one_line_a_figure() -> None:

@@ -3,5 +3,6 @@
 It was written from the contract alone, by one who has not seen the library, and imports nothing of it. One way through:
 
     draw.sample → cases.hide → files.write (log, rig)   and, kept elsewhere, files.write_truth (truth, oracle)
-    table.score: (truth, what was diagnosed) → every figure, with its bounds
+    judge.judge: (truth, what was diagnosed) → table.score: every figure, with its bounds
+                                             → reliability.measure: stated probabilities against the truth
 """

@@ -77,23 +77,23 @@ def _compatible(first: Hidden, second: Hidden) -> bool:
     return first.cause != second.cause and moving < 2 and trusted != 1 and gearing < 2
 
 
-def _partner(rng: np.random.Generator, first: Hidden, others: Sequence[type[Effect]]) -> Hidden | None:
+def _partner(rng: np.random.Generator, first: Hidden) -> Hidden | None:
     """Something of at least 3 % that may stand beside the first; None where nothing may."""
     joint, share = float(rng.random()), float(rng.choice(SHARES[2:]))
-    ready = [item for item in (Hidden(*form, share, joint) for form in _forms(others)) if _compatible(first, item)]
+    ready = [item for item in (Hidden(*form, share, joint) for form in _forms(PUBLISHED)) if _compatible(first, item)]
     return ready[int(rng.integers(len(ready)))] if ready else None
 
 
-def _pairs(rng: np.random.Generator, block: int, stratum: str, others: Sequence[type[Effect]]) -> list[Plan]:
+def _pairs(rng: np.random.Generator, block: int) -> list[Plan]:
     """Every published form once, at 1 % or more, each with a random partner."""
     firsts = [replace(item, share=max(item.share, SHARES[1])) for item in _hidden(rng, _forms(PUBLISHED), block)]
-    bare = _bare(rng, stratum, len(firsts))
-    seconds = [_partner(rng, first, others) for first in firsts]
+    bare = _bare(rng, "pair", len(firsts))
+    seconds = [_partner(rng, first) for first in firsts]
     plans = [_with(p, [a, b]) for p, a, b in zip(bare, firsts, seconds, strict=True) if b is not None]
     return [plans[i] for i in rng.permutation(len(plans))]
 
 
-def _data(rng: np.random.Generator, block: int) -> list[Plan]:
+def _data(rng: np.random.Generator) -> list[Plan]:
     plans = _bare(rng, "data", len(ALL_DATA))
     return [replace(plan, data=item, level="clean") for plan, item in zip(plans, ALL_DATA, strict=True)]
 
@@ -105,25 +105,6 @@ def _mismatched(rng: np.random.Generator) -> list[Plan]:
     return [replace(p, data=faults[i % len(faults)], axes=max(p.axes, 2)) for i, p in enumerate(plans)]
 
 
-def _held_out(rng: np.random.Generator, block: int) -> list[Plan]:
-    """Effects that begin where the last third does."""
-    kinds = [kind for kind in PUBLISHED if kind.can_start_late]
-    return [replace(plan, start=2.0 / 3.0) for plan in _singles(rng, block, "held-out", kinds)]
-
-
-def _corrupted(rng: np.random.Generator, block: int) -> list[Plan]:
-    """A fault of the data in one stretch of a log, which is otherwise clean or holds an effect."""
-    plans = _bare(rng, "corrupted", 2 * len(DATA_FORMS))
-    hidden = [h for h in _hidden(rng, _forms(PUBLISHED), block) if h.cause not in TRUSTED]
-    picks = rng.permutation(len(hidden))
-    ready = []
-    for row, plan in enumerate(plans):
-        begin, length = float(rng.uniform(0.0, 0.8)), float(rng.uniform(0.05, 0.2))
-        plan = replace(plan, data=DATA_FORMS[row // 2], window=(begin, begin + length))
-        ready.append(_with(plan, [hidden[int(picks[row])]]) if row % 2 else plan)
-    return ready
-
-
 def _dressed(rng: np.random.Generator, plans: list[Plan]) -> list[Plan]:
     """The same hidden in logs as people have them."""
     needed = [max([CATALOGUE[item.cause].needs_axes for item in plan.hidden], default=1) for plan in plans]
@@ -133,21 +114,16 @@ def _dressed(rng: np.random.Generator, plans: list[Plan]) -> list[Plan]:
 
 
 def _block(seed: int, stratum: str, block: int) -> list[Plan]:
-    rng = np.random.default_rng([seed, STRATA.index(stratum), block])
+    rng = np.random.default_rng([seed, STRATA[stratum], block])
     makers = {
         "clean": lambda: _clean(rng, stratum),
         "single": lambda: _singles(rng, block, "single", PUBLISHED),
         "outside": lambda: _singles(rng, block, "outside", OUTSIDE),
-        "pair": lambda: _pairs(rng, block, "pair", PUBLISHED),
-        "mixed": lambda: _pairs(rng, block, "mixed", OUTSIDE),
-        "data": lambda: _data(rng, block),
-        "held-out": lambda: _held_out(rng, block),
-        "corrupted": lambda: _corrupted(rng, block),
+        "pair": lambda: _pairs(rng, block),
+        "data": lambda: _data(rng),
         "mismatched": lambda: _mismatched(rng),
         "drive-clean": lambda: _dressed(rng, _clean(rng, stratum)),
         "drive-single": lambda: _dressed(rng, _singles(rng, block, stratum, PUBLISHED)),
-        "drive-pair": lambda: _dressed(rng, _pairs(rng, block, stratum, PUBLISHED)),
-        "drive-outside": lambda: _dressed(rng, _singles(rng, block, stratum, OUTSIDE)),
     }
     return makers[stratum]()
 

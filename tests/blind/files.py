@@ -34,7 +34,7 @@ class TruthFiles:
     oracle: Path
 
 
-def _whole(path: Path, text: str) -> Path:
+def write_whole(path: Path, text: str) -> Path:
     """Write a file whole or not at all."""
     beside = path.with_name(f".{path.name}.part")
     beside.write_text(text, encoding="utf-8")
@@ -61,9 +61,9 @@ def write(case: Case, folder: Path) -> CaseFiles:
     """log.csv, rig.urdf and rig.yaml."""
     folder.mkdir(parents=True, exist_ok=True)
     return CaseFiles(
-        log=_whole(folder / "log.csv", csv_text(case.log)),
-        urdf=_whole(folder / "rig.urdf", urdf_text(case.given)),
-        rig=_whole(folder / "rig.yaml", yaml_text(case.given, case.encoder_bits, case.plan.trusted)),
+        log=write_whole(folder / "log.csv", csv_text(case.log)),
+        urdf=write_whole(folder / "rig.urdf", urdf_text(case.given)),
+        rig=write_whole(folder / "rig.yaml", yaml_text(case.given, case.encoder_bits, case.plan.trusted)),
     )
 
 
@@ -74,7 +74,7 @@ def write_truth(case: Case, folder: Path) -> TruthFiles:
     np.savez_compressed(beside, allow_pickle=False, **case.oracle)
     os.replace(beside, oracle)
     return TruthFiles(
-        truth=_whole(folder / "truth.json", json.dumps(case.truth, indent=1) + "\n"),
-        perfect_log=_whole(folder / "perfect.csv", csv_text(case.perfect)),
+        truth=write_whole(folder / "truth.json", json.dumps(case.truth, indent=1) + "\n"),
+        perfect_log=write_whole(folder / "perfect.csv", csv_text(case.perfect)),
         oracle=oracle,
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .conventions import COMPANY, PARTS, SAME_FAULT, Reading
+from .conventions import COMPANY, PARTS, READINGS, SAME_FAULT, Reading
 
 Json = Mapping[str, Any]
 VISIBLE = 3.0
@@ -76,15 +76,11 @@ def near(finding: Json, cause: Json) -> bool:
     return tells(finding, cause) or (bool(names_of(finding) & set(cause["kin"])) and same_joint(finding, cause))
 
 
-def snr(cause: Json) -> float:
-    """Projected effect over noise floor: on the cause's own joint, or where it is largest."""
+def visible(cause: Json, joint: str | None = None) -> bool:
+    """Whether the projected effect is VISIBLE noise floors: at this joint, or on its own, or where it is largest."""
     values: Mapping[str, float] = cause["snr"]
-    return max(values.values()) if cause["joint"] is None else values[cause["joint"]]
-
-
-def visible(cause: Json) -> bool:
-    """Whether the effect stands clear of the noise."""
-    return snr(cause) >= VISIBLE
+    place = joint or cause["joint"]
+    return (max(values.values()) if place is None else values[place]) >= VISIBLE
 
 
 def first_right(case: Judged) -> bool:
@@ -96,6 +92,17 @@ def named_wrong(case: Judged) -> bool:
     """Whether anything is named, confirmed or not, that was not hidden."""
     named = filter(confident, case.findings)
     return any(not any(tells(found, cause) for cause in case.causes) for found in named)
+
+
+def all_found(case: Judged) -> bool:
+    """Whether every hidden cause is told by some finding."""
+    return all(any(tells(found, cause) for found in case.findings) for cause in case.causes)
+
+
+def fault_told(case: Judged) -> bool:
+    """Whether the planted fault of the data is among what is told."""
+    told = {name for found in case.diagnosis["findings"] for name in names_of(found)}
+    return case.truth["data"]["cause"] in {SAME_FAULT.get(name, name) for name in told}
 
 
 def false_alarm(case: Judged) -> float:
@@ -110,26 +117,23 @@ def false_alarm(case: Judged) -> float:
 def gain_recovered(case: Judged) -> float | None:
     """(before - after) / (before - oracle) of the held-out torque error on the joint with the largest hidden effect.
 
-    The oracle is the truth's `oracle_torque_rmse` where somebody has put it there, else the noise floor. None where the
-    oracle itself gains less than a tenth: there is nothing to recover."""
+    The oracle leaves the noise floor. None where it gains less than a tenth: there is nothing to recover."""
     cause = case.causes[0]
     size: Mapping[str, float] = cause["projected_rms"]
     joint = cause["joint"] or max(size, key=lambda name: size[name])
     before = float(case.diagnosis["baseline"]["torque_rmse"][joint])
     after = float(case.diagnosis["extended"]["torque_rmse"][joint])
-    oracle = float(case.truth.get("oracle_torque_rmse", case.truth["noise_floor"])[joint])
+    oracle = float(case.truth["noise_floor"][joint])
     return (before - after) / (before - oracle) if before - oracle > 0.1 * before else None
 
 
-def covered(case: Judged, readings: Mapping[tuple[str, str], Reading]) -> list[bool]:
-    """For each parameter of a rightly told cause in a known form: is the truth within 1.96 standard deviations?
-
-    `readings` maps (cause, the truth's parameter) to how the diagnosis says it."""
+def covered(case: Judged) -> list[bool]:
+    """For each parameter of a rightly told cause in a known form: is the truth within 1.96 standard deviations?"""
     hits = []
     for cause in (item for item in case.causes if item["comparable"]):
         found = next((f for f in case.findings if f["cause"] == cause["cause"] and same_joint(f, cause)), None)
         for name, true in cause["parameters"].items() if found else ():
-            usual = readings.get((cause["cause"], name), Reading(name))
+            usual = READINGS.get((cause["cause"], name), Reading(name))
             reading = PARTS.get((cause["cause"], cause.get("form", ""), name), usual)
             told = found["parameters"].get(reading.name) if found and reading else None
             if reading and told is not None and told.get("std") is not None:

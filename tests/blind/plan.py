@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-DRIVE_STRATA = ("drive-clean", "drive-single", "drive-pair", "drive-outside")
-STRATA = ("clean", "single", "pair", "outside", "mixed", "data", "held-out", "corrupted", *DRIVE_STRATA, "mismatched")
+DRIVE_STRATA = ("drive-clean", "drive-single")
+STRATA = {
+    "clean": 0, "single": 1, "pair": 2, "outside": 3, "data": 5, "drive-clean": 8, "drive-single": 9, "mismatched": 12,
+}  # fmt: skip
+"""Name → part of the seed of its draws."""
 SHARES = (0.003, 0.01, 0.03, 0.1, 0.3)
 LEVELS = ("clean", "dirty")
 VARIANTS = ("plain", "short", "long", "turning", "many-joints")
