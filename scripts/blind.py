@@ -144,8 +144,8 @@ def judge_folder(folder: Path, each: bool = False) -> None:
     """
     cases_of = judged_in(folder)
     rows = table.score(list(cases_of.values()))
-    stated = [case for case in cases_of.values() if "causes" in case.diagnosis]
-    rows += reliability.as_figures(reliability.measure(stated)) if stated else []
+    if any("causes" in case.diagnosis for case in cases_of.values()):
+        rows += reliability.as_figures(reliability.measure(cases_of.values()))
     print(table.text(rows))
     if each:
         print("\n".join(described(name, case) for name, case in cases_of.items()))

@@ -39,8 +39,8 @@ from tests.blind.world import World
 
 RATE = 500.0
 OLD_PLANS = {
-    "clean": "5b053391344d", "single": "26cedaeb24ba", "pair": "e49da14f6420", "outside": "cb9adb9cf0c0",
-    "data": "d833ef0ad600", "mismatched": "23889ad52f4c",
+    "clean": "9152d520a8cf", "single": "b1a09c7cc84c", "pair": "4374c0a84ea0", "outside": "98803798481a",
+    "data": "796ed48e76d1", "mismatched": "0108012d7e78",
 }  # fmt: skip
 
 

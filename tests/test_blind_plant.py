@@ -285,15 +285,6 @@ def test_a_stiff_joint_is_a_rigid_joint() -> None:
     assert stiff < 0.1 * soft
 
 
-def test_effects_that_begin_late_leave_the_start_alone() -> None:
-    scene = scene_of(7, 2, "multisine")
-    world, trace = scene.run([effect_of(scene, "cable-spring", "linear")], 2, start=2.0)
-    effect = settle(world, trace).effect
-    half = int(2.0 * RATE)
-    assert np.abs(effect[:half]).max() < 1e-11
-    assert rms(effect[half:]).max() > 1e-4
-
-
 @pytest.mark.parametrize(("cause", "form"), [("cogging", "several"), ("saturation", "smooth"), ("delay", "fixed")])
 def test_calibration_reaches_the_wanted_size(cause: str, form: str) -> None:
     scene = scene_of(7, 2, "multisine")

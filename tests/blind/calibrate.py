@@ -16,11 +16,10 @@ from .world import World
 TRIALS, CLOSE_ENOUGH, LONGEST_LEAP, LARGEST = 6, 0.15, log(100.0), log(1e6)
 
 
-def share_of(effect: Effect, ledger: Ledger, rate: float, rows: slice = slice(None)) -> float:
+def share_of(effect: Effect, ledger: Ledger, rate: float) -> float:
     """Effect rms over torque rms on the effect's own joint, or the largest share where it has none."""
-    torque = ledger.effect[rows]
-    size = rms(smooth(blocks(torque, rate), rate)) if effect.in_band else rms(torque)
-    each = size / np.maximum(rms(ledger.command[rows]), 1e-9)
+    size = rms(smooth(blocks(ledger.effect, rate), rate)) if effect.in_band else rms(ledger.effect)
+    each = size / np.maximum(rms(ledger.command), 1e-9)
     return float(each.max() if effect.joint is None else each[effect.joint])
 
 
@@ -30,11 +29,10 @@ def trial(scene: Scene, effect: Effect) -> tuple[World, Ledger]:
     return world, settle(world, trace)
 
 
-def _tried(scene: Scene, effect: Effect, start: float) -> float | None:
+def _tried(scene: Scene, effect: Effect) -> float | None:
     """The share that it reaches, or nothing if the loop runs away with it."""
     try:
-        ledger = trial(scene, effect)[1]
-        return share_of(effect, ledger, scene.rate, slice(int(start * len(ledger.command)), None))
+        return share_of(effect, trial(scene, effect)[1], scene.rate)
     except PlantDivergedError:
         return None
 
@@ -53,14 +51,13 @@ def _next(k: float, error: float, tried: list[tuple[float, float]], top: float) 
     return k + min(max(error / slope, -LONGEST_LEAP), LONGEST_LEAP)
 
 
-def calibrate(scene: Scene, effect: Effect, wanted: float, start: float = 0.0) -> Effect:
-    """The effect scaled until its raw rms, from `start` (a share of the run) on, is about `wanted` of the torque rms;
-    the nearest found if it cannot be.
+def calibrate(scene: Scene, effect: Effect, wanted: float) -> Effect:
+    """The effect scaled until its raw rms is about `wanted` of the torque rms; the nearest found if it cannot be.
 
     Raises: PlantDivergedError when the loop runs away at every strength tried."""
     k, top, tried = 0.0, log(effect.widest), list[tuple[float, float]]()
     for _ in range(TRIALS):
-        share = _tried(scene, effect.scaled(exp(k)), start)
+        share = _tried(scene, effect.scaled(exp(k)))
         if share is None:
             top, k = k, k - log(4.0) if not tried else 0.5 * (k + tried[-1][0])
             continue

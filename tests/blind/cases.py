@@ -61,11 +61,11 @@ def _joint(scene: Scene, hidden: Hidden) -> int:
     return moving[min(int(hidden.place * len(moving)), len(moving) - 1)]
 
 
-def _drawn(scene: Scene, hidden: Hidden, start: float, rng: np.random.Generator) -> Effect:
+def _drawn(scene: Scene, hidden: Hidden, rng: np.random.Generator) -> Effect:
     """The effect, made as strong as wanted."""
     context = scene.context(_joint(scene, hidden), hidden.share)
     guess = CATALOGUE[hidden.cause].draw(rng, context, hidden.form)
-    return calibrate(scene.first(LONGEST_TRIAL_S), guess, hidden.share, start)
+    return calibrate(scene.first(LONGEST_TRIAL_S), guess, hidden.share)
 
 
 def _given(plan: Plan, rig: Rig, world: World, rng: np.random.Generator) -> Rig:
@@ -85,10 +85,10 @@ def hide(plan: Plan) -> Case:
         rig, scene = people.stage(plan, rig, streams)
     else:
         scene = draw_scene(streams, rig, _sensors(plan, streams["sensors"]), plan)
-    effects = tuple(_drawn(scene, hidden, plan.start, streams["effects"]) for hidden in plan.hidden)
+    effects = tuple(_drawn(scene, hidden, streams["effects"]) for hidden in plan.hidden)
     if drive:
         effects = tuple(map(people.clear_of_alignment, effects))
-    world, trace = scene.run([*effects, *_drive_of(plan)], scene.substeps(scene.step), plan.start * plan.seconds)
+    world, trace = scene.run([*effects, *_drive_of(plan)], scene.substeps(scene.step))
     run = Run(plan, scene, effects, world, trace, settle(world, trace))
     return _drive_case(run, rig, streams) if drive else _case(run, streams)
 

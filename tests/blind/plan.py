@@ -27,14 +27,13 @@ class Hidden:
 @dataclass(frozen=True)
 class Plan:
     """One case. `data`: a data cause and its form; `window`: the part of the log that it touches, as shares of it;
-    `start`: when effects begin, likewise; `trusted`: the URDF is exact and says so."""
+    `trusted`: the URDF is exact and says so."""
 
     seed: int
     stratum: str
     hidden: tuple[Hidden, ...] = ()
     data: tuple[str, str] | None = None
     window: tuple[float, float] = (0.0, 1.0)
-    start: float = 0.0
     axes: int = 3
     level: str = "clean"
     excitation: str = "multisine"

@@ -46,9 +46,9 @@ class Scene:
         """Steps in a sample, none longer than `longest` (s)."""
         return int(np.ceil(1.0 / (self.rate * longest) - 1e-9))
 
-    def run(self, effects: Sequence[Effect], substeps: int, start: float = 0.0) -> tuple[World, Trace]:
-        """Simulate the closed loop with these effects, which begin at `start` (s)."""
-        world = World(self.rig, effects, 1.0 / (self.rate * substeps), self.seconds, start)
+    def run(self, effects: Sequence[Effect], substeps: int) -> tuple[World, Trace]:
+        """Simulate the closed loop with these effects."""
+        world = World(self.rig, effects, 1.0 / (self.rate * substeps), self.seconds)
         samples = len(self.reference.t)
         seen = self.sensors.reader(world, samples, np.random.default_rng(self.noise_seed))
         controller = closed_loop(world, self.reference, self.gains, self.forward, seen)

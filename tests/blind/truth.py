@@ -86,14 +86,13 @@ def _cause(run: Run, effect: Effect, hidden: Hidden, alone: tuple[World, Ledger]
     clear = left / np.maximum(blur.floor, 1e-12)
     if blur.noise is not None:
         clear = seen(world.reference, ledger, blur.noise, scene.rate, effect.cause in TRUSTED)
-    rows = slice(int(run.plan.start * len(ledger.command)), None)
     joint, foreign = None if effect.joint is None else rig.joints[effect.joint], effect.form in effect.foreign
     return {
         "cause": effect.cause, "form": effect.form, "joint": joint, "foreign": foreign,
         "outside": type(effect) in OUTSIDE, "kin": list(effect.kin), "parameters": effect.parameters(),
         "comparable": not foreign, "target_share": hidden.share,
-        "share": share_of(effect, ledger, scene.rate, rows), "active_from": run.plan.start * run.plan.seconds,
-        "raw_rms": _by_joint(rig, rms(ledger.effect[rows])), "smoothed_rms": _by_joint(rig, smoothed),
+        "share": share_of(effect, ledger, scene.rate),
+        "raw_rms": _by_joint(rig, rms(ledger.effect)), "smoothed_rms": _by_joint(rig, smoothed),
         "projected_rms": _by_joint(rig, left), "snr": _by_joint(rig, clear),
     }  # fmt: skip
 
@@ -108,8 +107,6 @@ def expected(plan: Plan) -> list[str]:
         return ["data"]
     if not plan.hidden:
         return ["nothing"]
-    if plan.start > 0.5:
-        return ["nothing", "unknown"]
     names = {kind.cause for kind in OUTSIDE}
     if all(hidden.cause in names for hidden in plan.hidden):
         return ["unknown"]

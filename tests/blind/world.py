@@ -31,11 +31,10 @@ class World:
 
     `dof[i]` is the degree of freedom on which joint i's motor, bearing and encoder sit; `link_dof[i]` moves the link
     (the same, unless something between them gives); `offset[i]` is added to the encoder's reading, and `eccentric`
-    (amplitude, phase) once per turn; `encoder` says what the encoder shows of an angle. Before `start` (s) the effects'
-    laws are silent."""
+    (amplitude, phase) once per turn; `encoder` says what the encoder shows of an angle."""
 
-    def __init__(self, rig: Rig, effects: Sequence[Effect], dt: float, seconds: float, start: float = 0.0) -> None:
-        self.dt, self.seconds, self.nominal, self.start = dt, seconds, rig, start
+    def __init__(self, rig: Rig, effects: Sequence[Effect], dt: float, seconds: float) -> None:
+        self.dt, self.seconds, self.nominal = dt, seconds, rig
         self.effects = tuple(sorted(effects, key=lambda effect: effect.stage))
         self.rig = rig
         for effect in self.effects:
@@ -73,26 +72,15 @@ class World:
         return rig
 
     def laws(self, kind: str) -> list[Law]:
-        """The laws of one kind ("drive", "force", "grip"), in order, silent before the effects' start."""
+        """The laws of one kind ("drive", "force", "grip"), in order."""
         found = (getattr(effect, kind)(self) for effect in self.effects)
-        return [_from(self.start, law) for law in found if law is not None]
+        return [law for law in found if law is not None]
 
     def encoder(self, q: Array) -> Array:
         """What the encoders show of true angles q (..., n), rad."""
         amplitude, phase = np.array(self.eccentric).T
         shown: Array = q + np.array(self.offset) + amplitude * np.sin(q + phase)
         return shown
-
-
-def _from(start: float, law: Law) -> Law:
-    if start <= 0.0:
-        return law
-
-    def late(state: State) -> None:
-        if state.t >= start:
-            law(state)
-
-    return late
 
 
 def _base_inertia(rig: Rig) -> Inertia:

@@ -74,7 +74,6 @@ class Effect(ABC):
     needs_axes: ClassVar[int] = 1
     widest: ClassVar[float] = 1e6
     base: ClassVar[Base] = Base.FIXED
-    can_start_late: ClassVar[bool] = True
     stiff: ClassVar[bool] = False
     in_band: ClassVar[bool] = False
     measured: ClassVar[bool] = True

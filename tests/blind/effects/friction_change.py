@@ -66,7 +66,6 @@ class FrictionDrift(Effect):
     cause: ClassVar[str] = "friction-drift"
     known: ClassVar[tuple[str, ...]] = ("linear",)
     foreign: ClassVar[tuple[str, ...]] = ("warm-up", "thermal")
-    can_start_late: ClassVar[bool] = False
     told: ClassVar[tuple[str, ...]] = ("change", "time_constant")
 
     @classmethod

@@ -38,7 +38,6 @@ class Hanging(Effect):
     mass: float
     place: Vector
 
-    can_start_late: ClassVar[bool] = False
     stiff: ClassVar[bool] = True
     in_band: ClassVar[bool] = True
 

@@ -28,7 +28,6 @@ class SoftBase(Effect):
     cause: ClassVar[str] = "soft-base"
     foreign: ClassVar[tuple[str, ...]] = ("six-ways", "turning")
     kin: ClassVar[tuple[str, ...]] = ("joint-flexibility", "base-tilt")
-    can_start_late: ClassVar[bool] = False
     stiff: ClassVar[bool] = True
     in_band: ClassVar[bool] = True
     base: ClassVar[Base] = Base.SPRUNG

@@ -21,7 +21,6 @@ class PayloadShift(Effect):
 
     cause: ClassVar[str] = "payload-shift"
     known: ClassVar[tuple[str, ...]] = ("rigid",)
-    can_start_late: ClassVar[bool] = False
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> PayloadShift:
@@ -51,7 +50,6 @@ class PayloadMass(Effect):
     cause: ClassVar[str] = "payload-mass"
     known: ClassVar[tuple[str, ...]] = ("uniform",)
     foreign: ClassVar[tuple[str, ...]] = ("bolted-on",)
-    can_start_late: ClassVar[bool] = False
     within: ClassVar[tuple[float, float]] = (-0.8, inf)
 
     @classmethod
@@ -78,7 +76,6 @@ class OffDiagonalInertia(Effect):
 
     cause: ClassVar[str] = "off-diagonal-inertia"
     known: ClassVar[tuple[str, ...]] = ("products",)
-    can_start_late: ClassVar[bool] = False
     needs_axes: ClassVar[int] = 2
     within: ClassVar[tuple[float, float]] = (-inf, 0.9)
 

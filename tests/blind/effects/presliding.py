@@ -69,7 +69,6 @@ class Presliding(Effect):
     stage: ClassVar[int] = 9
     stiff: ClassVar[bool] = True
     widest: ClassVar[float] = 300.0
-    can_start_late: ClassVar[bool] = False
     told: ClassVar[tuple[str, ...]] = ("limit", "stroke")
 
     @classmethod

@@ -29,7 +29,6 @@ class EncoderOffset(Effect):
     cause: ClassVar[str] = "encoder-offset"
     known: ClassVar[tuple[str, ...]] = ("constant",)
     foreign: ClassVar[tuple[str, ...]] = ("eccentric",)
-    can_start_late: ClassVar[bool] = False
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> EncoderOffset:
@@ -57,7 +56,6 @@ class BaseTilt(Effect):
     cause: ClassVar[str] = "base-tilt"
     known: ClassVar[tuple[str, ...]] = ("static",)
     foreign: ClassVar[tuple[str, ...]] = ("sinking",)
-    can_start_late: ClassVar[bool] = False
     within: ClassVar[tuple[float, float]] = (-inf, 1.0)
     told: ClassVar[tuple[str, ...]] = ("angle", "heading")
 
@@ -93,7 +91,6 @@ class PlatformMotion(Effect):
 
     cause: ClassVar[str] = "platform-motion"
     known: ClassVar[tuple[str, ...]] = ("sines", "handheld")
-    can_start_late: ClassVar[bool] = False
     base: ClassVar[Base] = Base.DRIVEN
     within: ClassVar[tuple[float, float]] = (-inf, 3.0)
 

@@ -67,7 +67,6 @@ class TwoMasses(Effect):
     rotor: float
     link: float
 
-    can_start_late: ClassVar[bool] = False
     stiff: ClassVar[bool] = True
     in_band: ClassVar[bool] = True
 
@@ -190,7 +189,6 @@ class Armature(Effect):
 
     cause: ClassVar[str] = "armature"
     known: ClassVar[tuple[str, ...]] = ("reflected",)
-    can_start_late: ClassVar[bool] = False
     needs_axes: ClassVar[int] = 2
 
     @classmethod
