@@ -157,7 +157,10 @@ def judge_probabilities(folder: Path) -> None:
     Args:
         folder: Folder of the draw, diagnosed.
     """
-    found = reliability.measure(judged_in(folder).values())
+    try:
+        found = reliability.measure(judged_in(folder).values())
+    except ValueError as error:
+        raise SystemExit(f"{folder}: {error}") from error
     print(reliability.text(found.bins))
     print(table.text(reliability.as_figures(found)))
     (folder / "reliability.json").write_text(json.dumps(asdict(found), indent=1) + "\n", encoding="utf-8")

@@ -99,6 +99,8 @@ def _is_listed(case: Judged, cause: Json) -> bool:
 def measure(cases: Iterable[Judged]) -> Reliability:
     """The reliability of all probabilities in diagnoses that state them, of logs without a planted fault of the data.
 
+    The bounds count claims, of which a log states several: as if they did not depend on each other.
+
     Raises: ValueError when no diagnosis states any."""
     stated = [case for case in cases if "causes" in case.diagnosis and case.truth["data"] is None]
     every = [claim for case in stated for claim in claims(case)]
