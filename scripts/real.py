@@ -1,4 +1,7 @@
-"""Run the verbs on measured logs and print what is known of them, one line each, and a table of all runs.
+"""Run the verbs on measured logs and judge them by what is known of the devices.
+
+Every diagnosis is *right*, *honest*, *wrong*, *refused* or an *error*, one line each with the reason, and the counts
+last; before them stand a table of all runs and what else is required. Exit code 1: something is not as it must be.
 
 Every run is a process of its own; what is in the folder of results is not run again, so that a run that was stopped
 goes on where it was. ``--only NAME`` runs logs again whose names begin so, and no others. ``--compare A B`` prints the
@@ -14,7 +17,8 @@ import json
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -23,13 +27,18 @@ import tyro
 from real_data import cases, checks, running
 from real_data.cases import Case
 from real_data.checks import Line
+from real_data.judging import Class, Judgement, describe, judge
+from real_data.known import known_of
 from real_data.proposed import from_file, singles, summary
 from real_data.running import Outcome
+from real_data.samples import explained_share
 from tqdm import tqdm
 
 Outcomes = Mapping[tuple[str, str], Outcome]
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+CUTOFF = 4.0
+"""Low-pass of the least squares that a refusal is compared with, Hz."""
 LIMIT = 120.0
 """Time limit of a run, s: twice what any diagnosis may take, on a machine that is busy with something else."""
 
@@ -40,6 +49,15 @@ def chosen(every: Sequence[Case], only: Sequence[str]) -> list[Case]:
         if not any(case.name.startswith(name) for case in every):
             sys.exit(f"--only: no log is called '{name}'; there are {', '.join(case.name for case in every)}")
     return [case for case in every if not only or case.name.startswith(tuple(only))]
+
+
+def mended(case: Case, made: Path) -> Case:
+    """Return a case with its URDF mended, where that is needed and there."""
+    if not (case.flawed and case.there):
+        return case
+    urdf = made / f"{case.name}.urdf"
+    running.run(["check", str(case.rig), "--mend", str(urdf)], made, LIMIT)
+    return replace(case, rig=urdf)
 
 
 def run_missing(wanted: Sequence[Case], folder: Path, limit: float) -> None:
@@ -64,7 +82,7 @@ def table(outcomes: Outcomes) -> str:
     rows = [("log", "run", "s", "cpu s", "exit", "verdict: findings | residual")]
     for (case, run), one in outcomes.items():
         code = "limit" if one.exit is None else str(one.exit)
-        said = checks.verdict(one) if "verdict" in (one.result or {}) or one.exit != 0 else ""
+        said = describe(one) if "verdict" in (one.result or {}) or one.exit != 0 else ""
         left = " | ".join(filter(None, (said, residual(one))))
         rows.append((case, run, f"{one.seconds:.1f}", "" if one.cpu is None else f"{one.cpu:.1f}", code, left))
     widths = [max(len(row[k]) for row in rows) for k in range(5)]
@@ -79,7 +97,7 @@ def side_by_side(one: Outcomes, other: Outcomes) -> str:
         if key[1].startswith("diagnose") or len({x and x.exit for x in pair}) > 1:
             lines.append(" ".join(key))
             for name, x in zip("AB", pair):
-                told = "" if x is None else f"{x.seconds:6.1f} s  {checks.verdict(x)} | {residual(x)}".rstrip(" |")
+                told = "" if x is None else f"{x.seconds:6.1f} s  {describe(x)} | {residual(x)}".rstrip(" |")
                 lines.append(f"  {name}  {told or 'not run'}")
     return "\n".join(lines)
 
@@ -88,6 +106,16 @@ def count(lines: Sequence[Line]) -> str:
     """Return the last line."""
     passed, failed, skipped = (sum(line.passed is state for line in lines) for state in (True, False, None))
     return f"{passed} passed, {failed} failed, {skipped} skipped"
+
+
+def judged(every: Sequence[Case], outcomes: Outcomes) -> list[Judgement]:
+    """Return the class of every diagnosis that there is, and of which something is known."""
+    found = []
+    for case in every:
+        known, outcome = known_of(case.name), outcomes.get((case.name, "diagnose"))
+        if known is not None and outcome is not None:
+            found.append(judge(case.name, known, outcome, partial(explained_share, case, CUTOFF)))
+    return found
 
 
 def main(
@@ -119,7 +147,8 @@ def main(
         print(f"{data} is not there: give the folder of measured data with --data")
     with TemporaryDirectory() as place:
         made = Path(place)
-        every = cases.measured(data, made) + (cases.public(public) if public is not None else [])
+        every = [*cases.measured(data, made), *cases.benchmarks(data)]
+        every = [mended(case, made) for case in (*every, *(cases.public(public) if public is not None else ()))]
         wanted = chosen(every, only)
         if proposed:
             found = [from_file(case, folder, limit) for case in tqdm(singles(wanted), disable=None, file=sys.stderr)]
@@ -132,12 +161,20 @@ def main(
         names = {case.name for case in every}
         outcomes = {key: one for key, one in running.kept(folder).items() if key[0] in names}
         lines = checks.judged(checks.required(every, folder), outcomes)
-    print(table(outcomes), "", *lines, sep="\n")
+        classes = judged(every, outcomes)
+    print(table(outcomes), "", *lines, "", *classes, sep="\n")
     if json_file is not None:
         told = {" ".join(key): asdict(one) for key, one in outcomes.items()}
-        json_file.write_text(json.dumps({"lines": [asdict(x) for x in lines], "runs": told}, indent=1), "utf-8")
+        json_file.write_text(
+            json.dumps(
+                {"classes": [asdict(x) for x in classes], "lines": [asdict(x) for x in lines], "runs": told}, indent=1
+            ),
+            "utf-8",
+        )
     print(count(lines))
-    sys.exit(any(line.passed is False for line in lines))
+    print(", ".join(f"{sum(x.judged is one for x in classes)} {one}" for one in Class))
+    bad = Class.WRONG, Class.REFUSED, Class.ERROR
+    sys.exit(any(line.passed is False for line in lines) or any(x.judged in bad for x in classes))
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf
 from pathlib import Path
 
 from gimbal_pin.log.io.readers import files_of
@@ -42,8 +41,6 @@ EMPS_CONSTANT = 35.15065188
 """N per V, by the log's authors."""
 PLATFORM = ("t=time", *(f"gyro_base_{x.lower()}=Gyr_{x}*pi/180" for x in "XYZ"),
             *(f"accel_base_{x.lower()}=Acc_{x}" for x in "XYZ"))  # fmt: skip
-AK80_ROTOR = 0.003
-"""The most that an AK80-6's rotor has behind its gear, kg m² (the data's README: 0.002 to 0.003)."""
 UR10E = {"12": "ur-20_02_12-50sec_12harm.csv", "14": "ur-20_02_19_14harm50sec.csv"}
 UR10E_CONSTANTS = (10.0, 10.6956, 8.4566, 9.0029, 9.48, 10.1232)
 """N m per A, by the log's authors."""
@@ -72,7 +69,7 @@ class Case:
         logs: Paths of the logs.
         maps: What ``--map`` is given.
         runs: Name of a run → words of the command line; ``{logs}`` and ``{maps}`` stand for several words.
-        rotor: The most that a motor's rotor can have behind its gear, kg m²; inf: not known.
+        flawed: Whether its URDF has an inertia that no body has, so that it is mended first (``check --mend``).
     """
 
     name: str
@@ -80,7 +77,7 @@ class Case:
     logs: tuple[Path, ...]
     maps: Words
     runs: Mapping[str, Words] = field(default_factory=lambda: COMPARED)
-    rotor: float = inf
+    flawed: bool = False
 
     @property
     def there(self) -> bool:
@@ -136,11 +133,10 @@ def pendulums(data: Path) -> list[Case]:
     return [
         Case("simple_system_identification", urdf, (one / "system_identification.csv",), single, {**EVERY, **NOISY}),
         Case("simple_direct_collocation", urdf, (one / "direct_collocation.csv",), single, EVERY),
-        *(Case(f"double_{run}", second, (log,), plain, rotor=AK80_ROTOR) for run, log in zip(first, lot)),
-        Case("double_three_logs", second, tuple(lot), plain, rotor=AK80_ROTOR),
-        Case("double_A_0815_02", second, (two / "A_0815_02.csv",), ("t=time", *joints(numbered, names)),
-             rotor=AK80_ROTOR),
-        Case("double_A_5s", second, (two / "A_friction_compensated_5s.csv",), plain, rotor=AK80_ROTOR),
+        *(Case(f"double_{run}", second, (log,), plain) for run, log in zip(first, lot)),
+        Case("double_three_logs", second, tuple(lot), plain),
+        Case("double_A_0815_02", second, (two / "A_0815_02.csv",), ("t=time", *joints(numbered, names))),
+        Case("double_A_5s", second, (two / "A_friction_compensated_5s.csv",), plain),
         Case("double_C1_6s", two / "vendor_C1.urdf", (two / "C1_154220_6s.csv",), axes),
     ]  # fmt: skip
 
@@ -168,7 +164,7 @@ def benchmarks(data: Path) -> list[Case]:
             Case(f"servo_{gain}", servo / "xl330.urdf", (servo / f"xl330_sin_sin_kp{gain}.csv.gz",), volts)
             for gain in (100, 200, 400, 800)
         ),
-        Case("staubli", arm / "tx40.urdf", (arm / "tx40_4s.csv.gz",), ()),
+        Case("staubli", arm / "tx40.urdf", (arm / "tx40_4s.csv.gz",), (), flawed=True),
         Case(
             "simple_gravity_compensation",
             pendulum / "pendulum.urdf",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from gimbal_pin.dynamics.regressor import compute_regressor
+from gimbal_pin.errors import GimbalPinError
 from gimbal_pin.identification.model_file import read_model
 from gimbal_pin.log.io import read_log
 from gimbal_pin.log.log import Array
@@ -23,11 +25,29 @@ def lowpass(x: Array, cutoff: float, rate: float) -> Array:
     return x if cutoff >= rate / 2 else np.asarray(sosfiltfilt(butter(3, cutoff, output="sos", fs=rate), x, axis=0))
 
 
-def errors(case: Case, model: Path, cutoff: float) -> tuple[Array, Array]:
-    """Return held-out torque errors rms, N m, (n,): of a model's file, and of least squares on all other samples.
+@dataclass(frozen=True)
+class Held:
+    """Least squares on the first two thirds of a log, and its last third.
 
-    The last third of the time is held out. Rigid body, viscous and Coulomb friction; the same low-pass at `cutoff`, Hz,
-    on every column, on the model's torque and on the measured one; a filter's length is left out at each end.
+    Attributes:
+        motion: Time, angles, rates and accelerations of the whole log.
+        test: The held-out samples.
+        measured: Their filtered torque, N m, (N, n).
+        predicted: That of least squares.
+        rate: Samples per second.
+    """
+
+    motion: tuple[Array, Array, Array, Array]
+    test: slice
+    measured: Array
+    predicted: Array
+    rate: float
+
+
+def least_squares(case: Case, cutoff: float) -> Held:
+    """Fit rigid body, viscous and Coulomb friction to a log's first two thirds, without a mask.
+
+    The same low-pass at `cutoff`, Hz, on every column and on the torque; a filter's length is left out at each end.
     """
     rig = Rig.load(case.rig)
     log = read_log(case.logs[0], rig, case.maps)
@@ -45,11 +65,27 @@ def errors(case: Case, model: Path, cutoff: float) -> tuple[Array, Array]:
     friction = np.concatenate([np.einsum("ij,jk->ijk", x, np.eye(rig.n)) for x in (v, np.sign(v))], axis=2)
     columns = lowpass(np.concatenate([rigid, friction], axis=2), cutoff, rate)
     measured = lowpass(tau, cutoff, rate)
-    predicted = lowpass(read_model(model, rig).inverse(q, v, a, t=t), cutoff, rate)
     edge, cut = int(rate / cutoff), int(len(t) * 2 / 3)
     train, test = slice(edge, cut - edge), slice(cut + edge, len(t) - edge)
     width = columns.shape[2]
     theta = np.linalg.lstsq(columns[train].reshape(-1, width), measured[train].reshape(-1), rcond=1e-8)[0]
-    left = measured[test] - predicted[test], measured[test] - columns[test] @ theta
-    mine, plain = (np.sqrt(np.mean(x**2, axis=0)) for x in left)
-    return mine, plain
+    return Held((t, q, v, a), test, measured[test], columns[test] @ theta, rate)
+
+
+def errors(case: Case, model: Path, cutoff: float) -> tuple[Array, Array]:
+    """Return held-out torque errors rms, N m, (n,): of a model's file, and of least squares on all other samples."""
+    held = least_squares(case, cutoff)
+    t, q, v, a = held.motion
+    mine = lowpass(read_model(model, Rig.load(case.rig)).inverse(q, v, a, t=t), cutoff, held.rate)[held.test]
+    one, other = (np.sqrt(np.mean((held.measured - x) ** 2, axis=0)) for x in (mine, held.predicted))
+    return one, other
+
+
+def explained_share(case: Case, cutoff: float) -> float:
+    """Return the share of the held-out torque's power that least squares explains, of its best joint; 0: no fit."""
+    try:
+        held = least_squares(case, cutoff)
+    except GimbalPinError:
+        return 0.0
+    left = np.mean((held.measured - held.predicted) ** 2, axis=0) / np.mean(held.measured**2, axis=0)
+    return float(1 - np.min(left))
