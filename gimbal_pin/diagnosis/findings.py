@@ -65,10 +65,11 @@ def finding(
     said = f"{figure.sentence(values)}{rough(shown)}{together(cause, shown)}{f' ({within})' if within else ''}"
     gained = rig.in_units(at, f"held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)")
     gain = criterion(base) - criterion(state)
+    confirmed = after <= before and all(measure_gain(one, best) >= 0 for one in (lacking, baseline))
     return Finding(
         cause=cause.name,
         joint=cause.place if cause.of_joint else None,
-        status="unconfirmed" if after > before else "ambiguous" if len(alike) > 1 else "named",
+        status="unconfirmed" if not confirmed else "ambiguous" if len(alike) > 1 else "named",
         alike=alike,
         parameters=tuple(replace(p, unit=rig.in_units(cause.place, p.unit)) for p in shown),
         gain={
@@ -85,6 +86,12 @@ def finding(
         sentence=f"{rig.in_units(cause.place, said)}; {gained}",
         next_experiment=cause.experiment if len(alike) > 1 else None,
     )
+
+
+def measure_gain(before: Figures, after: Figures) -> float:
+    """``Σ_j log(rmse_before/rmse_after)`` on the reporting part: what a model gains over another in the whole rig."""
+    pairs = [(rmse, after["torque_rmse"][joint]) for joint, rmse in before["torque_rmse"].items()]
+    return float(sum(np.log(max(a, 1e-300) / max(b, 1e-300)) for a, b in pairs))
 
 
 def look_alikes(found: Explained, cause: Cause, rivals: Sequence[Rival]) -> tuple[str, ...]:

@@ -325,9 +325,9 @@ class Diagnosis:
 
 
 def overall(statuses: Sequence[str], residual: Sequence[Residual]) -> str:
-    """The verdict on the physics: named before ambiguous, unknown before nothing."""
-    if "named" in statuses or "unconfirmed" in statuses:
+    """The verdict on the physics: named before ambiguous, unknown before nothing; what is unconfirmed names nothing."""
+    if "named" in statuses:
         return "named"
     if "ambiguous" in statuses:
         return "ambiguous"
-    return "unknown" if any(left.state == "structured" for left in residual) else "nothing"
+    return "unknown" if "unconfirmed" in statuses or any(left.state == "structured" for left in residual) else "nothing"

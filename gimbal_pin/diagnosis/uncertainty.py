@@ -27,6 +27,8 @@ OPEN = 1e-2
 Labels = NDArray[np.intp]
 NUDGE = 0.02
 """Relative change of a shape parameter for its slope."""
+KNOWN = 2.0
+"""Deviations from zero from which a size is known, 95 %."""
 ROUNDING = 1e-9
 """Change of a column, as a share of it, up to which that shape parameter changes nothing."""
 HELD = 1e-5
@@ -108,7 +110,7 @@ def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
     only the product matters, has none.
     """
     final = next(c for c in settled(state) if c.name == cause.name and c.place == cause.place)
-    spread = covariance(state, cause)
+    spread = compute_covariance(state, cause)
     names = shape_names(cause)
     if isinstance(cause, Effect):
         width = len(cause.coefficients)
@@ -123,7 +125,30 @@ def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
     return tuple(replace(p, std=shapes[p.name]) if p.name in shapes else p for p in shown)
 
 
-def covariance(state: State, cause: Cause) -> Array:
+def is_size_known(state: State, cause: Cause) -> bool:
+    """Whether a cause's size differs from zero by two deviations, of its shape too: ``θᵀ C⁻¹ θ > 4``.
+
+    The size is what a torque effect's coefficients are, and how far a rig is turned; of a drive, which has no size
+    beside its shape, that shape is. Where the log tells one only together with another, that is a size of its own.
+    """
+    spread = compute_covariance(state, cause)
+    if isinstance(cause, Signal):
+        values = np.array([getattr(cause, name) for name in shape_names(cause)])
+        ratio = values / np.sqrt(np.diag(spread))
+        return bool(np.all(np.isnan(ratio)) or np.nanmax(np.abs(ratio)) > KNOWN)
+    values = state.coefficients(cause)
+    spread = spread[: len(values), : len(values)]
+    there = ~np.isnan(np.diag(spread))
+    if not there.any():
+        return True
+    values, spread = values[there], spread[np.ix_(there, there)]
+    unit = np.sqrt(np.diag(spread))
+    return bool(
+        (values / unit) @ np.linalg.pinv(spread / np.outer(unit, unit), hermitian=True) @ (values / unit) > KNOWN**2
+    )
+
+
+def compute_covariance(state: State, cause: Cause) -> Array:
     """Covariance of a cause's coefficients, then of its shape parameters; nan for what the log does not hold."""
     base = without(state, cause)
     if isinstance(cause, Signal):  # what it changes is the torque before it, by as much as its shape says

@@ -58,7 +58,9 @@ def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
 
 
 def test_nothing_is_promised_of_findings_that_nothing_confirms_or_that_a_spoilt_log_shows(found: Diagnosis) -> None:
-    refuted = replace(found, verdict="named", findings=tuple(replace(x, status="unconfirmed") for x in found.findings))
+    refuted = replace(
+        found, verdict="unknown", findings=tuple(replace(x, status="unconfirmed") for x in found.findings)
+    )
     assert "nothing of what this log suggests is confirmed" in sections.diagnosis(refuted).html
     assert missed(refuted).startswith("Nothing is confirmed of what was found")
     assert "What to do about it" in sections.diagnosis(found).html

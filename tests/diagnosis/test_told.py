@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from gimbal_pin.checks import CHECKS
-from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival
-from gimbal_pin.effects import CAUSES, TorqueRipple
+from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival, solved
+from gimbal_pin.diagnosis.result import overall
+from gimbal_pin.diagnosis.uncertainty import is_size_known
+from gimbal_pin.effects import CAUSES, Cause, Cogging, FrictionDrift, Term, TorqueRipple
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
 from tests.command_line import Run
 from tests.diagnosis.test_forms import SEEN
+from tests.refitted import RIG, first
 
 
 def test_the_help_lists_every_cause(run: Run) -> None:
@@ -73,3 +76,25 @@ def test_two_deviations_of_one_shift_are_said_to_be_two(cause: str, told: bool) 
     """The payload's figures beside a finding about it are taken with its inertias open."""
     found = SimpleNamespace(findings=[SimpleNamespace(cause=cause)], residual={})
     assert ("inertias left open" in text.caveats(cast(Diagnosis, found))) == told
+
+
+def test_what_is_unconfirmed_names_nothing() -> None:
+    noise = [Residual("noise", 1e-3, 1.0)]
+    assert overall(["unconfirmed"], noise) == "unknown"
+    assert overall(["unconfirmed", "ambiguous"], noise) == "ambiguous"
+    assert overall(["unconfirmed", "named"], noise) == "named"
+    assert overall([], noise) == "nothing"
+
+
+def test_the_size_of_what_is_there_is_known_and_of_what_is_not_is_not() -> None:
+    """Harmonics of a motor that has one of them, and friction that drifts where none does."""
+    place = RIG.joints[1]
+    state = first(Term(Cogging(place, (9.0,)), (0.03, 0.04)))
+
+    def is_known(cause: Cause) -> bool:
+        return is_size_known(solved(state.problem, (Cogging(place, (9.0,)), cause), state), cause)
+
+    there = solved(state.problem, (Cogging(place, (9.0,)),), state)
+    assert is_size_known(there, there.causes[0])
+    assert sum(is_known(Cogging(place, (float(k),))) for k in range(20, 32)) <= 5
+    assert not is_known(FrictionDrift(place, span=5.0))

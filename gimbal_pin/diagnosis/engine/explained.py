@@ -15,6 +15,7 @@ from gimbal_pin.diagnosis.engine.selection import MOST, Rival, Search, contested
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import Library, kept, library
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.uncertainty import is_size_known
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import Cause, Signal
@@ -128,12 +129,13 @@ def material(lack: Lack) -> bool:
 
 
 def deserving(found: Explained) -> tuple[Cause, ...]:
-    """Return the causes that deserve a name: none where much of a structure is left, which nobody knows."""
+    """Return the causes that deserve a name: none where much of a structure is left, none whose size nobody knows."""
     joints = found.first.problem.evidence.rig.joints
     unknown = {joints[j] for j, lack in enumerate(found.after) if material(lack) and found.left(j) > LEFT}
     every = () if stopped(found.state) else found.state.causes
     clear = (one for one in every if not (one.place in unknown if one.of_joint else unknown))
-    return tuple(one for one in clear if not (isinstance(one, Signal) and misses(found.state, one)))
+    seen = (one for one in clear if not (isinstance(one, Signal) and misses(found.state, one)))
+    return tuple(one for one in seen if is_size_known(found.state, one))
 
 
 def misses(state: State, drive: Signal) -> bool:

@@ -88,7 +88,7 @@ def verdict(found: Diagnosis) -> str:
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
     moved = "" if found.lacking == found.findings else f" {MOVED}"
     against = f" {found.unconfirmed[:1].upper()}{found.unconfirmed[1:]}." if found.unconfirmed else ""
-    said = UNCONFIRMED if found.beside == "named" and unconfirmed(found) else VERDICTS[found.beside]
+    said = UNCONFIRMED if found.beside == "unknown" and unconfirmed(found) else VERDICTS[found.beside]
     return f"{said}{more}{moved}{against}"
 
 
