@@ -3,6 +3,7 @@ from .band import usual as usual
 from .diagnose import diagnose as diagnose
 from .engine import Explained as Explained
 from .engine import explain as explain
+from .engine import is_hidden_by_noise as is_hidden_by_noise
 from .evidence import Evidence as Evidence
 from .evidence import gather as gather
 from .extended import Extended as Extended
@@ -22,8 +23,10 @@ from .result import Diagnosis as Diagnosis
 from .result import Finding as Finding
 from .result import Residual as Residual
 from .result import Rival as Rival
+from .result import overall as overall
 from .score import gained as gained
 from .state import Problem as Problem
 from .state import State as State
 from .state import solved as solved
 from .state import without as without
+from .uncertainty import is_size_known as is_size_known

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import settled
+from gimbal_pin.diagnosis.fit import CRITICAL_Z
 from gimbal_pin.diagnosis.shapes import shape_names
 from gimbal_pin.diagnosis.state import State, without
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
@@ -27,8 +28,6 @@ OPEN = 1e-2
 Labels = NDArray[np.intp]
 NUDGE = 0.02
 """Relative change of a shape parameter for its slope."""
-KNOWN = 2.0
-"""Deviations from zero from which a size is known, 95 %."""
 ROUNDING = 1e-9
 """Change of a column, as a share of it, up to which that shape parameter changes nothing."""
 HELD = 1e-5
@@ -126,7 +125,7 @@ def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
 
 
 def is_size_known(state: State, cause: Cause) -> bool:
-    """Whether a cause's size differs from zero by two deviations, of its shape too: ``θᵀ C⁻¹ θ > 4``.
+    """Whether a cause's size differs from zero by two deviations, of its shape too: ``θᵀ C⁻¹ θ > z²``.
 
     The size is what a torque effect's coefficients are, and how far a rig is turned; of a drive, which has no size
     beside its shape, that shape is. Where the log tells one only together with another, that is a size of its own.
@@ -135,7 +134,7 @@ def is_size_known(state: State, cause: Cause) -> bool:
     if isinstance(cause, Signal):
         values = np.array([getattr(cause, name) for name in shape_names(cause)])
         ratio = values / np.sqrt(np.diag(spread))
-        return bool(np.all(np.isnan(ratio)) or np.nanmax(np.abs(ratio)) > KNOWN)
+        return bool(np.all(np.isnan(ratio)) or np.nanmax(np.abs(ratio)) > CRITICAL_Z)
     values = state.coefficients(cause)
     spread = spread[: len(values), : len(values)]
     there = ~np.isnan(np.diag(spread))
@@ -144,7 +143,8 @@ def is_size_known(state: State, cause: Cause) -> bool:
     values, spread = values[there], spread[np.ix_(there, there)]
     unit = np.sqrt(np.diag(spread))
     return bool(
-        (values / unit) @ np.linalg.pinv(spread / np.outer(unit, unit), hermitian=True) @ (values / unit) > KNOWN**2
+        (values / unit) @ np.linalg.pinv(spread / np.outer(unit, unit), hermitian=True) @ (values / unit)
+        > CRITICAL_Z**2
     )
 
 

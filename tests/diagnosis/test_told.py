@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.checks import CHECKS
-from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival, solved
-from gimbal_pin.diagnosis.result import overall
-from gimbal_pin.diagnosis.uncertainty import is_size_known
+from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival, is_size_known, overall, solved
 from gimbal_pin.effects import CAUSES, Cause, Cogging, FrictionDrift, Term, TorqueRipple
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig

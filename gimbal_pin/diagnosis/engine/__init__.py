@@ -10,6 +10,6 @@
 - `explained`: all of it, for some logs.
 """
 
-from gimbal_pin.diagnosis.engine.explained import Explained, explain
+from gimbal_pin.diagnosis.engine.explained import Explained, explain, is_hidden_by_noise
 
-__all__ = ["Explained", "explain"]
+__all__ = ["Explained", "explain", "is_hidden_by_noise"]

@@ -129,13 +129,28 @@ def material(lack: Lack) -> bool:
 
 
 def deserving(found: Explained) -> tuple[Cause, ...]:
-    """Return the causes that deserve a name: none where much of a structure is left, none whose size nobody knows."""
+    """Return the causes that deserve a name: none where much of a structure is left.
+
+    Nor one whose size nobody knows, or that noise in the motion may make.
+    """
     joints = found.first.problem.evidence.rig.joints
     unknown = {joints[j] for j, lack in enumerate(found.after) if material(lack) and found.left(j) > LEFT}
     every = () if stopped(found.state) else found.state.causes
     clear = (one for one in every if not (one.place in unknown if one.of_joint else unknown))
     seen = (one for one in clear if not (isinstance(one, Signal) and misses(found.state, one)))
-    return tuple(one for one in seen if is_size_known(found.state, one))
+    sure = (one for one in seen if is_size_known(found.state, one))
+    return tuple(one for one in sure if not is_hidden_by_noise(found.first, one))
+
+
+def is_hidden_by_noise(first: State, cause: Cause) -> bool:
+    """Whether a cause multiplies an acceleration that noise in the motion attenuates: then it may be that noise.
+
+    A spring is felt by the link's acceleration; an armature, or a motor's gain, is an inertia.
+    """
+    if not (cause.like_inertia or (isinstance(cause, Signal) and cause.springy)):
+        return False
+    problem = first.problem
+    return bool(problem.motion_noise.is_hiding[problem.evidence.rig.joint_index(cause.place)])
 
 
 def misses(state: State, drive: Signal) -> bool:
