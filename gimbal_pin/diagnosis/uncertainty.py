@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import settled
 from gimbal_pin.diagnosis.fit import CRITICAL_Z
 from gimbal_pin.diagnosis.shapes import shape_names
-from gimbal_pin.diagnosis.state import State, without
+from gimbal_pin.diagnosis.state import State, width, without
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
@@ -125,27 +125,23 @@ def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
 
 
 def is_size_known(state: State, cause: Cause) -> bool:
-    """Whether a cause's size differs from zero by two deviations, of its shape too: ``θᵀ C⁻¹ θ > z²``.
+    """Whether a cause's size differs from zero by two deviations: ``θᵀ P θ > z²``, P the precision at its shape.
 
     The size is what a torque effect's coefficients are, and how far a rig is turned; of a drive, which has no size
-    beside its shape, that shape is. Where the log tells one only together with another, that is a size of its own.
+    beside its shape, that shape is. A drift that hardly bends trades its size for its time, and is there nevertheless.
     """
     spread = compute_covariance(state, cause)
-    if isinstance(cause, Signal):
-        values = np.array([getattr(cause, name) for name in shape_names(cause)])
-        ratio = values / np.sqrt(np.diag(spread))
-        return bool(np.all(np.isnan(ratio)) or np.nanmax(np.abs(ratio)) > CRITICAL_Z)
-    values = state.coefficients(cause)
-    spread = spread[: len(values), : len(values)]
-    there = ~np.isnan(np.diag(spread))
-    if not there.any():
+    held = ~np.isnan(np.diag(spread))
+    if not held.any():
         return True
-    values, spread = values[there], spread[np.ix_(there, there)]
-    unit = np.sqrt(np.diag(spread))
-    return bool(
-        (values / unit) @ np.linalg.pinv(spread / np.outer(unit, unit), hermitian=True) @ (values / unit)
-        > CRITICAL_Z**2
-    )
+    unit = np.sqrt(np.diag(spread)[held])
+    if isinstance(cause, Signal):
+        values = np.array([getattr(cause, name) for name in shape_names(cause)])[held]
+        return bool(np.max(np.abs(values / unit)) > CRITICAL_Z)
+    precision = np.linalg.pinv(spread[np.ix_(held, held)] / np.outer(unit, unit), hermitian=True)
+    size = state.coefficients(cause)[held[: width(cause)]]
+    scaled = size / unit[: len(size)]
+    return bool(scaled @ precision[: len(size), : len(size)] @ scaled > CRITICAL_Z**2)
 
 
 def compute_covariance(state: State, cause: Cause) -> Array:
