@@ -8,6 +8,7 @@ from .evidence import Evidence as Evidence
 from .evidence import gather as gather
 from .extended import Extended as Extended
 from .file import write_diagnosis as write_diagnosis
+from .findings import measure_gain as measure_gain
 from .fit import Fit as Fit
 from .fit import fit as fit
 from .gain import describe_motion as describe_motion

@@ -23,6 +23,7 @@ from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.diagnosis.uncertainty import parameters
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.log.log import Array
 
 BOOTSTRAPS = 200
 ROUGH = 0.5
@@ -65,7 +66,7 @@ def finding(
     said = f"{figure.sentence(values)}{rough(shown)}{together(cause, shown)}{f' ({within})' if within else ''}"
     gained = rig.in_units(at, f"held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)")
     gain = criterion(base) - criterion(state)
-    confirmed = after <= before and all(measure_gain(one, best) >= 0 for one in (lacking, baseline))
+    confirmed = after <= before and all(measure_gain(one, best, held.used()) >= 0 for one in (lacking, baseline))
     return Finding(
         cause=cause.name,
         joint=cause.place if cause.of_joint else None,
@@ -88,10 +89,13 @@ def finding(
     )
 
 
-def measure_gain(before: Figures, after: Figures) -> float:
-    """``Σ_j log(rmse_before/rmse_after)`` on the reporting part: what a model gains over another in the whole rig."""
+def measure_gain(before: Figures, after: Figures, used: Array) -> float:
+    """``Σ_j u_j log(rmse_before/rmse_after)``: what a model gains over another in the whole rig, as log likelihood.
+
+    u_j is the share of joint j's samples that count on the reporting part, (n,): one that stands says nothing.
+    """
     pairs = [(rmse, after["torque_rmse"][joint]) for joint, rmse in before["torque_rmse"].items()]
-    return float(sum(np.log(max(a, 1e-300) / max(b, 1e-300)) for a, b in pairs))
+    return float(used @ [np.log(max(a, 1e-300) / max(b, 1e-300)) for a, b in pairs])
 
 
 def look_alikes(found: Explained, cause: Cause, rivals: Sequence[Rival]) -> tuple[str, ...]:

@@ -79,7 +79,8 @@ class Finding:
     Attributes:
         cause: Its name.
         joint: Where it sits; None for a cause of the whole rig.
-        status: "named", "ambiguous", "data", or "unconfirmed": the error of the reporting part grew with it.
+        status: "named", "ambiguous", "data", or "unconfirmed": on the reporting part the error grew with
+            it, at its joint or in the whole rig.
         alike: Every cause that this log cannot tell from it, itself first.
         parameters: Its figures with standard deviations.
         gain: Held-out torque and rollout errors without and with it, at its joint.
@@ -268,8 +269,11 @@ class Diagnosis:
         """The extended model, with what the held-out part speaks against."""
         said = []
         for one in self.findings:
-            before, after = (digits(one.gain[f"torque_rmse_{when}"], 3) for when in ("before", "after"))
-            why = f"{one.cause} is unconfirmed: the held-out torque error goes from {before} to {after} N m with it"
+            before, after = (one.gain[f"torque_rmse_{when}"] for when in ("before", "after"))
+            why = (
+                f"{one.cause} is unconfirmed: the held-out torque error goes from {digits(before, 3)} to "
+                f"{digits(after, 3)} N m with it{'' if after > before else ', and that of the whole rig grows'}"
+            )
             said += [Doubt(one.joint or "the rig", why, False)] if one.status == "unconfirmed" else []
         return replace(self.after.model, doubts=tuple(said))
 

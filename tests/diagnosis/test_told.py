@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.checks import CHECKS
-from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival, is_size_known, overall, solved
+from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival, is_size_known, measure_gain, overall, solved
 from gimbal_pin.effects import CAUSES, Cause, Cogging, FrictionDrift, Term, TorqueRipple
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
@@ -96,3 +96,14 @@ def test_the_size_of_what_is_there_is_known_and_of_what_is_not_is_not() -> None:
     assert is_size_known(there, there.causes[0])
     assert sum(is_known(Cogging(place, (float(k),))) for k in range(20, 32)) <= 5
     assert not is_known(FrictionDrift(place, span=5.0))
+
+
+def test_the_whole_rigs_gain_counts_joints_by_the_samples_that_tell() -> None:
+    def figures(*rmse: float) -> dict[str, dict[str, float]]:
+        return {"torque_rmse": dict(zip(("pan", "tilt"), rmse))}
+
+    before, used = figures(1.0, 1.0), np.array([0.6, 0.3])
+    assert measure_gain(before, figures(0.5, 2.0), used) == pytest.approx(0.3 * np.log(2))
+    assert measure_gain(before, before, used) == 0.0
+    assert measure_gain(before, figures(2.0, 0.5), used) < 0
+    assert measure_gain(before, figures(0.5, 1e9), np.array([0.6, 0.0])) > 0, "a joint that stands says nothing"
