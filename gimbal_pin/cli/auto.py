@@ -52,7 +52,7 @@ def auto(
     from gimbal_pin.regression import Method
     from gimbal_pin.report.pipeline import auto as run
 
-    loaded, read = load_logs(rig, payload, logs, map)
+    loaded, read = load_logs(rig, payload, logs, map, moving=True)
     found = run(
         loaded,
         read,

@@ -221,7 +221,16 @@ def next_experiment(
         best = tried(best.limits, enforce_clearance(best.limits, x)[0])
         moving = motion(best.limits, best.x, dt)
     partings = (each.parting(apart if ok else None) for each, apart, ok in zip(contests, best.apart, possible))
-    return NextExperiment(rig.joints, moving, tuple(partings), finished)
+    held = rig.config.fixed
+    moving = None if moving is None else hold_joints(moving, list(held.values()))
+    return NextExperiment((*rig.joints, *held), moving, tuple(partings), finished)
+
+
+def hold_joints(motion: Motion, at: Sequence[float]) -> Motion:
+    """Return a motion with further joints that rest at some angles, rad, or places, m."""
+    still = np.zeros((len(motion), len(at)))
+    q, v, a = (np.concatenate(pair, axis=1) for pair in ((motion.q, still + at), (motion.v, still), (motion.a, still)))
+    return replace(motion, q=q, v=v, a=a)
 
 
 def planned(found: Diagnosis, causes: Mapping[str, type[Cause]] = CAUSES, *, rng: np.random.Generator) -> Diagnosis:

@@ -275,8 +275,8 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
         writers["camera"] = partial(atomic_write, content=pages.moving(rig, found.held))
     if wrong is not None and wrong.held is not None:
         writers["extended model"] = partial(write_extended, wrong.model)
-    if wrong is not None and wrong.next_motion is not None:
-        writers["next experiment"] = partial(write_motion, wrong.next_motion, rig.joints)
+    if wrong is not None and wrong.planned is not None and wrong.planned.motion is not None:
+        writers["next experiment"] = partial(write_motion, wrong.planned.motion, wrong.planned.joints)
     return write_run(folder, {found.files[what].name: write for what, write in writers.items()}, run)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -228,3 +229,15 @@ def test_a_joint_bears_on_the_same_motion_imagined_what_it_bears_along_the_log()
     for one, other in zip(state.bearing, again.bearing):
         np.testing.assert_allclose(other[0].load, one[0].load, atol=1e-9)
         np.testing.assert_allclose(other[0].brake, one[0].brake, atol=1e-9)
+
+
+def test_a_joint_that_the_logs_hold_is_held_by_the_next_one(rig: Rig, tmp_path: Path) -> None:
+    """What is planned for the joints that move is a motion of all: the whole rig plays it."""
+    held, both = Rig.load("turret", fixed={"tilt": 0.1}), small(0.4)
+    alone = replace(both, **{name: getattr(both, name)[:, :1] for name in "qva"})
+    causes = few("cogging", "cable-spring")
+    found = said(held, [recorded(held, alone, "cogging:pan:amplitude=0.05,harmonic=3", 0)], causes)
+    assert found.verdict == "ambiguous"
+    files, _ = write_diagnosis(replace(found, planned=designed(found, causes, tries=4)), tmp_path, "page")
+    motion = read_motion(files["next experiment"], rig)
+    assert np.ptp(motion.q[:, 0]) > 0.1 and np.all(motion.q[:, 1] == 0.1) and not motion.v[:, 1].any()
