@@ -467,8 +467,6 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Opera
             bool(upright[j]),
             float(np.max(q[:, j]) + np.min(q[:, j])) / 2,
             float(np.sqrt(np.mean(tau[:, j] ** 2))),
-            float(np.median(np.abs(tau[:, j]))),
-            float(min(np.mean(v[:, j] > 0), np.mean(v[:, j] < 0))),
         )
         for j in range(rig.n)
     )

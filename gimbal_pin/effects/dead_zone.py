@@ -98,10 +98,6 @@ class DeadZone(Static):
         """True for a threshold."""
         return self.whole
 
-    def moved(self, name: str, value: float) -> Cause:
-        """At least a sharpness of one: the blunter, the more it is a gain, of a half where it is none."""
-        return super().moved(name, max(value, 1.0) if name == "sharpness" else value)
-
     def akin(self, seen: OperatingRange) -> tuple[Cause, ...]:
         """Thresholds where an edge has been found: from where it loses a fifth of them to where it loses four.
 
@@ -115,13 +111,9 @@ class DeadZone(Static):
 
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
-        """Widths from a hundredth of the torque up, gaps and others.
-
-        Half of the commands at least are beyond them: a loop whose drive gives nothing more often is none.
-        """
-        most = seen.median or seen.torque
-        gaps = build_geometric_grid(0.01 * seen.torque, most, 7, cls.shapes[0])
-        others = build_geometric_grid(0.02 * seen.torque, most, 16, cls.shapes[0])
+        """Widths from a hundredth of the torque to most of it, gaps and others."""
+        gaps = build_geometric_grid(0.01 * seen.torque, 0.7 * seen.torque, 7, cls.shapes[0])
+        others = build_geometric_grid(0.02 * seen.torque, 0.8 * seen.torque, 16, cls.shapes[0])
         return (
             *(cls.inside(joint, width) for width in gaps),
             *(cls.inside(joint, width, sharpness) for width in others for sharpness in SHARP),

@@ -8,14 +8,9 @@ from math import inf, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.base import Sample
-from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
-
-ONE_WAY = 0.05
-"""Share of the time in the other direction under which a motion goes one way."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +26,6 @@ class PositionDependentFriction(Harmonic):
     bends: ClassVar[tuple[str, ...]] = ("load-dependent-friction",)
     experiment: ClassVar[str] = "slow sweeps over the whole range, both ways"
     compensation: ClassVar[str] = "friction feed-forward by angle, in the direction of the reference"
-
-    @classmethod
-    def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
-        """Nothing where the joint hardly ever turns back: by one direction friction over the angle is cogging."""
-        return super().tried(joint, seen) if seen.reversed > ONE_WAY else ()
 
     def carrier(self, at: Sample) -> float | Array:
         """The direction of sliding."""

@@ -19,6 +19,8 @@ SOFT = 2.0
 """Knee that a search starts from."""
 CLOSE = 1.25
 """Largest step between clips that a search starts from: one that is a third off gains nothing."""
+LOWEST = 0.2
+"""Share of the torque from which they start: of commands many times what acts little more than the sign is left."""
 NARROW, WIDE = 0.05, 0.25
 """Shares of the peak by which those are under it that clip peaks alone."""
 WIDER = 1.8
@@ -99,11 +101,8 @@ class Saturation(Static):
 
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
-        """Limits that bite on the log's peaks, on both sides or on one, and soft ones that may lie beyond.
-
-        Half of the commands at least are under them: a loop whose drive is at its limit more often is none.
-        """
-        low, high = max(seen.median, cls.shapes[0].lower), (1.0 - WIDE) * seen.peak
+        """Limits that bite on the log's peaks, on both sides or on one, and soft ones that may lie beyond."""
+        low, high = max(LOWEST * seen.torque, cls.shapes[0].lower), (1.0 - WIDE) * seen.peak
         under = _build_limit_grid(low, high, CLOSE)
         limits = (*under, *(seen.peak - one for one in _build_limit_grid(NARROW * seen.peak, WIDE * seen.peak, WIDER)))
         beyond = build_geometric_grid(0.7 * seen.peak, 10 * seen.peak, 6, cls.shapes[0])

@@ -26,8 +26,6 @@ class OperatingRange(NamedTuple):
         upright: Whether the joint's axis is vertical throughout: gravity is then no torque there.
         middle: Half way between the largest and the smallest angle, rad.
         rms: Root mean square of the torques, N m; 0: not told.
-        median: What half of the torques stay under, N m; 0: not told.
-        reversed: Share of the time in the direction in which it turned less.
     """
 
     seconds: float
@@ -42,8 +40,6 @@ class OperatingRange(NamedTuple):
     upright: bool = False
     middle: float = 0.0
     rms: float = 0.0
-    median: float = 0.0
-    reversed: float = 0.5
 
     def __repr__(self) -> str:
         """See `brief`."""

@@ -108,7 +108,7 @@ PLANTED: list[tuple[tuple[str, ...], Iterable[str]]] = [
         ("position-dependent-friction", "load-dependent-friction", "cogging", "dead-zone"),
     ),
     (("actuator-lag:tilt:time_constant=0.012",), ("actuator-lag", "delay", "saturation")),
-    (("saturation:pan:limit=0.8",), ("saturation", "dead-zone", "torque-gain")),
+    (("saturation:pan:limit=0.45",), ("saturation", "dead-zone", "torque-gain")),
     (("torque-ripple:tilt:amplitude=0.3,harmonic=9",), ("torque-ripple", "cogging", "saturation")),
 ]
 """What one log hides, and among which it is looked for: all, or its kin, which are its rivals."""

@@ -156,11 +156,9 @@ def test_whatever_a_log_shows_no_cause_is_tried_beyond_its_bounds(
 
 @pytest.mark.parametrize("peak", [1.2, 4.0, 40.0])
 def test_clips_are_tried_a_step_apart_however_rare_the_peaks(peak: float) -> None:
-    clips = [
-        one for one in Saturation.tried("tilt", SEEN._replace(peak=peak, median=0.2)) if isinstance(one, Saturation)
-    ]
+    clips = [one for one in Saturation.tried("tilt", SEEN._replace(peak=peak)) if isinstance(one, Saturation)]
     limits = np.array([one.limit for one in clips if one.side == 0 and not one.knee])
-    assert limits[0] == pytest.approx(0.2) and limits[-1] == pytest.approx((1 - 0.05) * peak)
+    assert limits[0] == pytest.approx(0.2 * SEEN.torque) and limits[-1] == pytest.approx((1 - 0.05) * peak)
     assert np.max(limits[1:] / limits[:-1]) <= 1.25 * (1 + 1e-9)
     off = peak - limits[limits >= (1 - 0.25) * peak * (1 - 1e-9)]
     assert np.max(off[:-1] / off[1:]) <= 1.8 * (1 + 1e-9)
