@@ -89,7 +89,8 @@ def passes(state: State, signal: Signal) -> list[Array]:
     for part, left, borne in zip(evidence.parts, state.unexplained, bearing):
         torque, noise = part.channels.tau[:, joint], flattened(part, left[:, joint], joint)
         change = part.acted(signal, torque, joint, borne) - part.acted(signal, torque - noise, joint, borne)
-        share = ratio(part.whiten(change, joint), part.whiten(noise, joint))
+        given, used = (part.whiten(x, joint) for x in (torque, part.acted(signal, torque, joint, borne)))
+        share = np.minimum(ratio(part.whiten(change, joint), part.whiten(noise, joint)), ratio(used, given))
         if signal.springy:
             felt = signal.felt(np.zeros((len(noise), 1)), noise[:, None], part.dt)[:, 0]
             shaken = np.minimum(part.shaken[joint] * part.whitener[joint] ** 2, 1.0)[: len(share)]
