@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.functions import cos, sin
 from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 
@@ -105,6 +106,10 @@ class Effect(Cause):
     @abstractmethod
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Return the torque per unit of each coefficient, N m per its unit; floats for floats, (N,) for arrays."""
+
+    def compute_stray_share(self, values: Sequence[float], seen: OperatingRange) -> float:
+        """Return the share of its power in pieces that no one device makes together, 0 to 1."""
+        return 0.0
 
     def start(self) -> EffectMemory | None:
         """Return the memory at rest; None for an effect without memory."""

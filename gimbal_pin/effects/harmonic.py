@@ -47,6 +47,8 @@ class Harmonic(Effect):
     """Multiples of a harmonic that was found at which it is looked for as well, however high."""
     bends: ClassVar[tuple[str, ...]] = ()
     """Causes that bend with the angle as a part of a turn of a harmonic does."""
+    of_motor: ClassVar[bool] = True
+    """Whether it is a motor's, and repeats with its poles and slots."""
     leans: ClassVar[tuple[str, ...]] = ()
     """Causes that a vertical axis feels once per turn, or as a bend over a part of it."""
 
@@ -115,6 +117,30 @@ class Harmonic(Effect):
         bent = lowest * seen.travel < 2 * pi * (1 + crowded)
         leaning = seen.upright and (max(self.harmonic) == 1.0 or (bent and lowest == 1.0))
         return (*(self.bends if bent else ()), *(self.leans if leaning else ()))
+
+    def compute_stray_share(self, values: Sequence[float], seen: OperatingRange) -> float:
+        """``min_{a,b} (1 - P(a, b))/(1 - D(a, b))``: power that a motor of poles a and slots b leaves, over chance's.
+
+        P is the share of the harmonics' power, and D that of all orders, within the travel's resolution of multiples
+        of a or b. Cogging repeats with the slots, with the poles, and in a perfect motor with both (Gasparin et al.,
+        IEEE Trans. Magn. 45(3), 2009). Once per turn is the shaft's, whose rotor sits off its centre.
+        """
+        lines = np.array(self.harmonic)
+        power = np.array([size**2 for size, _ in self.polar(values)]) * (lines > 1.0)
+        if not self.of_motor or np.count_nonzero(power) < 3:
+            return 0.0
+        orders, near = np.arange(2.0, lines.max() + 1.0), pi / seen.travel - 0.5
+        held, every = (
+            (np.abs(k - n * np.maximum(np.round(k / n), 1.0)) <= max(near, 0.25)).astype(float)
+            for n in (orders[:, None],)
+            for k in (lines, orders)
+        )
+        shares = []
+        for hits, weight in ((held, power / power.sum()), (every, np.full(len(orders), 1.0 / len(orders)))):
+            one = hits @ weight
+            shares.append(one[:, None] + one - (hits * weight) @ hits.T)
+        left, chance = (1.0 - x for x in shares)
+        return float(np.min(np.where(chance > 1e-9, left / np.maximum(chance, 1e-9), 1.0)))
 
     @classmethod
     def limits(cls) -> tuple[float, float]:

@@ -22,6 +22,7 @@ class PositionDependentFriction(Harmonic):
         "amplitude", nan, "N m", 0.0, inf, meaning="how much dry friction changes over the angle, to either side"
     )
     dry: ClassVar[bool] = True
+    of_motor: ClassVar[bool] = False
     highest: ClassVar[int] = 12
     bends: ClassVar[tuple[str, ...]] = ("load-dependent-friction",)
     experiment: ClassVar[str] = "slow sweeps over the whole range, both ways"

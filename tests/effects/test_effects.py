@@ -400,6 +400,32 @@ def test_amplitude_and_phase_are_those_of_the_cosine() -> None:
     assert term.sentence() == "yaw: cogging, 0.03 N m at 42 per turn"
 
 
+TURN = OperatingRange(60.0, 0.005, 12.0, 7.0, 1.0, 1e-3, 1.0, 1.2)
+
+
+def share_no_motor_makes(sizes: dict[int, float]) -> float:
+    lines = tuple(float(k) for k in sorted(sizes))
+    return Cogging("yaw", lines).compute_stray_share([x for k in lines for x in (sizes[int(k)], 0.0)], TURN)
+
+
+@given(st.integers(4, 42), st.integers(3, 48), st.integers(0, 10**6))
+def test_lines_of_poles_and_slots_and_of_the_turn_are_a_motors(poles: int, slots: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    own = [k for k in range(1, 145) if not (k % poles and k % slots)] + [1]
+    sizes = {k: float(rng.uniform(0.1, 1.0)) for k in own}
+    assert share_no_motor_makes(sizes) < 1e-9
+    weak = dict.fromkeys((poles + 1, slots - 1), 0.01)
+    assert share_no_motor_makes(weak | sizes) < 0.1
+    assert share_no_motor_makes({k: 7.0 * size for k, size in sizes.items()}) < 1e-9
+
+
+def test_lines_of_a_notch_are_no_motors() -> None:
+    q = np.radians(np.arange(0.0, 360.0, 0.25))
+    notch = np.where((q > np.radians(10)) & (q < np.radians(20)), 0.05, 0.0)
+    spectrum = np.abs(np.fft.rfft(notch))
+    assert share_no_motor_makes({k: float(spectrum[k]) for k in (46, 34, 25, 14, *range(2, 16))}) > 0.2
+
+
 @pytest.mark.parametrize("kind", [Cogging, TorqueRipple, PositionDependentFriction])
 def test_what_is_read_of_a_harmonic_has_the_bounds_of_what_is_stated(kind: type[Harmonic]) -> None:
     stated = {p.name: p for p in kind.stated()}

@@ -18,7 +18,7 @@ from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.uncertainty import is_size_known
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.threads import limit_to_one_thread
-from gimbal_pin.effects import Cause, Signal
+from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import FORM_ERROR
 from gimbal_pin.rig.rig import Rig
@@ -131,7 +131,7 @@ def material(lack: Lack) -> bool:
 def deserving(found: Explained) -> tuple[Cause, ...]:
     """Return the causes that deserve a name: none where much of a structure is left.
 
-    Nor one whose size nobody knows, or that noise in the motion may make.
+    Nor one whose size nobody knows, that noise in the motion may make, or whose pieces are of no one device.
     """
     joints = found.first.problem.evidence.rig.joints
     unknown = {joints[j] for j, lack in enumerate(found.after) if material(lack) and found.left(j) > LEFT}
@@ -139,7 +139,17 @@ def deserving(found: Explained) -> tuple[Cause, ...]:
     clear = (one for one in every if not (one.place in unknown if one.of_joint else unknown))
     seen = (one for one in clear if not (isinstance(one, Signal) and misses(found.state, one)))
     sure = (one for one in seen if is_size_known(found.state, one))
-    return tuple(one for one in sure if not is_hidden_by_noise(found.first, one))
+    physical = (one for one in sure if not is_hidden_by_noise(found.first, one))
+    return tuple(one for one in physical if not has_stray_pieces(found.state, one))
+
+
+def has_stray_pieces(state: State, cause: Cause) -> bool:
+    """Whether pieces that no one device makes together hold more of a cause than an error of its form may."""
+    if not isinstance(cause, Effect):
+        return False
+    evidence = state.problem.evidence
+    seen = evidence.seen[evidence.rig.joint_index(cause.joint)]
+    return cause.compute_stray_share(state.coefficients(cause).tolist(), seen) > LEFT
 
 
 def is_hidden_by_noise(first: State, cause: Cause) -> bool:
