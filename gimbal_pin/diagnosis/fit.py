@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +16,6 @@ LUCK = 0.5
 """Least dispersion that is believed: what fits better than its sensors allow is luck, not knowledge."""
 CRITICAL_Z = 1.96
 """Deviations from which two models are told apart (Vuong, Econometrica 57, 1989; 95 %)."""
-
-
-class Placed(Protocol):
-    """Whitened columns that act at one joint, or at all."""
-
-    @property
-    def joint(self) -> int | None:
-        """Where they act; None: everywhere."""
-
-    @property
-    def own(self) -> Array:
-        """Columns there, (rows, c), or everywhere, (rows, n, c)."""
-
-
-class Shown(Placed, Protocol):
-    """Whitened columns of which it is asked how much of them shows."""
-
-    @property
-    def bulk(self) -> float:
-        """Their power over that of what sets them apart from the friction that is always fitted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +83,9 @@ class Fit:
         """Weight (rows, n, c) and stack it to (rows n, c)."""
         return (values * self.scale[:, None]).reshape(-1, values.shape[-1])
 
-    def weighted(self, columns: Placed) -> Array:
-        """Weight columns where they act: the rows of `rows(columns.joint)`."""
-        return columns.own * self.scale[columns.joint] if columns.joint is not None else self.stacked(columns.own)
+    def weighted(self, own: Array, joint: int | None) -> Array:
+        """Weight columns of a joint, (rows, c), or of all, (rows, n, c): the rows of `rows(joint)`."""
+        return self.stacked(own) if joint is None else own * self.scale[joint]
 
     def along(self, weighted: Array, joint: int | None) -> Array:
         """Components of weighted columns of a joint along the fitted ones, (k, c)."""
@@ -174,9 +153,12 @@ def norms(matrix: Array) -> Array:
     return np.linalg.norm(matrix, axis=0)
 
 
-def project(now: Fit, columns: Placed) -> Array:
-    """Weight and stack columns, and take the fitted columns out of them, (rows n, c); rows next in memory."""
-    weighted = now.weighted(columns)
-    rest = (-now.along(weighted, columns.joint).T @ now.basis.T).T
-    rest[now.rows(columns.joint)] += weighted
+def project(now: Fit, own: Array, joint: int | None) -> Array:
+    """Weight and stack columns of a joint, (rows, c), or of all, (rows, n, c), without what the fitted ones explain.
+
+    (rows n, c), rows next in memory.
+    """
+    weighted = now.weighted(own, joint)
+    rest = (-now.along(weighted, joint).T @ now.basis.T).T
+    rest[now.rows(joint)] += weighted
     return rest

@@ -39,7 +39,8 @@ def likeness(found: Explained, cause: Cause) -> Likeness:
     base = without(found.final, cause)
     rivals = {one.cause.name: one.cause for one in reversed(found.rivals_of(cause))}
     every = [cause, *(one for name, one in reversed(rivals.items()) if name != cause.name)]
-    spans = [span(project(base.fit, base.columns(one))) for one in every]
+    columns = [base.columns(one) for one in every]
+    spans = [span(project(base.fit, one.own, one.joint)) for one in columns]
     between = np.array([[cosine(a, b) for b in spans] for a in spans])
     return Likeness(cause.place if cause.of_joint else None, tuple(one.name for one in every), between)
 

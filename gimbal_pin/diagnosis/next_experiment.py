@@ -108,10 +108,15 @@ def contest(state: State, cause: Cause, kind: type[Cause], known: Sequence[Cause
     """
     base, rig, seen = without(state, cause), state.problem.evidence.rig, state.problem.evidence.seen
     beta = state.coefficients(cause) if width(cause) else np.ones(1)
-    own = project(base.fit, base.columns(cause)) @ beta
+
+    def alone(form: Cause) -> Array:
+        columns = base.columns(form)
+        return project(base.fit, columns.own, columns.joint)
+
+    own = alone(cause) @ beta
 
     def near(form: Cause) -> tuple[Array, float]:
-        return nearest(project(base.fit, base.columns(form)), own)
+        return nearest(alone(form), own)
 
     at = [cause.place] if cause.of_joint else rig.joints if kind.of_joint else rig.joints[:1]
     grid = [form for joint in at for form in kind.tried(joint, seen[rig.joint_index(joint)])]

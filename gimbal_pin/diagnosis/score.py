@@ -3,32 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis.fit import Fit, Placed, Shown
+from gimbal_pin.diagnosis.columns import Columns
+from gimbal_pin.diagnosis.fit import Fit
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Flags
 
 OVERDONE = 2.0
 """Torque of a cause over all that its joints carry from which it is none."""
-
-
-class Candidate(Shown, Protocol):
-    """Whitened columns with bounds on their coefficients."""
-
-    @property
-    def lower(self) -> Array:
-        """Bounds of the coefficients, (c,)."""
-
-    @property
-    def upper(self) -> Array:
-        """The same."""
-
-    @property
-    def shared(self) -> Array | None:
-        """Coulomb friction, (rows,), that takes up any part of them; None: nothing does."""
 
 
 BATCH = 16
@@ -56,12 +41,12 @@ class Gained(NamedTuple):
     visible: float
 
 
-def gained(now: Fit, columns: Candidate, fixed: bool) -> Gained:
+def gained(now: Fit, columns: Columns, fixed: bool) -> Gained:
     """Fit one candidate to the residual; `fixed`: its coefficient is one, as for a drive's signal."""
     return gained_alike(now, [columns], fixed)[0]
 
 
-def all_gained(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list[Gained]:
+def all_gained(now: Fit, candidates: Sequence[Columns], fixed: bool) -> list[Gained]:
     """As `gained`, of many candidates, (k,)."""
     found: dict[int, Gained] = {}
     for batch in batches(candidates):
@@ -69,16 +54,16 @@ def all_gained(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list[G
     return [found[i] for i in range(len(candidates))]
 
 
-def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list[Gained]:
+def gained_alike(now: Fit, candidates: Sequence[Columns], fixed: bool) -> list[Gained]:
     """Fit each of some candidates of one joint and width c to the residual.
 
     ``R = S - B Bᵀ S`` is what the fitted columns B leave of a candidate's S. As the residual is free of B, its
     products ``RᵀR = SᵀS - (BᵀS)ᵀ(BᵀS)`` and ``Rᵀr = Sᵀr`` need only the rows where S is not zero.
     """
-    beside, c = Beside.of(candidates), candidates[0].own.shape[-1]
-    S, rows = now.weighted(beside), now.rows(beside.joint)
+    joint, c = candidates[0].joint, candidates[0].width
+    S, rows = weigh_together(now, candidates), now.rows(joint)
     whole, target, residual = products(S, c), now.target[rows], now.residual[rows]
-    along = now.along(S, beside.joint)
+    along = now.along(S, joint)
     gram, s = whole - products(along, c), (residual @ S).reshape(-1, c)
     own = fitting(gram, s)
     lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
@@ -95,23 +80,16 @@ def gained_alike(now: Fit, candidates: Sequence[Candidate], fixed: bool) -> list
     return [Gained(0.0, nothing, nothing, one.visible) if none else one for one, none in zip(every, wrong)]
 
 
-class Beside(NamedTuple):
-    """Columns of some candidates of one joint, side by side, (rows, k c) or (rows, n, k c); rows next in memory."""
-
-    joint: int | None
-    own: Array
-
-    @staticmethod
-    def of(candidates: Sequence[Placed]) -> Beside:
-        """Put them side by side."""
-        return Beside(candidates[0].joint, np.concatenate([one.own.T for one in candidates]).T)
+def weigh_together(now: Fit, candidates: Sequence[Columns]) -> Array:
+    """Weight columns of candidates of one joint, side by side, (rows, k c); rows next in memory."""
+    return now.weighted(np.concatenate([one.own.T for one in candidates]).T, candidates[0].joint)
 
 
-def batches(candidates: Sequence[Placed]) -> Iterator[list[int]]:
+def batches(candidates: Sequence[Columns]) -> Iterator[list[int]]:
     """Yield places of candidates of one joint and width, as many as are computed at once."""
     groups: dict[tuple[int | None, int], list[int]] = {}
     for i, one in enumerate(candidates):
-        groups.setdefault((one.joint, one.own.shape[-1]), []).append(i)
+        groups.setdefault((one.joint, one.width), []).append(i)
     for group in groups.values():
         yield from (group[first : first + BATCH] for first in range(0, len(group), BATCH))
 
@@ -144,14 +122,17 @@ def inverse(gram: Array, share: float) -> Array:
     return np.asarray((axes * np.divide(1.0, size, out=np.zeros_like(size), where=there)[..., None, :]) @ axes.mT)
 
 
-def visibility(now: Fit, candidates: Sequence[Shown]) -> Array:
+def visibility(now: Fit, candidates: Sequence[Columns]) -> Array:
     """Share of each candidate's power that the fitted columns leave, (k,): of what sets it apart from friction."""
     visible = np.zeros(len(candidates))
     for batch in batches(candidates):
-        beside, c = Beside.of([candidates[i] for i in batch]), candidates[batch[0]].own.shape[-1]
-        S = now.weighted(beside)
+        S, joint, c = (
+            weigh_together(now, [candidates[i] for i in batch]),
+            candidates[batch[0]].joint,
+            candidates[batch[0]].width,
+        )
         whole = products(S, c)
-        visible[batch] = share(whole - products(now.along(S, beside.joint), c), whole)
+        visible[batch] = share(whole - products(now.along(S, joint), c), whole)
     return visible * np.array([one.bulk for one in candidates])
 
 
@@ -161,7 +142,7 @@ def share(left: Array, whole: Array) -> Array:
     return np.divide(np.trace(left, axis1=1, axis2=2), size, out=np.zeros(len(size)), where=size > NIL)
 
 
-def beyond(torques: Array, candidates: Sequence[Candidate]) -> Array:
+def beyond(torques: Array, candidates: Sequence[Columns]) -> Array:
     """Torques of candidates, (k, rows), without what of them the friction that they share with the model takes back.
 
     Over part of a turn the cosine of an angle is nearly one: friction that varies there by a little is the difference

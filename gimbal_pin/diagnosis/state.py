@@ -281,11 +281,6 @@ class State:
         raise ValueError(f"{cause.name} was not chosen")
 
 
-def left(state: State) -> float:
-    """What is left at all joints: see `Fit.left`."""
-    return state.fit.left
-
-
 def width(cause: Cause) -> int:
     """Coefficients that a cause adds to theta."""
     return len(cause.coefficients) if isinstance(cause, Effect) else int(isinstance(cause, RigEffect))

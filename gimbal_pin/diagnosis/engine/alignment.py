@@ -14,7 +14,6 @@ import numpy as np
 from gimbal_pin.checks.torque_time import EARLIEST
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import project
-from gimbal_pin.diagnosis.score import Beside
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log.log import Array
@@ -40,7 +39,7 @@ def later_by(state: State) -> Array:
     columns = []
     for j in range(evidence.rig.n):
         slope = [np.gradient(x[:, j], part.dt) for part, x in zip(evidence.parts, state.torque)]
-        columns.append(project(state.fit, Beside(j, evidence.whiten(slope, j)[:, None]))[:, 0])
+        columns.append(project(state.fit, evidence.whiten(slope, j)[:, None], j)[:, 0])
     D, prior = np.stack(columns, axis=1), 1.0 / USUAL**2
     return np.asarray(
         np.linalg.solve(D.T @ D + prior * np.eye(D.shape[1]), D.T @ state.fit.residual - prior * shifts(evidence))
