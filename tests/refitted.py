@@ -21,5 +21,5 @@ def first(*terms: Term, rig: Rig | None = None, given: Rig = RIG) -> State:
     tau = Model(rig or given, (*nominal(given).terms, *terms)).inverse(motion.q, motion.v, motion.a, t=motion.t)
     tau += 1e-3 * np.random.default_rng(4).standard_normal(tau.shape)
     log = Log("whole", given.joints, motion.t, motion.q, motion.v, tau)
-    problem = Problem.of(gather(given, [log], ALIGNED, {log.name: 0.0}), reduce_parameters(given))
+    problem = Problem.of(gather(given, [log], ALIGNED), reduce_parameters(given))
     return solved(problem, (), solved(problem, ()))

@@ -59,7 +59,7 @@ def fit_each_log(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> dict[st
     reduction, states = reduce_parameters(rig), dict[str, State]()
     for k, log in enumerate(logs if len(logs) > 1 else ()):
         with contextlib.suppress(DataError):
-            evidence = gather(rig, [log], filtering, {log.name: float(log.t[0])})
+            evidence = gather(rig, [log], filtering)
             states[f"{k + 1}: {log.name}"] = solved(Problem.of(evidence, reduction), ())
     return states
 

@@ -37,6 +37,7 @@ class SensorContext(NamedTuple):
         held: The reporting part with it.
         train: The logs that were fitted.
         test: The reporting ones; none where blocks of the fitted logs stand for them.
+        wholes: Name of each log → the whole of it.
         filtering: The band.
     """
 
@@ -44,6 +45,7 @@ class SensorContext(NamedTuple):
     held: Evidence
     train: Sequence[Log]
     test: Sequence[Log]
+    wholes: Mapping[str, Log]
     filtering: Filtering
 
 
@@ -131,14 +133,14 @@ def add_sensor_findings(
 
 def _compare(context: SensorContext, train: Sequence[Log], test: Sequence[Log], base: BaseMotion) -> _Comparison | None:
     """Fit what was found to logs without what a sensor shows, where the base moves so; None where that is no worse."""
-    found, held, filtering = context.found, context.held, context.filtering
+    found, held, filtering, wholes = context.found, context.held, context.filtering, context.wholes
     known = found.problem.evidence
-    rig, origins = known.rig, {log.name: float(log.t[0]) for log in (*test, *train)}  # a log began with its first part
-    evidence = _match(gather(rig, train, filtering, origins), known)
+    rig = known.rig
+    evidence = _match(gather(rig, train, filtering, wholes), known)
     problem = replace(Problem.of(evidence, reduce_parameters(rig, base=base)), luck=found.problem.luck)
     plain = solved(problem, (), solved(problem, ()))
     state = consistent(solved(problem, found.causes, plain)) if found.causes else plain
-    other = judged(rig, test, filtering, origins) if test else gather(rig, train, filtering, origins)
+    other = judged(rig, test, filtering, wholes) if test else gather(rig, train, filtering, wholes)
     without = _match(other, held)
     before, after = measured(without, extended(state)), measured(held, extended(found))
     ratios = [before["torque_rmse"][joint] / max(after["torque_rmse"][joint], 1e-300) for joint in rig.joints]

@@ -137,14 +137,14 @@ def searched(
 ) -> Diagnosis:
     """Diagnose logs that were checked and mended; arguments and errors as in `examined`."""
     checked, train, test, whole = parted
-    origins = {log.name: float(log.t[0]) for log in logs}
-    evidence = gather(rig, train, filtering, origins)
+    wholes = {one.log.name: one.log for one in checked}
+    evidence = gather(rig, train, filtering, wholes)
     check_moved(evidence, train[0].name)
     base = greatest_base_motion(rig, train)
     exchanged = check_assignment_of_logs(rig, train, base, Filtering())
     if exchanged is not None:
         return spoilt(rig, logs, with_fault(checked, exchanged), filtering)
-    held = judged(rig, test, filtering, origins, {one.log.name: one.log for one in checked}) if test else evidence
+    held = judged(rig, test, filtering, wholes) if test else evidence
     if np.all(held.used() < LIVELY):
         raise DataError(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
@@ -167,7 +167,7 @@ def searched(
     said = reported(found, held, checked, hold(logs[0], filtering), rng)
     said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
     encoders = {one.log.name: one.encoders for one in checked}
-    said = add_sensor_findings(said, SensorContext(found.final, held, train, test, filtering), encoders)
+    said = add_sensor_findings(said, SensorContext(found.final, held, train, test, wholes, filtering), encoders)
     return compare_given_model(said, found.final, causes)
 
 

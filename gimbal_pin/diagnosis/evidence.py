@@ -277,40 +277,32 @@ def judged(
     rig: Rig,
     logs: Sequence[Log],
     filtering: Filtering,
-    origins: Mapping[str, float],
     wholes: Mapping[str, Log] = MappingProxyType({}),
 ) -> Evidence:
     """Return what can be judged of logs that nothing is fitted to.
 
     Where holes leave too little of the time in stretches that the filters can settle in, every sample away from the
     holes is taken: angle and torque were measured there, and of the rate only its slow part and its sign matter much.
-
-    Args:
-        rig: The rig.
-        logs: As for `gather`.
-        filtering: As for `gather`.
-        origins: As for `gather`.
-        wholes: As for `gather`.
+    Arguments are as for `gather`.
 
     Raises:
         DataError: Not even that.
     """
     whole = sum(float(log.t[-1] - log.t[0]) for log in logs)
     with contextlib.suppress(DataError):
-        found = gather(rig, logs, filtering, origins, wholes=wholes)
+        found = gather(rig, logs, filtering, wholes)
         if found.seconds >= COVERED * whole:
             return found
-    return gather(rig, logs, filtering, origins, compute_settling_time(filtering), SHARP, wholes)
+    return gather(rig, logs, filtering, wholes, compute_settling_time(filtering), SHARP)
 
 
 def gather(
     rig: Rig,
     logs: Sequence[Log],
     filtering: Filtering,
-    origins: Mapping[str, float],
+    wholes: Mapping[str, Log] = MappingProxyType({}),
     across: float = 0.0,
     taper: float = TAPER,
-    wholes: Mapping[str, Log] = MappingProxyType({}),
 ) -> Evidence:
     """Return the logs' evidence in the band below the filtering's cutoff.
 
@@ -318,16 +310,15 @@ def gather(
         rig: The rig.
         logs: Logs or parts of them.
         filtering: Its cutoff is the band.
-        origins: Name of a log → the time at which it began, s.
+        wholes: Name of a log → the whole log that it is a part of, where it is one: its motors were warm already.
         across: Holes up to so long, s, do not end a stretch; the gate is closed in them.
         taper: Width over which the gate opens, in periods of the band.
-        wholes: Name of a log → the whole log that it is a part of, where it is one: its motors were warm already.
 
     Raises:
         DataError: No stretch is long enough.
     """
     found = [
-        part(rig, stretch, filtering, origins[log.name], taper, wholes.get(log.name))
+        part(rig, stretch, filtering, taper, wholes.get(log.name, log))
         for log in logs
         for stretch in split_segments(log, filtering.cutoff, across)
     ]
@@ -338,15 +329,8 @@ def gather(
     return Evidence(rig, parts, filtering.cutoff, blocks_of(parts, filtering.cutoff), ranges(rig, parts, filtering))
 
 
-def part(
-    rig: Rig,
-    stretch: Segment,
-    filtering: Filtering,
-    origin: float,
-    taper: float = TAPER,
-    whole: Log | None = None,
-) -> Part | None:
-    """Return a stretch's part, or None if it is shorter than what the filters need to settle."""
+def part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: Log) -> Part | None:
+    """Return the part of a stretch of a whole log, or None if it is shorter than what the filters need to settle."""
     step = compute_decimation(filtering, stretch.dt)
     # The last few samples go where that makes the Fourier transforms quick.
     half = fft.prev_fast_len(max(stretch.length // (2 * step), 1), real=True)
@@ -369,7 +353,6 @@ def part(
     warm = np.full(channels.q.shape, AMBIENT)
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
-    losses = losses_of(stretch.log if whole is None else whole, channels.t)
     # Each joint's gate side by side in memory: every column is multiplied by it.
     return Part(
         channels,
@@ -377,12 +360,12 @@ def part(
         np.asfortranarray(gate),
         gain,
         noise.motion * share,
-        origin,
+        float(whole.t[0]),
         dt,
         count,
         shock,
         0.0,
-        losses,
+        losses_of(whole, channels.t),
         logged,
     )
 

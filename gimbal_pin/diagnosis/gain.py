@@ -213,7 +213,7 @@ def heat(model: Model, log: Log, filtering: Filtering = BAND) -> Array:
         DataError: The log is too short to be judged.
         UsageError: It holds no torque.
     """
-    evidence = gather(model.rig, [log], filtering, {log.name: float(log.t[0])})
+    evidence = gather(model.rig, [log], filtering)
     torque = np.sqrt(np.mean(np.concatenate(evidence.torque) ** 2, axis=0))
     times, sizes = [], []
     for part in evidence.parts:

@@ -124,7 +124,7 @@ def spoilt(rig: Rig, logs: Sequence[Log], checked: Sequence[CheckedLog], filteri
     given = Extended(nominal(rig))
     figures: Figures = {}
     with contextlib.suppress(DataError):  # too short for the band: then there is no figure either
-        figures = measured(gather(rig, logs, filtering, {log.name: float(log.t[0]) for log in logs}), given)
+        figures = measured(gather(rig, logs, filtering), given)
     return Diagnosis(
         rig=rig.name,
         logs=tuple(one.log.name for one in checked),

@@ -40,7 +40,7 @@ def log() -> Log:
 
 def fitted(log: Log, *causes: Cause) -> State:
     """Causes fitted without any search."""
-    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce_parameters(RIG))
+    problem = Problem.of(gather(RIG, [log], BAND), reduce_parameters(RIG))
     return solved(problem, causes, solved(problem, causes))
 
 

@@ -57,7 +57,7 @@ def clean(rig: Rig, motion: Motion) -> Log:
 
 @pytest.fixture(scope="module")
 def evidence(rig: Rig, clean: Log) -> Evidence:
-    return gather(rig, [clean], BAND, {clean.name: 0.0})
+    return gather(rig, [clean], BAND)
 
 
 def test_white_torque_noise_becomes_rows_of_unit_noise(rig: Rig) -> None:
@@ -65,7 +65,7 @@ def test_white_torque_noise_becomes_rows_of_unit_noise(rig: Rig) -> None:
     t, steady = 0.002 * np.arange(15_001), 1e-3 * np.ones((15_001, rig.n))
     noise = np.random.default_rng(3).standard_normal(steady.shape) * [0.02, 0.3]
     still = Log("still", rig.joints, t, np.cumsum(steady, axis=0), None, noise)
-    found = gather(rig, [still], BAND, {still.name: 0.0})
+    found = gather(rig, [still], BAND)
     inner = slice(40, -40)
     for j in range(rig.n):
         white = found.whiten([part.channels.tau[:, j] for part in found.parts], j)[inner]

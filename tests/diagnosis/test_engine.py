@@ -41,7 +41,7 @@ def log_of(size: float = 0.0, seed: int = 1, noise: float = 0.02, seconds: float
 
 
 def evidence_of(log: Log, alignment: float = 0.0) -> Evidence:
-    return gather(Rig.load(RIG), [log], replace(BAND, alignment=alignment), {"log": 0.0})
+    return gather(Rig.load(RIG), [log], replace(BAND, alignment=alignment))
 
 
 def explain_log(log: Log, kinds: Mapping[str, type[Cause]] = KINDS) -> Explained:

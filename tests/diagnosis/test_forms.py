@@ -50,7 +50,7 @@ RIG = Rig.load("thesis")
 def evidence(model: Model) -> Evidence:
     """What a log of the model's prescribed motion shows of the bundled rig."""
     log = prescribed(model, seconds=14.0, torque_noise=1e-3, dt=2e-3)
-    return gather(RIG, [log], ALIGNED, {log.name: 0.0})
+    return gather(RIG, [log], ALIGNED)
 
 
 def fitted(model: Model, *causes: Cause) -> State:
@@ -208,7 +208,7 @@ def test_a_base_that_sinks_is_found_with_its_rate() -> None:
     log = prescribed(nominal(RIG), seconds=14.0, torque_noise=1e-3, dt=2e-3)
     more = [m.inverse(log.q, log.v, 0.0 * log.q, t=log.t) for m in (model, nominal(RIG))]
     log = replace(log, tau=log.tau + more[0] - more[1])
-    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce_parameters(RIG))
+    problem = Problem.of(gather(RIG, [log], ALIGNED), reduce_parameters(RIG))
     linear = solved(problem, (BaseTilt(pitch_rate=1e-3),), solved(problem, ()))
     state = consistent(linear)
     (found,) = settled(state)

@@ -116,5 +116,5 @@ def test_a_round_rotor_is_felt_along_the_axes_of_what_carries_it() -> None:
 
 def plain(log: Log) -> State:
     """The refitted model of a log, without any cause."""
-    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce_parameters(RIG))
+    problem = Problem.of(gather(RIG, [log], BAND), reduce_parameters(RIG))
     return solved(problem, (), solved(problem, ()))

@@ -61,7 +61,7 @@ def clean() -> BaseDifference:
     """Of the right turret, the refitted model."""
     rig = Rig.load("turret")
     log = record(rig, seed=0, noise=2e-3)
-    problem = Problem.of(gather(rig, [log], ALIGNED, {log.name: 0.0}), reduce_parameters(rig))
+    problem = Problem.of(gather(rig, [log], ALIGNED), reduce_parameters(rig))
     return compute_difference(solved(problem, (), solved(problem, ())))
 
 

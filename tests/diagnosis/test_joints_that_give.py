@@ -149,7 +149,7 @@ def test_a_spring_is_found_by_its_zero() -> None:
     true, controller = JointFlexibility(JOINT, 13.0, 0.08, 0.2), tune(nominal(RIG), bandwidth_hz=2.0).controller
     reference = brisk(RIG.joint_index(JOINT), 5, 6.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
-    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce_parameters(RIG))
+    problem = Problem.of(gather(RIG, [log], BAND), reduce_parameters(RIG))
     seen = problem.evidence.seen[RIG.joint_index(JOINT)]
     state = solved(problem, (), solved(problem, ()))
     found = refined(state, max(JointFlexibility.tried(JOINT, seen), key=partial(worth, state)))
@@ -164,7 +164,7 @@ def test_bristles_are_told_from_others_by_damping_and_lengths(stroke: float, dam
     term = Term(Presliding(name, stroke, True, slips), (0.1, damping))
     plain = nominal(RIG)
     log = prescribed(replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3)
-    problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0), {log.name: 0.0}), reduce_parameters(RIG))
+    problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0)), reduce_parameters(RIG))
     first = solved(problem, (), solved(problem, ()))
     tried = [refined(first, one) for one in Presliding.tried(name, problem.evidence.seen[0])]
     found = max(tried, key=partial(worth, first))

@@ -84,7 +84,7 @@ def test_a_fit_without_a_cause_bears_what_the_whole_one_does() -> None:
     where = rig()
     cause = LoadDependentFriction("tilt", weighs=True)
     log = prescribed(Model(where, (*nominal(where).terms, Term(cause, (0.4,)))), 0, 10.0, 0.01, DT)
-    problem = Problem.of(gather(where, [log], BAND, {log.name: 0.0}), reduce_parameters(where))
+    problem = Problem.of(gather(where, [log], BAND), reduce_parameters(where))
     state = solved(problem, (cause,), solved(problem, ()))
     base = without(state, cause)
     for part in range(len(problem.evidence.parts)):

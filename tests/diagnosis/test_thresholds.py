@@ -27,7 +27,7 @@ def looped(*drive: DeadZone) -> State:
     law = ComputedTorque(model, (Pid.placed(6.0, 1.0, 0.2),) * RIG.n, DT, lead=1.5 * DT)
     sense = Sensors(np.full(RIG.n, 2 * np.pi / 2**18), np.full(RIG.n, 2e-3), np.zeros(RIG.n))
     log = simulate(model, law, fourier(RIG, 2, 14.0, DT), rng=np.random.default_rng(2), sensors=sense, drive=drive)
-    problem = Problem.of(gather(RIG, [log], BAND, {log.name: 0.0}), reduce_parameters(RIG))
+    problem = Problem.of(gather(RIG, [log], BAND), reduce_parameters(RIG))
     return solved(problem, (), solved(problem, ()))
 
 

@@ -71,7 +71,7 @@ def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
     for moving, friction, opens in ((motion, 0.002, True), (motion, 5.0, False), (turning(rig, 1.9), 0.05, False)):
         tau = nominal(rig).inverse(moving.q, moving.v, moving.a) + friction * np.sign(moving.v)
         log = logged(rig, moving, tau)
-        before = gather(rig, [log], ALIGNED, {log.name: 0.0})
+        before = gather(rig, [log], ALIGNED)
         after = opened(before, solved(Problem.of(before, reduce_parameters(rig)), ()), ALIGNED)
         assert np.all(after.parts[0].gate >= before.parts[0].gate)
         assert bool(np.any(after.used() > before.used() + 0.02)) == opens
@@ -81,7 +81,7 @@ def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
 def test_a_torque_that_acts_at_another_time_is_told_and_opens_no_turn(rig: Rig, motion: Motion, late: int) -> None:
     tau = nominal(rig).inverse(motion.q, motion.v, motion.a) + 0.002 * np.sign(motion.v)
     log = logged(rig, motion, np.roll(tau, late, axis=0))
-    before = gather(rig, [log], ALIGNED, {log.name: 0.0})
+    before = gather(rig, [log], ALIGNED)
     state = solved(Problem.of(before, reduce_parameters(rig)), ())
     np.testing.assert_allclose(apart(state), abs(late) * log.dt, atol=0.15 * log.dt)
     assert bool(np.any(opened(before, state, ALIGNED).used() > before.used() + 0.02)) == (late == 0)
@@ -111,7 +111,7 @@ def test_the_moment_of_a_turn_is_known(rig: Rig, jumps: str) -> None:
     if jumps == "acceleration":
         law = ComputedTorque(replace(model, terms=()), (Pid.placed(5.0, 1.0, 0.2),) * rig.n, 1e-3, lead=1.5e-3)
         log = simulate(model, law, motion, rng=np.random.default_rng(1))
-    problem = Problem.of(gather(rig, [log], filtering, {log.name: 0.0}), reduce_parameters(rig))
+    problem = Problem.of(gather(rig, [log], filtering), reduce_parameters(rig))
     gliding, (part,) = solved(problem, ()), problem.evidence.parts
     c, friction = part.channels, dry_friction(gliding)
     turns = np.zeros(c.v.shape, dtype=bool)

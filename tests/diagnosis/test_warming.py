@@ -50,9 +50,8 @@ def warming(seed: int, *terms: Term, seconds: float = 24.0) -> Log:
 def opened(log: Log) -> tuple[State, Evidence]:
     """The refitted model without any cause, and the held-out part."""
     train, test, _ = split_logs([log], None, ALIGNED)
-    origins = {log.name: float(log.t[0])}
-    problem = Problem.of(gather(RIG, train, ALIGNED, origins), reduce_parameters(RIG))
-    return solved(problem, (), solved(problem, ())), judged(RIG, test, ALIGNED, origins, {log.name: log})
+    problem = Problem.of(gather(RIG, train, ALIGNED, {log.name: log}), reduce_parameters(RIG))
+    return solved(problem, (), solved(problem, ())), judged(RIG, test, ALIGNED, {log.name: log})
 
 
 def found(state: State) -> list[FrictionDrift]:

@@ -32,7 +32,7 @@ SEEN = OperatingRange(60.0, 0.005, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
 def first(*terms: Term, seed: int = 3) -> State:
     """The refitted model without any cause, on a log of these terms."""
     log = prescribed(Model(RIG, (*nominal(RIG).terms, *terms)), seed, seconds=14.0, torque_noise=1e-4, dt=2e-3)
-    problem = Problem.of(gather(RIG, [log], ALIGNED, {log.name: 0.0}), reduce_parameters(RIG))
+    problem = Problem.of(gather(RIG, [log], ALIGNED), reduce_parameters(RIG))
     return solved(problem, (), solved(problem, ()))
 
 

@@ -135,14 +135,13 @@ def test_a_log_in_shreds_is_judged_by_its_samples() -> None:
     """Bursts of samples with holes that no motion closes: no stretch to fit, and yet true samples."""
     log, band = recorded(), Filtering(cutoff=12.0, smoothing=2.5, alignment=0.0)
     shreds = log.part(np.flatnonzero(np.arange(len(log)) % 60 < 35))
-    origins = {log.name: 0.0}
     with pytest.raises(DataError):
-        gather(RIG, [shreds], band, origins)
-    found = judged(RIG, [shreds], band, origins)
+        gather(RIG, [shreds], band)
+    found = judged(RIG, [shreds], band)
     for part in found.parts:
         assert part.channels.lost is not None and np.all(part.gate[part.channels.lost] == 0.0)
     assert np.all(found.used() > 0.1)
-    assert judged(RIG, [log], band, origins).seconds == gather(RIG, [log], band, origins).seconds
+    assert judged(RIG, [log], band).seconds == gather(RIG, [log], band).seconds
 
 
 def test_lone_holes_of_a_tenth_of_a_second_still_part_a_log() -> None:
