@@ -11,6 +11,7 @@ if typing.TYPE_CHECKING:
     from gimbal_pin.control.experiment import bench_run as bench_run
     from gimbal_pin.control.tracking import track as track
     from gimbal_pin.control.tuning import tune as tune
+    from gimbal_pin.diagnosis import rehearse as rehearse
     from gimbal_pin.dynamics.checking import check as check
     from gimbal_pin.dynamics.model import nominal as nominal
     from gimbal_pin.dynamics.simulation import simulate as simulate
@@ -51,6 +52,7 @@ HOMES = {
     "nominal": "dynamics.model",
     "profile_s": "log.profile",
     "read_log": "log.io",
+    "rehearse": "diagnosis",
     "simulate": "dynamics.simulation",
     "track": "control.tracking",
     "tune": "control.tuning",

@@ -28,6 +28,7 @@ from gimbal_pin.cli.identify import identify
 from gimbal_pin.cli.inspect import inspect
 from gimbal_pin.cli.montecarlo import montecarlo
 from gimbal_pin.cli.present import complain, say
+from gimbal_pin.cli.rehearse import rehearse
 from gimbal_pin.cli.rigs import base, check, new_rig, rigs
 from gimbal_pin.cli.simulate import simulate
 from gimbal_pin.cli.track import track
@@ -46,6 +47,7 @@ VERBS: Mapping[str, Callable[..., None]] = {
         base,
         excite,
         simulate,
+        rehearse,
         identify,
         diagnose,
         tune,

@@ -57,8 +57,6 @@ def load_logs(
         UsageError: No log, or logs of different payloads: one identification knows one.
     """
     from gimbal_pin.log.io import split_payload
-    from gimbal_pin.log.io.columns import find_held_joints
-    from gimbal_pin.rig.rig import Rig
 
     if not logs:
         raise UsageError("LOG", "none was given", "name at least one log after the rig")
@@ -73,12 +71,21 @@ def load_logs(
     mounted = payload or (tags[0] if tags else None)
     loaded, read = read_logs(rig, mounted, logs, mapping)
     noted([event for log in read for event in log.events])
-    if moving and (still := find_held_joints(read)):
-        held = ", ".join(f"{joint} {at:.3g}" for joint, at in still.items())
-        noted([f"at rest, as their references ask, and not excited, at this angle (rad) or place (m): {held}"])
-        loaded = Rig.load(rig, mounted, fixed={**loaded.config.fixed, **still})
-        read = [log.ordered(loaded) for log in read]
-    return loaded, read
+    return fix_still_joints(loaded, read, rig, mounted) if moving else (loaded, read)
+
+
+def fix_still_joints(loaded: Rig, logs: list[Log], rig: str, payload: str | None) -> tuple[Rig, list[Log]]:
+    """Fix joints in a rig that its logs hold still as their references ask, and tell that."""
+    from gimbal_pin.log.io.columns import find_held_joints
+    from gimbal_pin.rig.rig import Rig
+
+    still = find_held_joints(logs)
+    if not still:
+        return loaded, logs
+    held = ", ".join(f"{joint} {at:.3g}" for joint, at in still.items())
+    noted([f"at rest, as their references ask, and not excited, at this angle (rad) or place (m): {held}"])
+    fixed = Rig.load(rig, payload, fixed={**loaded.config.fixed, **still})
+    return fixed, [log.ordered(fixed) for log in logs]
 
 
 def run_of(verb: str, given: Mapping[str, Any]) -> dict[str, Any]:

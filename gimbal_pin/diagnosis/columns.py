@@ -211,7 +211,7 @@ def build(
         joint = joint if own.ndim == 2 else None
     elif isinstance(cause, RigEffect):
         joint = None  # an encoder that is off by an angle changes the torque of every joint
-        own, bounds = turned(evidence, cause, stand, magnitude(cause))[:, :, None], [limits(cause)]
+        own, bounds = turned(evidence, cause, stand, magnitude(cause))[:, :, None], [get_size_bounds(cause)]
     else:
         raise TypeError(f"{cause.name} is no torque effect, signal or rig effect")
     lower, upper = np.array(bounds).T
@@ -241,7 +241,7 @@ def bulk_of(evidence: Evidence, effect: Effect, own: Array) -> float:
     return whole / power if power > BENT * whole else 1.0
 
 
-def limits(cause: RigEffect) -> tuple[float, float]:
+def get_size_bounds(cause: RigEffect) -> tuple[float, float]:
     """Bounds of how far a rig may be changed: of its one shape parameter that is not zero."""
     return next((shape.lower, shape.upper) for shape in cause.shapes if getattr(cause, shape.name))
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from gimbal_pin.checks import Alteration, Mounting
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
-    from gimbal_pin.diagnosis import Diagnosis
+    from gimbal_pin.diagnosis import Diagnosis, Rehearsal, Rehearsed
     from gimbal_pin.diagnosis.result import Finding
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
@@ -291,6 +291,31 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
     lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
     return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
+
+
+def rehearsal(found: Rehearsal) -> str:
+    """What a log of a motion would show: the sizes from which each cause is found, and is told from all others."""
+    heads = ("Joint", "Cause", "Size", "Found from", "Named from", "Of the torque", "Until then taken for")
+    rows = [describe_rehearsed(row) for row in found.causes if row.seen_from is not None]
+    lines = [f"what a log of these {found.seconds:.0f} s would show, in 19 of 20 cases"]
+    lines += [str(Table(heads, rows, texts=7))]
+    hidden: dict[str, list[str]] = {}
+    for row in found.causes:
+        hidden.setdefault(row.why or "", []).append(f"{row.cause} at {row.joint or 'rig'}")
+    return "\n".join(lines + [f"not shown: {', '.join(names)}: {why}" for why, names in hidden.items() if why])
+
+
+def describe_rehearsed(row: Rehearsed) -> tuple[str | None, ...]:
+    """Return the cells of a cause that a log shows."""
+    seen = row.seen_from
+    assert seen is not None
+    sizes = [
+        None if size is None else f"{figures(size.value)}{'' if size.unit == '1' else f' {size.unit}'}"
+        for size in (seen, row.named_from)
+    ]
+    others = [x.cause if x.joint in (None, row.joint) else f"{x.cause} at {x.joint}" for x in row.confused_with]
+    share = f"{figures(100 * seen.share_of_torque, 2)} %"
+    return (row.joint or "rig", row.cause, seen.parameter, *sizes, share, ", ".join(others) or None)
 
 
 def doubted(found: Diagnosis) -> str:

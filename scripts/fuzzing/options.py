@@ -24,6 +24,7 @@ LINES: Mapping[str, tuple[float, str]] = {
     "base": (6, "pan.yaml"),
     "excite": (10, "pan.yaml -o out.csv --seconds 2 --starts 1 --harmonics 2 --rate 100"),
     "simulate": (20, "pan.yaml -o out.csv --seconds 0.2"),
+    "rehearse": (0.5, "pan.yaml reference.csv"),
     "identify": (25, "pan.yaml log.csv -o out.yaml"),
     "diagnose": (1, "pan.yaml log.csv"),
     "tune": (12, "pan.yaml model.yaml -o out.yaml"),

@@ -36,14 +36,17 @@ def later_by(state: State) -> Array:
     shifts it was given.
     """
     evidence = state.problem.evidence
-    columns = []
-    for j in range(evidence.rig.n):
-        slope = [np.gradient(x[:, j], part.dt) for part, x in zip(evidence.parts, state.torque)]
-        columns.append(project(state.fit, evidence.whiten(slope, j)[:, None], j)[:, 0])
-    D, prior = np.stack(columns, axis=1), 1.0 / USUAL**2
+    D, prior = np.stack([project_slope(state, j) for j in range(evidence.rig.n)], axis=1), 1.0 / USUAL**2
     return np.asarray(
         np.linalg.solve(D.T @ D + prior * np.eye(D.shape[1]), D.T @ state.fit.residual - prior * shifts(evidence))
     )
+
+
+def project_slope(state: State, joint: int) -> Array:
+    """Return what the model leaves of ``dτ/dt`` at a joint, weighted, (rows n,)."""
+    evidence = state.problem.evidence
+    slope = [np.gradient(x[:, joint], part.dt) for part, x in zip(evidence.parts, state.torque)]
+    return project(state.fit, evidence.whiten(slope, joint)[:, None], joint)[:, 0]
 
 
 def shifts(evidence: Evidence) -> Array:

@@ -19,7 +19,7 @@ from scipy import fft
 from scipy.ndimage import uniform_filter1d
 
 from gimbal_pin.diagnosis.engine.discrepancy import unseen
-from gimbal_pin.diagnosis.evidence import Part
+from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.shapes import free, same, shape_names
 from gimbal_pin.diagnosis.state import Problem, State, acted, consistent, solved, width
 from gimbal_pin.diagnosis.uncertainty import tangent
@@ -148,23 +148,35 @@ def matters(state: State, other: State) -> bool:
     predicts, T_k what only its cause k explains, unless the model has but other pieces of it. Nature has more forms
     than a library, of the rigid model and of every cause.
     """
-    evidence, n = other.problem.evidence, len(other.fit.scale)
-    total = evidence.whiten_all(other.torque)
-    residuals = [one.fit.residual.reshape(-1, n) / one.fit.scale for one in (other, state)]
+    n, total = len(other.fit.scale), other.problem.evidence.whiten_all(other.torque)
+    before, after = (one.fit.residual.reshape(-1, n) / one.fit.scale for one in (other, state))
     pieced = [one for one in state.causes if one.pieces]
     whole = [one for one in other.causes if not any(same(one, x) and one.pieces != x.pieces for x in pieced)]
     lacking = (without(other, cause).fit for cause in whole)
-    missed = (fit.residual.reshape(-1, n) / fit.scale - residuals[0] for fit in lacking)
+    missed = (fit.residual.reshape(-1, n) / fit.scale - before for fit in lacking)
     signals = [(FORM_ERROR, total), *((OF_CAUSE, one) for one in missed)]
-    gained, allowed, first = np.zeros(n), np.zeros(n), 0
+    return bool(np.any(compare_with_form_error(other.problem.evidence, before, after, signals) > 1))
+
+
+def compare_with_form_error(
+    evidence: Evidence, before: Array, after: Array, signals: Sequence[tuple[float, Array]]
+) -> Array:
+    """``Σ (|R'|² - |R|²)/(1 + s) / Σ s/(1 + s)``, (n,): what two residuals differ by over an error of form.
+
+    Args:
+        evidence: The logs.
+        before: R', in units of the noise, (rows, n).
+        after: R.
+        signals: A share each and the torque, (rows, n), of which an error is that share: s is the sum of their powers.
+    """
+    gained, allowed, first = np.zeros(before.shape[1]), np.zeros(before.shape[1]), 0
     for part in evidence.parts:
         rows = slice(first, first + part.rows)
         first += part.rows
         error = sum(share**2 * power_of(signal[rows], WIDTH) for share, signal in signals)
-        before, after = (power_of(one[rows]) for one in residuals)
-        gained += np.sum((before - after) / (1 + error), axis=0)
+        gained += np.sum((power_of(before[rows]) - power_of(after[rows])) / (1 + error), axis=0)
         allowed += np.sum(error / (1 + error), axis=0)
-    return bool(np.any(gained > allowed))
+    return np.asarray(gained / np.maximum(allowed, 1e-300))
 
 
 def power_of(rows: Array, width: int = 1) -> Array:

@@ -1,0 +1,38 @@
+"""``gimbal-pin rehearse``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from tyro.conf import Positional, arg
+
+from gimbal_pin.cli.inputs import fix_still_joints, load_rig
+from gimbal_pin.cli.options import Json, Payload, RigName, Seed, between
+from gimbal_pin.cli.paths import Reads, logs
+from gimbal_pin.cli.present import present
+from gimbal_pin.report import text
+
+
+def rehearse(
+    rig: RigName,
+    motion: Annotated[Positional[str], Reads(logs), arg(metavar="MOTION", help="trajectory file, such as excite's")],
+    *,
+    payload: Payload = None,
+    torque_noise: Annotated[
+        float, between("--torque-noise", 0, 10), arg(help="noise on the reported torque, share of its rms")
+    ] = 0.01,
+    seed: Seed = 0,
+    json: Json = None,
+) -> None:
+    """Say which causes a log of a motion would show, from which size on, and what each would be taken for."""
+    from gimbal_pin.diagnosis import rehearse as run
+    from gimbal_pin.log.io import read_motion
+    from gimbal_pin.log.log import Log
+
+    loaded = load_rig(rig, payload)
+    planned = read_motion(motion, loaded)
+    asked = Log("motion", loaded.joints, planned.t, planned.q, q_ref=planned.q)
+    moving, _ = fix_still_joints(loaded, [asked], rig, payload)
+    still = [joint for joint in loaded.joints if joint not in moving.joints]
+    found = run(moving, read_motion(motion, moving), still=still, torque_noise=torque_noise, rng=seed)
+    present(text.rehearsal(found), found.to_dict(), json)

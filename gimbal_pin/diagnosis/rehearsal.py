@@ -1,0 +1,401 @@
+"""Which causes a log of a motion would show, from which size on, and what each would be taken for.
+
+A cause of size a adds ``a X_g u`` to the torque of a log with nothing else in it. Columns X_h are expected to lower its
+weighted sum of squares by ``a² uᵀ K_gh K_hh⁺ K_hg u``, where K are the inner products of what the rigid model leaves of
+all whitened columns. So one matrix says for every size whether `diagnose` finds the cause, and which others explain as
+much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from gimbal_pin.diagnosis.band import alternate, usual
+from gimbal_pin.diagnosis.columns import Columns
+from gimbal_pin.diagnosis.diagnose import check_moved, of_refitted
+from gimbal_pin.diagnosis.engine.alignment import LATEST, project_slope
+from gimbal_pin.diagnosis.engine.criterion import compare_with_form_error, rows
+from gimbal_pin.diagnosis.engine.selection import PROMISE, TRIED, Search
+from gimbal_pin.diagnosis.evidence import gather
+from gimbal_pin.diagnosis.fit import CRITICAL_Z, Fit, project
+from gimbal_pin.diagnosis.library import Library, library
+from gimbal_pin.diagnosis.score import HIDDEN, batches, fitting, products, share, visibility, weigh_together
+from gimbal_pin.diagnosis.shapes import form, free
+from gimbal_pin.diagnosis.state import Problem, State, sized, solved
+from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.reduction import reduce_parameters
+from gimbal_pin.dynamics.sensors import Sensors
+from gimbal_pin.dynamics.threads import limit_to_one_thread
+from gimbal_pin.effects import CAUSES, Cause, Effect, RigEffect, Sample, Signal
+from gimbal_pin.effects.harmonic import Harmonic
+from gimbal_pin.effects.parameter import Parameter
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.regression import FORM_ERROR, subsample_log
+from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.types import Rng, make_generator
+
+WEAK = "the motion shows it only at sizes that no rig has, or that stop the motor within the joint's limits"
+
+
+@dataclass(frozen=True)
+class CauseAt:
+    """A cause's name and its joint, None for the whole rig."""
+
+    cause: str
+    joint: str | None
+
+
+@dataclass(frozen=True)
+class Size:
+    """How large a cause is.
+
+    Attributes:
+        parameter: Name of the figure that says so.
+        value: Its value.
+        unit: Its unit.
+        share_of_torque: Torque that it adds over the joint's, rms over rms.
+        sentence: All of the cause that was planted, in words.
+        effect: The same as `simulate --effect` takes it.
+    """
+
+    parameter: str
+    value: float
+    unit: str
+    share_of_torque: float
+    sentence: str
+    effect: str
+
+
+@dataclass(frozen=True)
+class Rehearsed(CauseAt):
+    """A cause at its place, planted in one form or in some: other harmonics, other speeds.
+
+    Attributes:
+        forms: Forms that were planted.
+        shown: How many of them a log shows at a size that a rig may have.
+        seen_from: Size from which it, or what it is taken for, is found; of the median of these forms. None: none is.
+        named_from: Size from which it alone is named; None: from none on.
+        confused_with: What it may be taken for at `seen_from`, or, if it is never named, at any size; nearest first.
+        why: Why no log of the motion shows it; None where one does.
+    """
+
+    forms: int = 0
+    shown: int = 0
+    seen_from: Size | None = None
+    named_from: Size | None = None
+    confused_with: tuple[CauseAt, ...] = ()
+    why: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rehearsal:
+    """What a log of a motion would show.
+
+    Attributes:
+        rig: The rig's name.
+        seconds: Length of the log, s.
+        causes: Every cause at every place.
+    """
+
+    rig: str
+    seconds: float
+    causes: tuple[Rehearsed, ...]
+
+    __repr__ = brief
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds."""
+        return {"schema": 1, **asdict(self)}
+
+
+class _Planted(NamedTuple):
+    """A form of a cause and what is expected of it.
+
+    Attributes:
+        cause: It, with its shape parameters.
+        direction: Its coefficients where its size is one, (c,).
+        share: Torque that it then adds over the joint's.
+        largest: Largest size that a rig may have.
+        seen: Size from which it is found.
+        named: Size from which it is told from all others.
+        alike: What it is taken for at `seen`, or, where it is never named, at any size.
+    """
+
+    cause: Cause
+    direction: Array
+    share: float
+    largest: float
+    seen: float
+    named: float = np.inf
+    alike: tuple[CauseAt, ...] = ()
+
+    def describe(self, size: float, rig: Rig) -> Size:
+        """Return a size in the units of its joint: the first of its figures that it changes."""
+        cause, values = self.cause, tuple((size * self.direction).tolist())
+        if isinstance(cause, RigEffect):
+            cause = sized(cause, values[0])
+        given, none = (values, (0.0,) * len(values)) if isinstance(cause, Effect) else ((), ())
+        shown = cause.shown(given)
+        changed = [one for one, other in zip(shown, cause.shown(none)) if one.value != other.value]
+        figure = next(iter(changed or (one for one in shown if one.value)))
+        unit, said = (rig.in_units(cause.place, x) for x in (figure.unit, cause.sentence(given)))
+        return Size(figure.name, figure.value, unit, size * self.share, said, write_effect(cause, shown))
+
+
+def write_effect(cause: Cause, shown: Sequence[Parameter]) -> str:
+    """Return a cause with these figures as a person states it: ``cogging:yaw:amplitude=0.03,harmonic=42``."""
+    values = {field.name: getattr(cause, field.name) for field in fields(cause)} | {p.name: p.value for p in shown}
+    stated = [p for p in cause.stated() if p.name in values and values[p.name] != p.value]
+    pairs = ",".join(f"{p.name}={float(values[p.name]):.6g}" for p in stated)
+    return f"{cause.name}:{f'{cause.place}:' if cause.of_joint else ''}{pairs}"
+
+
+@limit_to_one_thread()
+def rehearse(
+    rig: Rig,
+    motion: Motion,
+    causes: Mapping[str, type[Cause]] = CAUSES,
+    *,
+    still: Collection[str] = (),
+    torque_noise: float = 0.01,
+    rng: Rng = None,
+) -> Rehearsal:
+    """Say which causes `diagnose` would find in a log of a motion, from which size on, and what it would take them for.
+
+    Causes that compare the given model with the data are left out: the refitted model takes them up.
+
+    Args:
+        rig: The rig, its encoders and gyros.
+        motion: The motion, of the rig's joints.
+        causes: The causes to plant and to look for.
+        still: Joints that the motion holds still, and that are fixed in the rig.
+        torque_noise: White noise on the reported torque, as a share of each joint's torque rms.
+        rng: Source of the sensors' noise, or its seed; None: a fresh one.
+
+    Raises:
+        DataError: The motion is too short to judge, or does not move a joint.
+    """
+    log = subsample_log(record_log(rig, motion, torque_noise, make_generator(rng)[0])).log
+    band = replace(usual(rig, [log]), alignment=0.0)
+    evidence = alternate(gather(rig, [log], band), band)[0]
+    check_moved(evidence, "the motion")
+    kinds = of_refitted(causes)
+    shelf = Library(rig, library(evidence, kinds), of_model=True)
+    search = Search.among(Problem.of(evidence, reduce_parameters(rig)), shelf)
+    state = solved(search.problem, ())
+    bar = tqdm(shelf.causes, "rehearsal", unit="cause", disable=None, leave=False, delay=2)
+    columns = [free_size(shelf.of(cause, state)) for cause in bar]
+    places = [CauseAt(name, joint) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint]
+    places += [CauseAt(name, None) for name, kind in kinds.items() if not kind.of_joint]
+    grids: dict[CauseAt, list[Cause]] = {at: [] for at in places}
+    for cause in shelf.causes:
+        grids[get_place(cause)].append(cause)
+    wanted = {cause for grid in grids.values() for cause in pick_forms(grid)}
+    planted, rest = plant_causes(search, state, [one for one in columns if one.cause in wanted])
+    told = compare_causes(search, state, planted, rest, columns)
+    found = [summarize_forms(at, kinds[at.cause], [x for x in told if get_place(x.cause) == at], rig) for at in places]
+    idle = "the motion holds the joint still"
+    found += [Rehearsed(name, at, why=idle) for at in still for name, kind in kinds.items() if kind.of_joint]
+    return Rehearsal(rig.name, float(motion.t[-1] - motion.t[0]), tuple(found))
+
+
+def record_log(rig: Rig, motion: Motion, torque_noise: float, rng: np.random.Generator) -> Log:
+    """Return the log of a motion that is followed exactly, with its torque at the sample and the sensors' noise."""
+    sensors, shape = Sensors.of(rig, float(np.median(np.diff(motion.t)))), motion.q.shape
+    tau = nominal(rig).inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau = tau + torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(shape)
+    q = np.stack([sensors.angle(one) for one in motion.q])
+    return Log("rehearsal", rig.joints, motion.t, q, motion.v + sensors.rate_std * rng.standard_normal(shape), tau)
+
+
+def free_size(columns: Columns) -> Columns:
+    """Return columns of a drive with any size, as a search refines it; others as they are."""
+    if not isinstance(columns.cause, Signal):
+        return columns
+    return replace(columns, lower=np.zeros(1), upper=np.full(1, np.inf))
+
+
+def get_place(cause: Cause) -> CauseAt:
+    """Return where a cause is."""
+    return CauseAt(cause.name, cause.place if cause.of_joint else None)
+
+
+def pick_forms(causes: Sequence[Cause], tones: int = 8) -> list[Cause]:
+    """Return what is planted of a cause's grid: its plainest form, which grids begin with; of harmonics so many."""
+    if causes and causes[0].pieces:
+        every = np.array([one.pieces[0] for one in causes])
+        nearest = np.argmin(np.abs(every - np.geomspace(every[0], every[-1], tones)[:, None]), axis=1)
+        return [causes[k] for k in np.unique(nearest).tolist()]
+    return [cause for cause in causes if form(cause) == form(causes[0])]
+
+
+def compute_distance(fall: Array | float, z: float = 1.645) -> Array:
+    """``D² - 2 z D = fall``: deviations of the noise from which a sum of squares falls by so much in 19 of 20 logs."""
+    return np.asarray(z + np.sqrt(z**2 + fall))
+
+
+def plant_causes(search: Search, state: State, columns: Sequence[Columns]) -> tuple[list[_Planted], Array]:
+    """Return causes with the size from which each is found, and what the model leaves of them at size one, (rows n, t).
+
+    `diagnose` asks that the criterion falls by the threshold, without the block that tells most as well, and by more
+    than an error of the model's form.
+    """
+    now, evidence, count = state.fit, state.problem.evidence, rows(state)
+    n, total = len(now.scale), evidence.whiten_all(state.torque)
+    planted, left = list[_Planted](), list[Array]()
+    for one, seen in zip(columns, visibility(now, columns).tolist()):
+        rest = project(now, one.own, one.joint)
+        u = pick_direction(one, rest)
+        rest = rest @ u
+        felt = retime(state, one.cause, rest) if isinstance(one.cause, Signal) and one.cause.linear else rest
+        blocks = now.by_block(felt[:, None] ** 2)[:, 0]
+        many = count.sum() if one.joint is None else count[one.joint]
+        asked = many * np.expm1((search.threshold + free(one.cause) * np.log(count.max())) / many)
+        outside = felt.reshape(-1, n) / now.scale
+        form_error = compare_with_form_error(evidence, outside, 0 * outside, [(FORM_ERROR, total)]).max()
+        told = np.array([blocks.sum(), blocks.sum() - blocks.max(), form_error])
+        far = np.append(compute_distance(np.array([asked, search.threshold])), 1.0)
+        least = np.max(far / np.sqrt(np.maximum(told, 1e-300)))
+        torque = total if one.joint is None else total[:, one.joint]
+        power = float(np.linalg.norm(one.own @ u) / np.linalg.norm(torque))
+        most = find_largest(one, u, evidence.rig, power) if seen >= HIDDEN else 0.0
+        planted.append(_Planted(one.cause, u, power, most, float(least)))
+        left.append(rest)
+    return planted, np.stack(left, axis=1)
+
+
+def pick_direction(columns: Columns, rest: Array) -> Array:
+    """Return the coefficients to plant: the first that a person states; of a harmonic the phase that shows least."""
+    cause, width = columns.cause, rest.shape[1]
+    if isinstance(cause, Harmonic):
+        return np.linalg.eigh(rest.T @ rest)[1][:, 0]
+    names = [c.name for c in cause.coefficients] if isinstance(cause, Effect) else []
+    stated = [names.index(p.name) for p in cause.stated() if p.name in names]
+    return np.eye(width)[stated[0] if stated else 0]
+
+
+def retime(state: State, drive: Signal, rest: Array) -> Array:
+    """Return what is left of a linear drive, (rows n,): a delay of up to `LATEST` is taken for the log's own."""
+    evidence = state.problem.evidence
+    late = min(drive.late(evidence.parts[0].dt), LATEST)
+    return rest - late * project_slope(state, evidence.rig.joint_index(drive.joint))
+
+
+def find_largest(columns: Columns, u: Array, rig: Rig, power: float) -> float:
+    """Return the largest size of a cause that a rig may have.
+
+    It takes no more than all of the joint's torque, is within the bounds of its coefficients, and at the joint's limits
+    of angle, at rest and at its limit of rate, no more than the motor gives.
+    """
+    cause = columns.cause
+    if isinstance(cause, Signal):
+        return 1.0
+    with np.errstate(divide="ignore"):
+        most = [1.0 / power, *(columns.upper[u > 0] / u[u > 0])]
+    if isinstance(cause, Effect):
+        limit, tau = rig.limits[j := rig.joint_index(cause.joint)], float(rig.tau_max[j])
+        corners = [(q, v, tau) for q in (limit.lower, limit.upper) for v in (0.0, limit.velocity)]
+        inside = [at for at in corners if np.isfinite(at).all()]
+        bases = [cause.basis(Sample(0.0, q, v, 0.0, 1.0, tau)) for q, v, _ in inside]
+        loads = [abs(float(np.array([float(x) for x in basis]) @ u)) for basis in bases]
+        most += [tau / load for load in loads if load > 0]
+    return float(min(most))
+
+
+def compare_causes(
+    search: Search, state: State, planted: Sequence[_Planted], rest: Array, columns: Sequence[Columns]
+) -> list[_Planted]:
+    """Return planted causes with the sizes from which they are named, and what they are taken for.
+
+    As in `selection.rivals`: what its best rivals leave, by the threshold, and by Vuong's z, ``Σ d/(√B std d)`` of what
+    each of B blocks tells. Of blocks of power p and noise of one ``d = p/2 ± √p``.
+    """
+    now, evidence, cost = state.fit, state.problem.evidence, float(np.log(rows(state).max()))
+    places, told = [get_place(one.cause) for one in columns], []
+    for one, torque, gain in zip(planted, rest.T, explain_planted(now, rest * [one.seen for one in planted], columns)):
+        own, cause, needed, best = get_place(one.cause), one.cause, dict[CauseAt, float](), dict[CauseAt, int]()
+        for k in np.argsort(-gain).tolist():
+            if gain[k] < PROMISE * search.threshold or len(best) == TRIED:
+                break
+            if places[k] != own:
+                best.setdefault(places[k], k)
+        for place, k in best.items():
+            rival = project(now, columns[k].own, columns[k].joint)
+            left = torque - rival @ np.linalg.lstsq(rival, torque, rcond=1e-10)[0]
+            power = now.by_block(left[:, None] ** 2)[:, 0]
+            fall = max(search.threshold + cost * (free(cause) - free(columns[k].cause)), 0.0)
+            steady = 1.0 - CRITICAL_Z**2 * len(power) * power.var(ddof=1) / max(power.sum() ** 2, 1e-300)
+            apart = max(float(compute_distance(fall)) ** 2, 4.0 * CRITICAL_Z**2 / max(steady, 1e-9))
+            needed[place] = float(np.sqrt(apart / max(power.sum(), 1e-300)))
+        seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
+        needed |= {CauseAt(name, own.joint): np.inf for name in cause.blurred(seen)}
+        named = max(one.seen, *needed.values()) if needed else one.seen
+        limit = one.seen if named <= one.largest else one.largest
+        alike = tuple(place for place, size in needed.items() if size > limit)
+        told.append(one._replace(named=named, alike=alike))
+    return told
+
+
+def explain_planted(now: Fit, planted: Array, columns: Sequence[Columns]) -> Array:
+    """Return what each candidate, within its bounds, explains of torques that the model leaves, (rows n, t): (t, k)."""
+    found = np.zeros((planted.shape[1], len(columns)))
+    for batch in batches(columns):
+        some = [columns[k] for k in batch]
+        joint, c = some[0].joint, some[0].width
+        S = weigh_together(now, some)
+        whole = products(S, c)
+        gram = whole - products(now.along(S, joint), c)
+        s = (planted[now.rows(joint)].T @ S).reshape(len(found), -1, c)
+        own = fitting(gram, s)
+        lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in some)))
+        possible = np.all((own >= lower) & (own <= upper), axis=2)
+        possible &= share(gram, whole) * np.array([one.bulk for one in some]) >= HIDDEN
+        found[:, batch] = np.where(possible, np.sum(own * s, axis=2), 0.0)
+    return found
+
+
+def summarize_forms(place: CauseAt, kind: type[Cause], told: Sequence[_Planted], rig: Rig) -> Rehearsed:
+    """Return what is said of a cause at its place: of the form that is the median of those that show."""
+    families: dict[tuple[object, ...], list[_Planted]] = {}
+    for one in sorted(told, key=lambda one: one.share):
+        key = [getattr(one.cause, field.name) for field in fields(one.cause) if field.name != get_size_name(one.cause)]
+        families.setdefault(tuple(key), []).append(one)
+    shown = []
+    for family in families.values():
+        if (seen := find_edge(family, [one.seen for one in family])) is not None:
+            named = find_edge(family, [one.named for one in family])
+            shown.append((seen.describe(seen.seen, rig), named and named.describe(named.named, rig), seen.alike))
+    if not shown:
+        why = kind.hidden if all(one.largest == 0 for one in told) else WEAK
+        return Rehearsed(place.cause, place.joint, len(families), why=why)
+    middle = sorted(shown, key=lambda one: one[0].share_of_torque)[(len(shown) - 1) // 2]
+    return Rehearsed(place.cause, place.joint, len(families), len(shown), *middle)
+
+
+def get_size_name(cause: Cause) -> str:
+    """Return the field that is a cause's size: of a drive its first shape parameter; of what is linear none."""
+    return cause.shapes[0].name if isinstance(cause, Signal) else ""
+
+
+def find_edge(family: Sequence[_Planted], needed: Sequence[float]) -> _Planted | None:
+    """Return the first of a cause's forms, the weakest first, that shows at the size it needs; None where none does.
+
+    A drive's needs a size of one: it is moved, between its form and the next weaker, to where that is so.
+    """
+    k = next((k for k, one in enumerate(family) if needed[k] <= one.largest), len(family))
+    if k == len(family):
+        return None
+    one, name = family[k], get_size_name(family[k].cause)
+    if not name:
+        return one
+    weaker, before = (family[k - 1], min(needed[k - 1], 1e9)) if k else (one, needed[k])
+    way = np.log(max(before, 1.0)) / np.log(before / needed[k]) if before > needed[k] else 1.0
+    low, high = (getattr(x.cause, name) for x in (weaker, one))
+    share = weaker.share * (one.share / weaker.share) ** way
+    return one._replace(cause=one.cause.altered(**{name: low * (high / low) ** way}), share=share, seen=1.0, named=1.0)
