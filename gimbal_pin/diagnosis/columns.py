@@ -111,7 +111,7 @@ def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Beari
     j = evidence.rig.joint_index(signal.joint)
     borne = [None] * len(torque) if bearing is None else bearing
     spread = [part.lost(signal, x, j, y) for part, x, y in zip(evidence.parts, torque, borne)]
-    everywhere = any(y is not None and (y.across is not None or y.taken is not None) for y in borne)
+    everywhere = any(y is not None and y.across is not None for y in borne)
     if everywhere and evidence.rig.n > 1:
         return evidence.whiten_all(spread)
     return evidence.whiten([x[:, j] for x in spread], j)

@@ -127,8 +127,6 @@ class Part(NamedTuple):
 
     def lost(self, signal: Signal, torque: Array, joint: int, borne: JointLoad | None) -> Array:
         """What a signal at a joint takes from the torques of all, N m, (m, n), that it is given, (m, n)."""
-        if borne is not None and borne.taken is not None:
-            return borne.taken
         loss = torque[:, joint] - self.acted(signal, torque[:, joint], joint, borne)
         return signal.spread(loss, joint, torque.shape[1], borne)
 

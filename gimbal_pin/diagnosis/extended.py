@@ -9,12 +9,10 @@ import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Part
 from gimbal_pin.diagnosis.state import State, refitted, sized
-from gimbal_pin.diagnosis.two_mass import loose
 from gimbal_pin.dynamics.model import Estimated, Model, is_motor_friction
 from gimbal_pin.dynamics.reduction import list_units
 from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_column
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
-from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
@@ -51,8 +49,6 @@ class Extended:
             self.model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses)[:, joint]
             for a in (c.a * others, c.a)
         )
-        if isinstance(signal, Loose) and signal.springy:
-            return JointLoad(brake, asked - brake, taken=loose(self.model.rig, part, signal))
         push = compute_coupling(compute_inertia_column(self.model.rig, c.q, joint), joint, self.model.armature[joint])
         return JointLoad.along(brake, asked - brake, c.tau[:, joint], part.still[:, joint], whole - asked, push)
 

@@ -69,7 +69,7 @@ def shape_names(cause: Cause) -> list[str]:
     """Shape parameters that are continuous and stand as fields; one at zero is a form of its own, and stays there."""
     if isinstance(cause, RigEffect):
         return []
-    held = {field.name for field in fields(cause)} - {*cause.chosen, *cause.implied}
+    held = {field.name for field in fields(cause)} - {*cause.chosen}
     return [s.name for s in cause.shapes if s.name in held and isinstance(x := getattr(cause, s.name), float) and x]
 
 

@@ -11,12 +11,10 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Bearing, Columns, Load, Stand, build, magnitude, plain_columns, rigid_columns
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
-from gimbal_pin.diagnosis.two_mass import loose, swinging
 from gimbal_pin.dynamics.model import build_friction_effects, is_motor_friction
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_regressor, compute_regressor
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
-from gimbal_pin.effects.loose import Loose
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
@@ -236,9 +234,6 @@ class State:
         """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""
         if not isinstance(cause, Signal) or not cause.geared:
             return None
-        if isinstance(cause, Loose) and cause.springy:
-            parts = self.problem.evidence.parts
-            return [JointLoad(0.0, 0.0, taken=loose(self.stand.rig, part, cause)) for part in parts]
         if cause.springy:
             return self.sprung(cause, torque)
         return self.bearing[self.problem.evidence.rig.joint_index(cause.joint)]
@@ -260,12 +255,26 @@ class State:
         return [JointLoad.along(x, y @ beta, tau[:, j], part.still[:, j], z @ beta) for x, y, z, tau, part in rows]
 
     def swung(self, spring: Signal, torque: list[Array]) -> tuple[Array, Array]:
-        """Base parameters that the joint feels, and friction, as `swinging` fits them to torques, (m, n) per part."""
+        """``argmin ‖τ - felt(load, inertial) β - friction φ - ringing c‖``: β, (b,), and φ, (f,), of one joint alone.
+
+        A resonance takes the rigid model's parameters far from what they are, so they are fitted with the spring in.
+
+        Args:
+            spring: The spring.
+            torque: Torques, N m, (m, n) per part.
+        """
         evidence, n = self.problem.evidence, len(self.fit.scale)
         j, at = evidence.rig.joint_index(spring.joint), len(self.problem.reduction.independent)
         beside = self.fit.stack[j::n, at:] / self.fit.scale[j]
-        white = evidence.whiten([x[:, j] for x in torque], j)
-        return swinging(evidence, spring, *self.problem.apart[j], beside, white)
+        rows = [*zip(evidence.parts, *self.problem.apart[j])]
+        felt = [spring.felt(load, inertial, part.dt) for part, load, inertial in rows]
+        swings = [spring.swings(part.dt, len(load)) for part, load, _ in rows]
+        # Every part begins with a swing of its own.
+        begun = [np.hstack([x if k == i else 0 * x for i in range(len(swings))]) for k, x in enumerate(swings)]
+        columns = np.hstack([evidence.whiten(felt, j), beside, evidence.whiten(begun, j)])
+        found = np.linalg.lstsq(columns, evidence.whiten([x[:, j] for x in torque], j), rcond=1e-10)[0]
+        b = felt[0].shape[1]
+        return found[:b], found[b : b + beside.shape[1]]
 
     def coefficients(self, cause: Cause) -> Array:
         """Fitted coefficients of a chosen torque or rig effect."""

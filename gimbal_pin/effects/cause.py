@@ -55,11 +55,6 @@ class Cause(ABC):
         return str(getattr(self, "joint", "rig"))
 
     @property
-    def implied(self) -> tuple[str, ...]:
-        """Shape parameters that others, and the model, say: a search does not refine them."""
-        return ()
-
-    @property
     def pieces(self) -> tuple[float, ...]:
         """What it is made of, where it may be made of any number of pieces: a harmonic's multiples; nothing else."""
         return ()

@@ -118,11 +118,6 @@ class Loose(Geared):
         """With flanks that give and the encoder on the rotor, a link flies as it is asked to."""
         return self.flank > 0 and self.rotor_share > 0
 
-    @property
-    def implied(self) -> tuple[str, ...]:
-        """The rotor's share is J over the joint's inertia, which the rigid model says where the link flies by it."""
-        return ("rotor_share",) if self.springy else ()
-
     def flanks(self, dt: float, share: float = 1.0) -> Flanks:
         """The flanks as steps of `dt` s meet them: what the link does with `share` of both inertias its own."""
         w = 2 * pi * self.flank

@@ -31,7 +31,6 @@ class JointLoad(NamedTuple):
         still: Whether the joint stands, so that nobody knows its friction.
         across: ``M_j / M_jj``: what 1 N m that speeds its link up asks of every joint, (n,) or (N, n); None: nobody
             knows.
-        taken: What a signal takes there from the torque of every joint, N m, (N, n), if that is worked out already.
     """
 
     brake: Value
@@ -39,7 +38,6 @@ class JointLoad(NamedTuple):
     inertial: Value = 0.0
     still: bool | Flags = False
     across: Array | None = None
-    taken: Array | None = None
 
     @classmethod
     def along(
