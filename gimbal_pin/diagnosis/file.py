@@ -20,6 +20,14 @@ FILES = {
 """What `write_diagnosis` writes → the file's name. The next experiment is the motion that parts what is ambiguous."""
 
 
+def build_motion_writer(found: Diagnosis) -> Mapping[str, Callable[[Path], object]]:
+    """Return what writes the next experiment; nothing where none was planned, or no motion parts anything."""
+    plan = found.planned
+    if plan is None or plan.motion is None:
+        return {}
+    return {"next experiment": partial(write_motion, plan.motion, plan.joints)}
+
+
 def write_diagnosis(
     found: Diagnosis, folder: str | Path, page: str, run: Mapping[str, object] | None = None
 ) -> tuple[Mapping[str, Path], tuple[str, ...]]:
@@ -33,7 +41,6 @@ def write_diagnosis(
         "extended model": partial(write_extended, found.model),
         "report": partial(atomic_write, content=page),
     }
-    if found.planned is not None and found.planned.motion is not None:
-        writers["next experiment"] = partial(write_motion, found.planned.motion, found.planned.joints)
+    writers |= build_motion_writer(found)
     notes = write_run(folder, {FILES[what]: write for what, write in writers.items()}, run or {})
     return {what: Path(folder) / FILES[what] for what in writers}, notes

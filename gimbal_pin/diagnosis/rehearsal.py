@@ -190,7 +190,7 @@ def rehearse(
     search = Search.among(Problem.of(evidence, reduce_parameters(rig)), shelf)
     state = solved(search.problem, ())
     bar = tqdm(shelf.causes, "rehearsal", unit="cause", disable=None, leave=False, delay=2)
-    columns = [free_size(shelf.of(cause, state)) for cause in bar]
+    columns = [shelf.of(cause, state) for cause in bar]
     places = [CauseAt(name, joint) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint]
     places += [CauseAt(name, None) for name, kind in kinds.items() if not kind.of_joint]
     grids: dict[CauseAt, list[Cause]] = {at: [] for at in places}
@@ -212,13 +212,6 @@ def record_log(rig: Rig, motion: Motion, torque_noise: float, rng: np.random.Gen
     tau = tau + torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(shape)
     q = np.stack([sensors.angle(one) for one in motion.q])
     return Log("rehearsal", rig.joints, motion.t, q, motion.v + sensors.rate_std * rng.standard_normal(shape), tau)
-
-
-def free_size(columns: Columns) -> Columns:
-    """Return columns of a drive with any size, as a search refines it; others as they are."""
-    if not isinstance(columns.cause, Signal):
-        return columns
-    return replace(columns, lower=np.zeros(1), upper=np.full(1, np.inf))
 
 
 def get_place(cause: Cause) -> CauseAt:
@@ -290,8 +283,8 @@ def retime(state: State, drive: Signal, rest: Array) -> Array:
 def find_largest(columns: Columns, u: Array, rig: Rig, power: float) -> float:
     """Return the largest size of a cause that a rig may have.
 
-    It takes no more than all of the joint's torque, is within the bounds of its coefficients, and at the joint's limits
-    of angle, at rest and at its limit of rate, no more than the motor gives.
+    It takes no more than all of the joint's torque, is within the bounds of its coefficients and figures, and at the
+    joint's limits of angle, at rest and at its limit of rate, no more than the motor gives.
     """
     cause = columns.cause
     if isinstance(cause, Signal):
@@ -305,6 +298,8 @@ def find_largest(columns: Columns, u: Array, rig: Rig, power: float) -> float:
         bases = [cause.basis(Sample(0.0, q, v, 0.0, 1.0, tau)) for q, v, _ in inside]
         loads = [abs(float(np.array([float(x) for x in basis]) @ u)) for basis in bases]
         most += [tau / load for load in loads if load > 0]
+        figures = zip(cause.shown(tuple(u.tolist())), cause.shown(tuple((2 * u).tolist())))
+        most += [p.upper / p.value for p, twice in figures if p.value > 0 and np.isclose(twice.value, 2 * p.value)]
     return float(min(most))
 
 
@@ -395,7 +390,9 @@ def find_edge(family: Sequence[_Planted], needed: Sequence[float]) -> _Planted |
     if not name:
         return one
     weaker, before = (family[k - 1], min(needed[k - 1], 1e9)) if k else (one, needed[k])
-    way = np.log(max(before, 1.0)) / np.log(before / needed[k]) if before > needed[k] else 1.0
+    if before <= max(needed[k], 1.0):
+        return one._replace(seen=1.0, named=1.0)
+    way = np.log(before) / np.log(before / needed[k])
     low, high = (getattr(x.cause, name) for x in (weaker, one))
-    share = weaker.share * (one.share / weaker.share) ** way
-    return one._replace(cause=one.cause.altered(**{name: low * (high / low) ** way}), share=share, seen=1.0, named=1.0)
+    moved = one.cause.altered(**{name: low * (high / low) ** way})
+    return one._replace(cause=moved, share=one.share * needed[k], seen=1.0, named=1.0)

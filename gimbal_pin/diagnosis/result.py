@@ -19,7 +19,6 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.identification import PayloadDiscrepancy
-from gimbal_pin.log.log import Motion
 from gimbal_pin.rig.brief import brief
 
 MEASURED = "platform-motion"
@@ -293,11 +292,6 @@ class Diagnosis:
         }
         most = " and ".join(f"{size} {unit} at {joint}" for joint, (size, unit) in sizes.items())
         return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
-
-    @property
-    def next_motion(self) -> Motion | None:
-        """The motion of the next experiment, where one was planned and there is one."""
-        return None if self.planned is None else self.planned.motion
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds: what spoils the physics first, then the physics, then faults that were mended."""

@@ -17,6 +17,7 @@ from gimbal_pin.control.tracking import Tracking, tour, track
 from gimbal_pin.control.tuning import Tuning, tune
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
+from gimbal_pin.diagnosis.file import build_motion_writer
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import plant_with, simulate
 from gimbal_pin.effects import RigEffect, Signal, Term
@@ -31,7 +32,7 @@ from gimbal_pin.identification import (
     report_with_payload,
 )
 from gimbal_pin.identification.model_file import write_extended, write_model
-from gimbal_pin.log.io import write_log, write_motion
+from gimbal_pin.log.io import write_log
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing import Asked, Verified, verify
@@ -236,7 +237,7 @@ def paths(rig: Rig, folder: Path, wrong: Diagnosis | None, held: Verified | None
     """Return what `write` leaves in a folder, and where."""
     lacking = {
         "camera": held is None,
-        "next experiment": wrong is None or wrong.next_motion is None,
+        "next experiment": wrong is None or not build_motion_writer(wrong),
         "extended model": wrong is None or wrong.held is None,
     }
     names = {"urdf": f"{rig.name}.urdf", **FILES}
@@ -275,8 +276,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
         writers["camera"] = partial(atomic_write, content=pages.moving(rig, found.held))
     if wrong is not None and wrong.held is not None:
         writers["extended model"] = partial(write_extended, wrong.model)
-    if wrong is not None and wrong.planned is not None and wrong.planned.motion is not None:
-        writers["next experiment"] = partial(write_motion, wrong.planned.motion, wrong.planned.joints)
+    writers |= {} if wrong is None else build_motion_writer(wrong)
     return write_run(folder, {found.files[what].name: write for what, write in writers.items()}, run)
 
 

@@ -100,12 +100,14 @@ def test_noise_hides_in_proportion() -> None:
         assert 1.6 < more.share_of_torque / less.share_of_torque < 2.5
 
 
-def test_every_size_is_an_effect_that_simulate_plants() -> None:
-    found = rehearse(rig(), motion(), rng=0)
+@pytest.mark.parametrize("name", ["turret", "thesis"])
+def test_every_size_is_an_effect_that_simulate_plants(name: str) -> None:
+    planted_on = Rig.load(name)
+    found = rehearse(planted_on, fourier(planted_on, 1, 15.0, DT), rng=0)
     sizes = [(one, size) for one in found.causes for size in (one.seen_from, one.named_from) if size is not None]
     assert len({one.cause for one, _ in sizes}) > 12
     for one, size in sizes:
-        parse_effect(size.effect, rig())
+        parse_effect(size.effect, planted_on)
         assert 0 < size.share_of_torque <= 1 and one.forms >= one.shown > 0 and one.why is None
 
 
