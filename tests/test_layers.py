@@ -33,6 +33,7 @@ SHARED = {
         "losses",
         "seen",
         "loose",
+        "torque_table",
     },
 }
 """Files in a folder of plug-ins that the others there may import."""

@@ -73,11 +73,11 @@ def extended(state: State) -> Extended:
 def estimated(state: State, terms: Sequence[Term]) -> Estimated:
     """Return what the fit knows of base parameters and coefficients, in the order of the model's terms.
 
-    ``cov = H⁻¹ (Σ_blocks g gᵀ) H⁻¹``: what is left counts as it is, coloured or not.
+    ``cov = H⁻¹ (Σ_blocks g gᵀ + prior) H⁻¹``: what is left counts as it is, coloured or not.
     """
     reduction, now = state.problem.reduction, state.fit
     scores = now.by_block(now.stack * now.residual[:, None])
-    covariance = now.information @ (scores.T @ scores) @ now.information
+    covariance = now.information @ (scores.T @ scores + now.prior) @ now.information
     turned = {state.places(c).start for c in state.causes if isinstance(c, RigEffect)}
     kept = [k for k in range(len(now.theta)) if k not in turned]
     symbols = [reduction.names[j].rsplit(".", 1)[1] for j in reduction.independent]

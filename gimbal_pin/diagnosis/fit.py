@@ -31,6 +31,7 @@ class Fit:
         scale: ``1/√φ_j``, (n,); the dispersion φ is residual power over predicted noise power.
         information: ``(AᵀWA)⁻¹``, (k, k).
         block: Block of each weighted row, (rows n,).
+        prior: Precision of what is known of theta beside the rows, (k, k); 0: nothing.
     """
 
     theta: Array
@@ -41,6 +42,7 @@ class Fit:
     scale: Array
     information: Array
     block: Array
+    prior: Array | float = 0.0
 
     __repr__ = brief
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from gimbal_pin.checks import CheckedLog, collect_alterations
+from gimbal_pin.diagnosis.background import add_tables
 from gimbal_pin.diagnosis.engine.criterion import criterion, fitted, matters, rows
 from gimbal_pin.diagnosis.engine.discrepancy import place
 from gimbal_pin.diagnosis.engine.explained import Explained
@@ -17,7 +18,7 @@ from gimbal_pin.diagnosis.extended import Extended, extended
 from gimbal_pin.diagnosis.findings import findings, untestable
 from gimbal_pin.diagnosis.gain import Figures, followed, measured
 from gimbal_pin.diagnosis.likeness import likeness
-from gimbal_pin.diagnosis.result import Diagnosis, Residual, Slight, overall
+from gimbal_pin.diagnosis.result import Curve, Diagnosis, Residual, Slight, overall
 from gimbal_pin.diagnosis.shapes import same
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.model import nominal
@@ -39,10 +40,11 @@ def reported(
         hold: By how much later than its stamp the torque was taken to act, s.
         rng: For bootstraps and simulated sensors.
     """
-    before, after = extended(found.first), extended(found.final)
-    baseline, best = measured(held, before), measured(held, after)
+    before = extended(found.first)
+    baseline, best = measured(held, before), measured(held, extended(found.final))
     each = findings(found, held, baseline, best, rng)
-    residual = residuals(found)
+    state, best, curves = add_tables(found, held, best)
+    after, residual = extended(state), residuals(found, curves)
     return Diagnosis(
         rig=held.rig.name,
         logs=tuple(one.log.name for one in checked),
@@ -62,14 +64,14 @@ def reported(
         after=after,
         held=held,
         state=found.final,
-        tracking=followed(before, after, rng) if each else {},
+        tracking=followed(before, after, rng) if each or curves else {},
         likeness=tuple(likeness(found, cause) for cause in found.final.causes),
         instead=tuple(rival.cause for cause in found.final.causes for rival in found.rivals_of(cause)),
     )
 
 
-def residuals(found: Explained) -> dict[str, Residual]:
-    """Return what is left at each joint."""
+def residuals(found: Explained, curves: Mapping[str, Curve]) -> dict[str, Residual]:
+    """Return what is left at each joint; `curves`: joint → the table that the extended model carries."""
     evidence, power = found.final.problem.evidence, found.final.fit.dispersion
     rows = zip(evidence.rig.joints, found.structured)
     return {
@@ -79,6 +81,7 @@ def residuals(found: Explained) -> dict[str, Residual]:
             float(power[j]),
             found.left(j),
             place(found.final, j) if structured else "",
+            curves.get(joint),
         )
         for j, (joint, structured) in enumerate(rows)
     }

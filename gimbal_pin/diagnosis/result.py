@@ -33,6 +33,25 @@ TOGETHER = "only together; other sizes fit this log as well"
 
 
 @dataclass(frozen=True)
+class Curve:
+    """What no cause explains, as a table with what is known of it.
+
+    Attributes:
+        over: "angle", "rate" or "load".
+        knots: rad, rad/s or N m.
+        torque: N m at each.
+        std: Its standard deviation.
+        acts: Ranges over which the torque is told from zero, to the knots beside them.
+    """
+
+    over: str
+    knots: tuple[float, ...]
+    torque: tuple[float, ...]
+    std: tuple[float, ...]
+    acts: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
 class Residual:
     """What is left at one joint after all findings.
 
@@ -42,6 +61,7 @@ class Residual:
         dispersion: Residual power over noise power.
         discrepancy: Structured power left over that before any finding, 0 for noise.
         where: Where the structure is, or "".
+        curve: What of it the extended model carries as a table; None: nothing.
     """
 
     state: str
@@ -49,6 +69,7 @@ class Residual:
     dispersion: float
     discrepancy: float = 0.0
     where: str = ""
+    curve: Curve | None = None
 
     @property
     def sentence(self) -> str:
@@ -205,7 +226,7 @@ class Diagnosis:
         state: What the search ended with on the training part; None where the logs are spoilt.
         planned: The motion that parts what is ambiguous, where `next_experiment` was asked for it.
         tracking: Joint → "rms_before", "rms_after": simulated tracking error without and with the found causes
-            compensated, rad; empty where nothing was found.
+            compensated, rad; empty where nothing was found or is carried.
         likeness: For every finding, which other causes look like it on these logs.
         instead: Causes that were fitted in the findings' places.
         seed: Repeats it as `rng`; None where a generator was given.
@@ -248,6 +269,11 @@ class Diagnosis:
     def lacking(self) -> tuple[Finding, ...]:
         """Findings that `identify`'s model lacks: all but the motion that it has from the platform's IMU."""
         return tuple(finding for finding in self.findings if finding.cause != MEASURED)
+
+    @property
+    def is_extended(self) -> bool:
+        """Whether the extended model has more than `identify`'s: findings, or a table of what nothing explains."""
+        return bool(self.lacking) or any(left.curve for left in self.residual.values())
 
     @property
     def beside(self) -> str:

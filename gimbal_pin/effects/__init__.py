@@ -50,9 +50,15 @@ if TYPE_CHECKING:
     from gimbal_pin.effects.parse import parse_effect as parse_effect
     from gimbal_pin.effects.plain import read_cause as read_cause
     from gimbal_pin.effects.plain import read_term as read_term
+    from gimbal_pin.effects.torque_table import TorqueTable as TorqueTable
 
 __getattr__, _, _ = lazy_loader.attach(
-    __name__, submod_attrs={"parse": ["parse_effect"], "plain": ["read_cause", "read_term"]}
+    __name__,
+    submod_attrs={
+        "parse": ["parse_effect"],
+        "plain": ["read_cause", "read_term"],
+        "torque_table": ["TorqueTable"],
+    },
 )
 """What reads causes needs all of them, so it is imported on first use."""
 

@@ -107,8 +107,8 @@ class Effect(Cause):
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Return the torque per unit of each coefficient, N m per its unit; floats for floats, (N,) for arrays."""
 
-    def compute_stray_share(self, values: Sequence[float], seen: OperatingRange) -> float:
-        """Return the share of its power in pieces that no one device makes together, 0 to 1."""
+    def compute_stray_share(self, worth: Array, seen: OperatingRange) -> float:
+        """Return the share, 0 to 1, of its pieces' worth, (pieces,), in such as no one device makes together."""
         return 0.0
 
     def start(self) -> EffectMemory | None:

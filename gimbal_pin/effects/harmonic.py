@@ -118,15 +118,15 @@ class Harmonic(Effect):
         leaning = seen.upright and (max(self.harmonic) == 1.0 or (bent and lowest == 1.0))
         return (*(self.bends if bent else ()), *(self.leans if leaning else ()))
 
-    def compute_stray_share(self, values: Sequence[float], seen: OperatingRange) -> float:
-        """``min_{a,b} (1 - P(a, b))/(1 - D(a, b))``: power that a motor of poles a and slots b leaves, over chance's.
+    def compute_stray_share(self, worth: Array, seen: OperatingRange) -> float:
+        """``min_{a,b} (1 - P(a, b))/(1 - D(a, b))``: what a motor of poles a and slots b leaves, over chance's.
 
-        P is the share of the harmonics' power, and D that of all orders, within the travel's resolution of multiples
+        P is the share of the harmonics' worth, and D that of all orders, within the travel's resolution of multiples
         of a or b. Cogging repeats with the slots, with the poles, and in a perfect motor with both (Gasparin et al.,
         IEEE Trans. Magn. 45(3), 2009). Once per turn is the shaft's, whose rotor sits off its centre.
         """
         lines = np.array(self.harmonic)
-        power = np.array([size**2 for size, _ in self.polar(values)]) * (lines > 1.0)
+        power = worth * (lines > 1.0)
         if not self.of_motor or np.count_nonzero(power) < 3:
             return 0.0
         orders, near = np.arange(2.0, lines.max() + 1.0), pi / seen.travel - 0.5

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from gimbal_pin.effects import ALWAYS, CAUSES, Cause, Effect, Term
+from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import ModelError
 from gimbal_pin.rig.records import convert_value, prefix_place, read_record
 
@@ -16,7 +17,8 @@ def read_cause(data: Any) -> Cause:
     Raises:
         ModelError: An unknown cause, a field that it does not have or that is missing, or a value that it cannot have.
     """
-    every: Mapping[str, type[Cause]] = {**CAUSES, **{kind.name: kind for kind in ALWAYS}}
+    kinds: tuple[type[Effect], ...] = (*ALWAYS, TorqueTable)
+    every: Mapping[str, type[Cause]] = {**CAUSES, **{kind.name: kind for kind in kinds}}
     if not isinstance(data, dict):
         raise ModelError("effect", "is no table of a cause and its values", "write it with to_dict")
     name = data.get("effect")

@@ -15,6 +15,7 @@ from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import ALWAYS, Effect
+from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification import payload_change
 from gimbal_pin.identification.bias_test import WhenTested, check_bias
@@ -284,11 +285,12 @@ def refittable_effects(model: Model) -> tuple[Effect, ...]:
     """Return the effects of a model beside Coulomb and viscous friction that logs can be fitted with again.
 
     Not those that read the model's own torque: the rows have but the measured one, whose noise would leak. Nor rotors
-    whose inertia the rig states.
+    whose inertia the rig states, nor tables, whose values nothing but their prior holds where the logs did not go.
     """
     always, stated = {kind.name for kind in ALWAYS}, build_rotor_terms(model.rig)
     free = (term.effect for term in model.terms if term not in stated)
-    return tuple(effect for effect in free if effect.name not in always and not effect.loaded)
+    refitted = (effect for effect in free if effect.name not in always and not effect.loaded)
+    return tuple(effect for effect in refitted if not isinstance(effect, TorqueTable))
 
 
 def keep_held_out_accuracy(judged: Identified, whole: Identified) -> Identified:

@@ -174,7 +174,7 @@ def auto(
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
     generator, seed = make_generator(rng)
     wrong, undiagnosed = examined(rig, logs, generator, holdout)
-    extended = wrong is not None and bool(wrong.lacking)
+    extended = wrong is not None and wrong.is_extended
     model = wrong.model if wrong is not None and extended else identified.model
     asked = wish or Wish()
     tunings, late = tuned(model, asked), asked.samples

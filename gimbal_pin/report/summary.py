@@ -96,7 +96,7 @@ def summary(
     numbers.append(Card("Fit of the torque", percent(fit), f"{band}, worst joint: {joint}, {where}", grade(fit)))
     tone, missing = "poor" if spoilt else grade(fit), missed(wrong)
     tone = "fair" if missing and not spoilt else tone
-    if wrong is not None and wrong.lacking and wrong.held is not None and not spoilt:
+    if wrong is not None and wrong.is_extended and wrong.held is not None and not spoilt:
         details.append(about_gain(wrong, wrong.held.band))
         joint, fit = min(wrong.extended["fit_percent"].items(), key=lambda pair: pair[1])
         note = f"fit to {wrong.held.band:g} Hz, worst joint: {joint}, held out"

@@ -148,6 +148,26 @@ def residual(found: Diagnosis) -> Table:
     return Table(head, rows, texts=2, label="Torque error before and after")
 
 
+def list_curves(found: Diagnosis) -> list[str]:
+    """Say of each table that the extended model carries where it acts, and how large it is."""
+    lines = []
+    for joint in () if found.held is None else joints_of(found.held.rig):
+        if (curve := found.residual[joint.name].curve) is None:
+            continue
+        k, unit = max(range(len(curve.knots)), key=lambda k: abs(curve.torque[k])), joint.force
+        points = {
+            x: f"{figures(x)} {unit}" if curve.over == "load" else joint.text(x, "/s" * (curve.over == "rate"))
+            for x in (curve.knots[k], *(x for pair in curve.acts for x in pair))
+        }
+        spans = "; ".join(f"{points[a]} and {points[b]}" for a, b in curve.acts) or "no two knots"
+        size = f"{figures(curve.torque[k])} ± {figures(curve.std[k], 2)} {unit} at {points[curve.knots[k]]}"
+        lines.append(
+            f"{joint.name}: what no cause explains, over its {curve.over}, is up to {size}, told from zero between "
+            f"{spans}; the extended model carries it as a table"
+        )
+    return lines
+
+
 def rivals(finding: Finding) -> Table:
     """The causes that were fitted in a finding's place."""
     from gimbal_pin.diagnosis.fit import CRITICAL_Z
@@ -269,7 +289,7 @@ def overview(found: Auto, most: int) -> Table:
     """
     own, wrong = found.identified, found.diagnosis
     band, models = own.filtering.cutoff, [vars(own.held_out or own.train)]
-    if wrong is not None and wrong.lacking and wrong.held is not None:
+    if wrong is not None and wrong.is_extended and wrong.held is not None:
         band, models = wrong.held.band, [dict(wrong.baseline), dict(wrong.extended)]
     together = {one.controller: one.joints for one in found.tracking.experiments if one.name == TOGETHER}
     biggest = max(models[0]["torque_rmse"].values())

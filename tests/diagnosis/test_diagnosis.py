@@ -94,6 +94,7 @@ def nothing(rig: Rig, clean: Log) -> Diagnosis:
 
 
 def test_nothing_is_found_where_nothing_is(nothing: Diagnosis) -> None:
+    assert not nothing.is_extended
     found = nothing
     assert found.verdict == "nothing" and not found.findings
     assert all(0 < limit < 0.05 for limit in found.detection_limit.values())

@@ -405,7 +405,7 @@ TURN = OperatingRange(60.0, 0.005, 12.0, 7.0, 1.0, 1e-3, 1.0, 1.2)
 
 def share_no_motor_makes(sizes: dict[int, float]) -> float:
     lines = tuple(float(k) for k in sorted(sizes))
-    return Cogging("yaw", lines).compute_stray_share([x for k in lines for x in (sizes[int(k)], 0.0)], TURN)
+    return Cogging("yaw", lines).compute_stray_share(np.array([sizes[int(k)] ** 2 for k in lines]), TURN)
 
 
 @given(st.integers(4, 42), st.integers(3, 48), st.integers(0, 10**6))

@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis.engine.alignment import aligned, shifts
 from gimbal_pin.diagnosis.engine.criterion import OF_CAUSE, added, fitted, without
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
 from gimbal_pin.diagnosis.engine.noise import coloured, flat, rewhitened_problem
-from gimbal_pin.diagnosis.engine.selection import MOST, Rival, Search, contested, polished, pruned, selected
+from gimbal_pin.diagnosis.engine.selection import MOST, Rival, Search, contested, polished, pruned, selected, worth
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import Library, kept, library
 from gimbal_pin.diagnosis.state import Problem, State, solved
@@ -149,7 +149,7 @@ def has_stray_pieces(state: State, cause: Cause) -> bool:
         return False
     evidence = state.problem.evidence
     seen = evidence.seen[evidence.rig.joint_index(cause.joint)]
-    return cause.compute_stray_share(state.coefficients(cause).tolist(), seen) > LEFT
+    return len(cause.pieces) > 1 and cause.compute_stray_share(worth(state, cause), seen) > LEFT
 
 
 def is_hidden_by_noise(first: State, cause: Cause) -> bool:

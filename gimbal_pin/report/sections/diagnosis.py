@@ -68,8 +68,9 @@ def diagnosis(found: Diagnosis) -> Section:
         parts.append(tables.residual(found))
         parts += [paragraph(f"{tables.ALONE}.", "side")] if len(found.findings) > 1 else []
         parts += [paragraph(f"{found.hidden[0].upper()}{found.hidden[1:]}.", "side")] if found.hidden else []
+        parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
         parts.append(residuals(found, joints, found.held))
-        parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings else []
+        parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings or found.is_extended else []
     if found.given is not None and found.held is not None and found.held.rig.aims:
         parts += [heading("The given model against the refitted one"), bullets(found.given.lines)]
     hidden = [f"{one.cause} at {one.joint or 'the rig'}" for one in found.untestable]
@@ -156,7 +157,8 @@ def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> Ma
     alt = f"Held-out residual torque of {', '.join(joint.name for joint in shown)} over angle, rate, time and frequency"
     caption = (
         "Held-out residual torque: refitted model (grey), extended model (colour), over the joint's angle, rate and "
-        "time, and its amplitude over frequency. What is flat and small in colour has been explained."
+        "time, and its amplitude over frequency. What is flat and small in colour has been explained. Black: what no "
+        "cause explains and the extended model carries, within two standard deviations."
     )
     return plots.picture(partial(faces, found, joints, order, held), alt, caption)
 
@@ -186,6 +188,12 @@ def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: E
                 plots.dots(axes, x, scale * error[rows, j], colour)
             plots.zero_line(axes)
             axes.set_xlabel(f"{'rate' if per else 'angle'}, {joint.unit}{per}")
+            curve = found.residual[joint.name].curve
+            if curve is not None and curve.over == ("rate" if per else "angle"):
+                knots, torque, band = (np.array(x) for x in (curve.knots, curve.torque, curve.std))
+                axes.plot(joint.scale * knots, scale * torque, color=plots.INK, lw=1.0)
+                edges = (scale * (torque + side * band) for side in (-2.0, 2.0))
+                axes.fill_between(joint.scale * knots, *edges, color=plots.INK, alpha=0.15)
         for error, colour in zip(errors, (plots.PLAIN, joint.colour)):
             broken = np.where(open_[:, j], scale * error[:, j], np.nan)
             over_time(column[2], held, broken, colour)
