@@ -27,6 +27,7 @@ from .result import Diagnosis as Diagnosis
 from .result import Finding as Finding
 from .result import Residual as Residual
 from .result import Rival as Rival
+from .result import find_credible as find_credible
 from .result import overall as overall
 from .score import gained as gained
 from .state import Problem as Problem

@@ -95,7 +95,6 @@ class _Comparison(NamedTuple):
             parameters=tuple(figures),
             gain=gain,
             p_value=float(norm.sf(self.z)),
-            selection_frequency=1.0,
             explained_share=(before**2 - after**2) / max(whole["torque_rmse"][self.joint], 1e-300) ** 2,
             visible_fraction=1.0,
             rivals=(),

@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import extended, settled
 from gimbal_pin.diagnosis.gain import Figures, measured
 from gimbal_pin.diagnosis.library import Library
-from gimbal_pin.diagnosis.result import Finding, Untestable
+from gimbal_pin.diagnosis.result import Finding, Untestable, find_credible
 from gimbal_pin.diagnosis.result import Rival as Told
 from gimbal_pin.diagnosis.score import HIDDEN, visibility
 from gimbal_pin.diagnosis.shapes import shape_names
@@ -25,14 +25,11 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
 
-BOOTSTRAPS = 200
 ROUGH = 0.5
 """Deviation over its value from which a size is not known to two deviations."""
 
 
-def findings(
-    found: Explained, held: Evidence, baseline: Figures, best: Figures, rng: np.random.Generator
-) -> tuple[Finding, ...]:
+def findings(found: Explained, held: Evidence, baseline: Figures, best: Figures) -> tuple[Finding, ...]:
     """Describe the causes of the final model, the one that explains most first.
 
     Args:
@@ -40,17 +37,14 @@ def findings(
         held: The reporting part.
         baseline: Figures there of the model without any cause.
         best: Figures there of the final model.
-        rng: For the bootstraps.
     """
-    every = [finding(found, cause, held, baseline, best, rng) for cause in found.final.causes]
+    every = [finding(found, cause, held, baseline, best) for cause in found.final.causes]
     return tuple(sorted(combined(every), key=lambda one: -one.explained_share))
 
 
-def finding(
-    found: Explained, cause: Cause, held: Evidence, baseline: Figures, best: Figures, rng: np.random.Generator
-) -> Finding:
+def finding(found: Explained, cause: Cause, held: Evidence, baseline: Figures, best: Figures) -> Finding:
     """Describe one cause of the final model."""
-    state, rivals = found.final, found.rivals_of(cause)
+    state, rivals = found.final, nearest(cause, found.rivals_of(cause))
     base = without(state, cause)
     lacking = measured(held, extended(base))
     joints = held.rig.joints
@@ -80,10 +74,9 @@ def finding(
             "rollout_rmse_after": best["rollout_rmse"][at],
         },
         p_value=float(min(1.0, len(found.search.shelf.causes) * np.exp(-gain / 2))),
-        selection_frequency=frequency(rivals, rng),
         explained_share=min(1.0, float((before**2 - after**2) / max(baseline["torque_rmse"][at] ** 2, 1e-300))),
         visible_fraction=float(np.sqrt(visibility(base.fit, [base.columns(cause)])[0])),
-        rivals=nearest(cause, rivals),
+        rivals=rivals,
         sentence=f"{rig.in_units(cause.place, said)}; {gained}",
         next_experiment=cause.experiment if len(alike) > 1 else None,
     )
@@ -98,29 +91,24 @@ def measure_gain(before: Figures, after: Figures, used: Array) -> float:
     return float(used @ [np.log(max(a, 1e-300) / max(b, 1e-300)) for a, b in pairs])
 
 
-def look_alikes(found: Explained, cause: Cause, rivals: Sequence[Rival]) -> tuple[str, ...]:
-    """Return names that these logs do not tell a cause from, its own first."""
+def look_alikes(found: Explained, cause: Cause, rivals: Sequence[Told]) -> tuple[str, ...]:
+    """Return what holds a probability of `SURE` together, a cause's own name first, and what no log tells from it."""
     evidence = found.first.problem.evidence
-    names = [cause.name, *(one.cause.name for one in rivals if not one.parted(found.search.threshold))]
+    names = find_credible(cause.name, rivals)
     if cause.of_joint:
         names += cause.blurred(evidence.seen[evidence.rig.joint_index(cause.place)])
     return tuple(dict.fromkeys(names))
 
 
 def nearest(cause: Cause, rivals: Sequence[Rival]) -> tuple[Told, ...]:
-    """Return the nearest rival of each name but the cause's own, the one that is least worse first."""
-    every = sorted((Told(one.cause.name, one.worse / 2, one.z) for one in rivals), key=lambda one: -one.z)
-    best = {one.cause: one for one in every if one.cause != cause.name}
-    return tuple(sorted(best.values(), key=lambda one: one.z))
-
-
-def frequency(rivals: Sequence[Rival], rng: np.random.Generator) -> float:
-    """Return the share of bootstraps over blocks in which a cause explains more than each of its rivals."""
-    if not rivals:
-        return 1.0
-    blocks = np.stack([one.blocks for one in rivals])
-    draws = rng.integers(blocks.shape[1], size=(BOOTSTRAPS, blocks.shape[1]))
-    return float(np.mean(np.all(np.sum(blocks[:, draws], axis=2) > 0, axis=0)))
+    """Return the most probable rival of each name but the cause's own, in that order."""
+    every = [
+        Told(one.cause.name, one.worse / 2, one.z, one.cause.place if one.cause.of_joint else None) for one in rivals
+    ]
+    best: dict[str, Told] = {}
+    for one in sorted(every, key=lambda one: -one.log_odds):
+        best.setdefault(one.cause, one)
+    return tuple(one for name, one in best.items() if name != cause.name)
 
 
 def combined(found: Sequence[Finding]) -> list[Finding]:

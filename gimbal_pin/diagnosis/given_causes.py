@@ -106,13 +106,11 @@ class GivenCauses(NamedTuple):
         best: They, fitted together.
         p_values: Chance of each where there is none, at any of the places that were looked at.
         rivals: With each other cause in a form's place, the fit.
-        odds: Logarithm of the odds from which one is no rival.
     """
 
     best: FittedForms
     p_values: dict[Form, float]
     rivals: dict[Form, list[FittedForms]]
-    odds: float
 
 
 def find_given_causes(difference: BaseDifference, causes: Mapping[str, type[Cause]]) -> GivenCauses:
@@ -124,7 +122,6 @@ def find_given_causes(difference: BaseDifference, causes: Mapping[str, type[Caus
         best,
         {form: float(np.exp(min(0.0, _compute_chance(one, best) + search.tries))) for form, one in less.items()},
         {form: list(search.extend(best, form)) for form in best.values},
-        search.tries - np.log(_ERROR_RATE),
     )
 
 

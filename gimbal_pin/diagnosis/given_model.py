@@ -11,7 +11,6 @@ from scipy.stats import norm
 
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.fit import CRITICAL_Z
 from gimbal_pin.diagnosis.gain import rollout_rmse, torque_rmse
 from gimbal_pin.diagnosis.given_causes import (
     Form,
@@ -20,7 +19,7 @@ from gimbal_pin.diagnosis.given_causes import (
     change_rig,
     find_given_causes,
 )
-from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, overall
+from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, find_credible, overall
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.errors import digits
@@ -163,7 +162,7 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
     rig, causes = case.held.rig, case.found.best.causes
     at = rig.joint_index(form.joint) if form.kind.of_joint else int(np.argmax(share))
     rivals = _compare_rivals(case, form)
-    alike = (form.kind.name, *(one.cause for one in rivals if one.z < CRITICAL_Z or one.delta < case.found.odds))
+    alike = tuple(find_credible(form.kind.name, rivals))
     errors = [
         _build_stated_model(case, [x for one, x in causes.items() if one is not form]),
         _build_stated_model(case, list(causes.values())),
@@ -188,7 +187,6 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
         ),
         gain=gain,
         p_value=case.found.p_values[form],
-        selection_frequency=float(min((norm.cdf(rival.z) for rival in rivals), default=1.0)),
         explained_share=1 - after**2 / max(before**2, 1e-300),
         visible_fraction=1.0,
         rivals=rivals,
@@ -198,16 +196,17 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
 
 
 def _compare_rivals(case: _Case, form: Form) -> tuple[Rival, ...]:
-    """Return the nearest rival of each name, its odds over their deviation if noise parts the two (Vuong 1989)."""
+    """Return the most probable rival of each name; noise alone parts it from the finding (Vuong 1989)."""
     best, nearest = case.found.best, dict[str, Rival]()
     for other in case.found.rivals[form]:
-        (name,) = (one.kind.name for one in other.values if one not in best.values)
+        (new,) = (one for one in other.values if one not in best.values)
         odds = best.compute_odds(other)
         apart = np.linalg.norm(case.response.difference.whitener @ (other.response - best.response))
-        new = Rival(name, odds, odds * float(np.sqrt(best.dispersion) / max(apart, 1e-12)))
-        if name != form.kind.name:
-            nearest[name] = min(new, nearest.get(name, new), key=lambda one: one.z)
-    return tuple(sorted(nearest.values(), key=lambda one: one.z))
+        z = odds * float(np.sqrt(best.dispersion) / max(apart, 1e-12))
+        rival = Rival(new.kind.name, odds, z, new.place[1])
+        if rival.cause != form.kind.name:
+            nearest[rival.cause] = max(rival, nearest.get(rival.cause, rival), key=lambda one: one.log_odds)
+    return tuple(sorted(nearest.values(), key=lambda one: -one.log_odds))
 
 
 def _build_stated_model(case: _Case, causes: Sequence[RigEffect]) -> Extended:

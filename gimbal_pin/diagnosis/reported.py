@@ -38,11 +38,11 @@ def reported(
         held: The reporting part, its torques at the same time.
         checked: The logs.
         hold: By how much later than its stamp the torque was taken to act, s.
-        rng: For bootstraps and simulated sensors.
+        rng: For simulated sensors.
     """
     before = extended(found.first)
     baseline, best = measured(held, before), measured(held, extended(found.final))
-    each = findings(found, held, baseline, best, rng)
+    each = findings(found, held, baseline, best)
     state, best, curves = add_tables(found, held, best)
     after, residual = extended(state), residuals(found, curves)
     return Diagnosis(

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from math import isfinite
+from math import isfinite, pi, sqrt
 from typing import Any
+
+import numpy as np
+from scipy.stats import norm
 
 from gimbal_pin.checks import Alteration, Fault, list_alterations
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
-from gimbal_pin.diagnosis.fit import CRITICAL_Z
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.state import State
@@ -26,8 +28,10 @@ MEASURED = "platform-motion"
 NOISY = 0.1
 """Share of a joint's torque from which it is told what may hide in the noise that is left: under it that has less than
 a hundredth of the torque's power."""
-WORSE = "not ruled out, though less well fitting, by no more than a rig that is a little off either formula can make"
-"""Why a rival that fits less well may still be the cause."""
+SURE = 0.95
+"""Probability from which a cause is named."""
+IMPROBABLE = 0.01
+"""Probability under which a cause is not listed."""
 TOGETHER = "only together; other sizes fit this log as well"
 """What holds of figures none of which the log tells by itself."""
 
@@ -84,12 +88,35 @@ class Rival:
     Attributes:
         cause: Its name.
         delta: Log-likelihood of the finding less that of the rival.
-        z: The same over its standard deviation by blocks (Vuong 1989); under 2 the log does not part the two.
+        z: The same over its standard deviation by blocks (Vuong 1989).
+        joint: Where it would sit; None for a cause of the whole rig.
     """
 
     cause: str
     delta: float
     z: float
+    joint: str | None = None
+
+    @property
+    def log_odds(self) -> float:
+        """``-δ/√(1 + π s²/8)``, s = δ/z: how likely it is beside the finding, nats.
+
+        The logistic function averaged over a log likelihood that is known to a deviation of s (MacKay, Neural
+        Computation 4, 1992): no model is the truth, and a few blocks may tell most.
+        """
+        return -self.delta / sqrt(1 + pi / 8 * (self.delta / self.z) ** 2) if self.z else 0.0
+
+
+def find_credible(name: str, rivals: Sequence[Rival]) -> list[str]:
+    """Return the fewest causes that hold a probability of `SURE` together, a finding's name first."""
+    odds = [1.0, *(float(np.exp(one.log_odds)) for one in rivals)]
+    names, held = [name], odds[0]
+    for one, of_it in sorted(zip(rivals, odds[1:]), key=lambda pair: -pair[1]):
+        if held >= SURE * sum(odds):
+            break
+        names.append(one.cause)
+        held += of_it
+    return names
 
 
 @dataclass(frozen=True)
@@ -105,7 +132,6 @@ class Finding:
         parameters: Its figures with standard deviations.
         gain: Held-out torque and rollout errors without and with it, at its joint.
         p_value: Chance that a log without it shows as much anywhere in the library.
-        selection_frequency: Share of block bootstraps in which it beats every rival.
         explained_share: Share of the baseline's held-out residual power that it removes; one where it removes more,
             of a model whose other findings only fit beside it.
         visible_fraction: Share of its column that the rigid model and friction do not explain.
@@ -121,7 +147,6 @@ class Finding:
     parameters: tuple[Parameter, ...]
     gain: Mapping[str, float]
     p_value: float
-    selection_frequency: float
     explained_share: float
     visible_fraction: float
     rivals: tuple[Rival, ...]
@@ -141,13 +166,32 @@ class Finding:
         return self.parameters if self.cause != MEASURED and not self.sized else ()
 
     @property
+    def probabilities(self) -> tuple[tuple[str, str | None, float], ...]:
+        """How probable it is that each cause is there: cause, joint and probability, the finding's own first.
+
+        Of all that were fitted in its place; what no log of this range tells from it shares its probability. Nothing
+        where the reporting part speaks against it.
+        """
+        if self.status == "unconfirmed":
+            return ()
+        untried = [name for name in self.alike[1:] if name not in [one.cause for one in self.rivals]]
+        odds = np.array([*np.ones(1 + len(untried)) / (1 + len(untried)), *(np.exp(x.log_odds) for x in self.rivals)])
+        names = [(self.cause, self.joint), *((name, self.joint) for name in untried)]
+        chances = (1.0 - self.p_value) * odds / odds.sum()
+        places = [*names, *((one.cause, one.joint) for one in self.rivals)]
+        return tuple((name, joint, chance) for (name, joint), chance in zip(places, chances.tolist()))
+
+    @property
+    def probability(self) -> float | None:
+        """How probable it is that the cause is there; None where the reporting part speaks against it."""
+        return self.probabilities[0][2] if self.probabilities else None
+
+    @property
     def open(self) -> str:
-        """What else it may be, and why that is not ruled out, in a sentence; nothing where it is named."""
-        worse = {one.cause: digits(one.z, 2) for one in self.rivals if one.z > CRITICAL_Z}
-        same = ", ".join(name for name in self.alike[1:] if name not in worse)
-        less = ", ".join(f"{name} ({worse[name]} standard deviations)" for name in self.alike[1:] if name in worse)
-        parts = {"this log cannot tell it from ": same, f"{WORSE}: ": less}
-        return "; ".join(why + names for why, names in parts.items() if names)
+        """What else it may be, and how probably, in a sentence; nothing where it is named."""
+        chances = {name: f" ({digits(100 * chance, 2)} %)" for name, _, chance in self.probabilities}
+        others = ", ".join(f"{name}{chances.get(name, '')}" for name in self.alike[1:])
+        return f"this log cannot tell it from {others}" if others else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
@@ -156,13 +200,14 @@ class Finding:
             "joint": self.joint,
             "status": self.status,
             "class": list(self.alike),
+            "probability": self.probability,
             "parameters": {
                 p.name: {"value": p.value, "std": p.std if isfinite(p.std) else None, "unit": p.unit}
                 for p in self.parameters
             },
             "gain": dict(self.gain),
             "p_value": self.p_value,
-            "selection_frequency": self.selection_frequency,
+            "selection_frequency": min((float(norm.cdf(one.z)) for one in self.rivals), default=1.0),
             "explained_share": self.explained_share,
             "visible_fraction": self.visible_fraction,
             "rivals": [asdict(rival) for rival in self.rivals],
@@ -319,6 +364,12 @@ class Diagnosis:
         most = " and ".join(f"{size} {unit} at {joint}" for joint, (size, unit) in sizes.items())
         return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
 
+    def list_causes(self) -> list[dict[str, Any]]:
+        """Return every cause that is not improbable, with its joint and probability, as JSON holds it."""
+        every = (one for finding in self.findings for one in finding.probabilities)
+        likely = sorted((one for one in every if one[2] >= IMPROBABLE), key=lambda one: -one[2])
+        return [dict(zip(("cause", "joint", "probability"), one)) for one in likely]
+
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds: what spoils the physics first, then the physics, then faults that were mended."""
         return {
@@ -329,6 +380,7 @@ class Diagnosis:
             "findings": [each.to_dict() for each in self.spoiling]
             + [each.to_dict() for each in self.findings]
             + [each.to_dict() for each in self.faults if not (each.makes_physics_unreliable or each.slight)],
+            "causes": self.list_causes(),
             "notes": list(self.notes),
             "altered": list_alterations(self.altered),
             "given_model": {} if self.given is None else self.given.to_dict(),

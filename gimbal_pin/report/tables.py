@@ -48,8 +48,6 @@ GOOD, FAIR = 95.0, 80.0
 """Fit, per cent, from which on a model is called good, or fair."""
 PHASE_DEG, GAIN_DB = 45.0, 6.0
 """Margins from which on a loop is usually called safe."""
-RULED_OUT = 20.0
-"""Vuong's z at which a rival's bar is full."""
 MOST = 6
 """Most rivals in a table."""
 STEADY = 1e-3 * np.pi / 180
@@ -168,16 +166,21 @@ def list_curves(found: Diagnosis) -> list[str]:
     return lines
 
 
+def state_probability(finding: Finding) -> str:
+    """How probable a finding's cause is, of all that were fitted in its place."""
+    chance = finding.probability
+    return "" if chance is None else f"probability {'over 99.9' if chance > 0.999 else figures(100 * chance)} %"
+
+
 def rivals(finding: Finding) -> Table:
     """The causes that were fitted in a finding's place."""
-    from gimbal_pin.diagnosis.fit import CRITICAL_Z
-
     rows: list[list[Content]] = []
+    chances = {name: chance for name, _, chance in finding.probabilities}
     for rival in finding.rivals[:MOST]:
-        no = "no" if rival.z <= CRITICAL_Z else "no, too like it in form"
-        out = toned(no, "fair") if rival.cause in finding.alike else toned("yes", "good")
-        rows.append([rival.cause, figures(rival.delta), bar(rival.z / RULED_OUT, f"{rival.z:.1f}"), out])
-    head = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Ruled out by this log"]
+        out = toned("no", "fair") if rival.cause in finding.alike else toned("yes", "good")
+        chance = chances.get(rival.cause, 0.0)
+        rows.append([rival.cause, figures(rival.delta), f"{rival.z:.1f}", bar(chance, f"{100 * chance:.2g} %"), out])
+    head = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Probability", "Ruled out by this log"]
     return Table(head, rows, label=f"Causes that were fitted in the place of {finding.cause}")
 
 

@@ -343,7 +343,8 @@ def about_finding(finding: Finding) -> list[str]:
     lines += [f"  {finding.open}; try {finding.next_experiment}"] if finding.open else []
     loose = ", ".join(f"{p.name} {digits(p.value, 4)}{p.in_units}" for p in finding.unsized)
     sizes = ", ".join(map(sized, finding.sized)) or (f"{loose}: {TOGETHER}" if loose else "")
-    return [*lines, *([f"  {sizes}"] if sizes else [])]
+    said = "; ".join(part for part in (tables.state_probability(finding), sizes) if part)
+    return [*lines, *([f"  {said}"] if said else [])]
 
 
 def sized(figure: Parameter) -> str:

@@ -138,14 +138,25 @@ def test_rivals_are_the_nearest_of_each_other_name_in_order(found: Diagnosis) ->
     (finding,) = found.findings
     names = [rival.cause for rival in finding.rivals]
     assert names and len({finding.cause, *names}) == len(names) + 1
-    assert np.all(np.diff([rival.z for rival in finding.rivals]) >= 0)
+    assert np.all(np.diff([rival.log_odds for rival in finding.rivals]) <= 0)
 
 
-def test_a_rival_that_is_further_off_and_not_ruled_out_says_why(found: Diagnosis) -> None:
+def test_a_rival_is_ruled_out_where_the_others_hold_the_probability(found: Diagnosis) -> None:
     (finding,) = found.findings
-    rivals = (Rival("delay", 9.0, 1.2), Rival("torque-ripple", 90.0, 6.1), Rival("stribeck", 99.0, 7.3))
-    table = tables.rivals(replace(finding, alike=("cogging", "delay", "stribeck"), rivals=rivals))
-    assert [Markup(row[-1]).striptags() for row in table.rows] == ["no", "yes", "no, too like it in form"]
+    rivals = (Rival("delay", 1.0, 1.2), Rival("torque-ripple", 90.0, 6.1))
+    table = tables.rivals(replace(finding, alike=("cogging", "delay"), rivals=rivals))
+    assert [Markup(row[-1]).striptags() for row in table.rows] == ["no", "yes"]
+
+
+def test_every_finding_states_its_probability(found: Diagnosis) -> None:
+    (finding,), told = found.findings, found.to_dict()
+    assert finding.probability == told["findings"][0]["probability"] > 0.95
+    assert told["causes"] == [{"cause": "cogging", "joint": "tilt", "probability": finding.probability}]
+    either = replace(finding, p_value=0.0, rivals=(Rival("delay", np.log(4.0), 1e6, "tilt"),))
+    likely = replace(found, findings=(either,))
+    assert [round(one["probability"], 3) for one in likely.to_dict()["causes"]] == [0.8, 0.2]
+    for page in (text.diagnosis(likely, {}), sections.diagnosis(likely).html):
+        assert "robability 80 %" in page
 
 
 def test_the_page_holds_no_figure_that_is_none(found: Diagnosis) -> None:

@@ -80,7 +80,7 @@ def test_what_is_planted_is_found_and_explains_what_was_there() -> None:
     assert (cause.name, cause.place) == ("cogging", Rig.load(RIG).joints[0])
     assert found.before[0].share > 0.3 and found.before[1].share < 0.1
     assert found.after[0].share < 0.1 and found.left(0) < 0.1
-    assert all(rival.parted(found.search.threshold) for rival in found.rivals[0])
+    assert all(rival.worse > found.search.threshold and rival.z > 2 for rival in found.rivals[0])
     assert found.final.causes == (cause,) and not any(found.structured)
 
 

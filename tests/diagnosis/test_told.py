@@ -11,7 +11,17 @@ import numpy as np
 import pytest
 
 from gimbal_pin.checks import CHECKS
-from gimbal_pin.diagnosis import Diagnosis, Finding, Residual, Rival, is_size_known, measure_gain, overall, solved
+from gimbal_pin.diagnosis import (
+    Diagnosis,
+    Finding,
+    Residual,
+    Rival,
+    find_credible,
+    is_size_known,
+    measure_gain,
+    overall,
+    solved,
+)
 from gimbal_pin.effects import CAUSES, Cause, Cogging, FrictionDrift, Term, TorqueRipple
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
@@ -25,19 +35,48 @@ def test_the_help_lists_every_cause(run: Run) -> None:
     assert {*CAUSES, *CHECKS, "platform-motion"} <= set(re.findall(r"[a-z]+(?:-[a-z]+)*", said))
 
 
-def test_a_rival_that_is_worse_and_alike_has_its_reason() -> None:
-    rivals = (Rival("actuator-lag", 40.0, 4.9), Rival("armature", 80.0, 9.0), Rival("cogging", 3.0, 1.0))
+def find(*rivals: Rival, untried: tuple[str, ...] = ()) -> Finding:
+    """A delay with rivals, and with causes that no log of its range tells from it."""
+    alike = (*find_credible("delay", rivals), *untried)
+    status = "ambiguous" if len(alike) > 1 else "named"
     gain = {"torque_rmse_before": 1.0, "torque_rmse_after": 0.5, "rollout_rmse_before": 1.0, "rollout_rmse_after": 0.5}
-    alike = ("delay", "actuator-lag", "cogging")
-    found = Finding("delay", "pan", "ambiguous", alike, (), gain, 0.001, 1.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
-    one, other = found.open.split("; ")
-    assert one == "this log cannot tell it from cogging" and "armature" not in other
-    assert other.startswith("not ruled out, though less well") and other.endswith(
-        ": actuator-lag (4.9 standard deviations)"
-    )
+    return Finding("delay", "pan", status, alike, (), gain, 0.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
+
+
+def test_what_else_it_may_be_is_told_with_its_probability() -> None:
+    found = find(Rival("actuator-lag", np.log(4.0), 1e6, "pan"), Rival("armature", 80.0, 9.0, "pan"))
+    assert found.open == "this log cannot tell it from actuator-lag (20 %)"
     assert f"  {found.open}; try a chirp" in text.about_finding(found)
-    assert replace(found, rivals=rivals[2:]).open == "this log cannot tell it from actuator-lag, cogging"
-    assert not replace(found, alike=("delay",)).open
+    assert "  probability 80 %" in text.about_finding(found)
+    named = find(Rival("armature", 80.0, 9.0, "pan"))
+    assert not named.open and "  probability over 99.9 %" in text.about_finding(named)
+
+
+def test_probabilities_are_of_one_cause_and_sure_only_where_many_blocks_tell() -> None:
+    """Odds e^-δ where the log likelihood is exact; even, however large δ, where a block or two make all of it."""
+    rivals = Rival("actuator-lag", 2.0, 1e6), Rival("cogging", 5.0, 1e6, "tilt")
+    chances = {name: chance for name, _, chance in find(*rivals).probabilities}
+    assert sum(chances.values()) == pytest.approx(1.0)
+    assert chances["actuator-lag"] / chances["delay"] == pytest.approx(np.exp(-2.0), rel=1e-3)
+    assert chances["cogging"] / chances["delay"] == pytest.approx(np.exp(-5.0), rel=1e-3)
+    few, many = (find(Rival("cogging", 40.0, z)) for z in (0.5, 50.0))
+    assert few.status == "ambiguous" and few.probability is not None and few.probability < 0.8
+    assert many.status == "named" and many.probability == pytest.approx(1.0)
+    equal = find(Rival("cogging", 0.0, 0.0))
+    assert equal.probability == pytest.approx(0.5)
+
+
+def test_the_class_is_the_smallest_that_holds_the_probability() -> None:
+    rivals = [Rival(name, delta, 1e6) for name, delta in (("a", 4.0), ("b", 1.0), ("c", 9.0))]
+    assert find_credible("delay", rivals) == ["delay", "b"]
+    assert find_credible("delay", [Rival("b", 3.0, 1e6)]) == ["delay"]
+
+
+def test_what_no_log_tells_apart_shares_a_probability_and_what_is_refuted_has_none() -> None:
+    shared = find(Rival("cogging", np.log(3.0), 1e6), untried=("armature",))
+    assert [round(chance, 3) for _, _, chance in shared.probabilities] == [0.375, 0.375, 0.25]
+    refuted = replace(shared, status="unconfirmed")
+    assert refuted.probability is None and refuted.probabilities == ()
 
 
 @pytest.mark.parametrize(("harmonic", "bent"), [((1.0,), True), ((1.0, 2.0), True), ((1.0, 84.0), False)])

@@ -174,7 +174,7 @@ def test_what_was_planted_and_not_found_is_told() -> None:
     assert alone.startswith("roll: cogging was planted, and nobody looked for it")
     assert len(missed(plant(), texts, False, ())) == 2
     stand_in = Finding(
-        "torque-ripple", "roll", "ambiguous", ("torque-ripple", "cogging"), (), {}, *[0.0] * 4, (), "", None
+        "torque-ripple", "roll", "ambiguous", ("torque-ripple", "cogging"), (), {}, *[0.0] * 3, (), "", None
     )
     (told,) = missed(known, texts, True, (stand_in,))
     assert "did not find it" in told and "it told torque-ripple" in told

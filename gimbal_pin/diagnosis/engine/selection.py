@@ -21,7 +21,7 @@ from gimbal_pin.diagnosis.engine.criterion import (
     unsupported,
     without,
 )
-from gimbal_pin.diagnosis.fit import CRITICAL_Z, Fit, compute_vuong_z, refit
+from gimbal_pin.diagnosis.fit import Fit, refit
 from gimbal_pin.diagnosis.library import Library
 from gimbal_pin.diagnosis.score import all_gained, gained
 from gimbal_pin.diagnosis.shapes import free, other_forms, refined, same
@@ -259,22 +259,13 @@ class Rival:
         cause: It, refined.
         state: The model with it.
         worse: How much higher the criterion is with it.
-        blocks: How much less of each block's log likelihood it explains, (blocks,).
+        z: Half of that over its deviation by blocks (Vuong, Econometrica 57, 1989).
     """
 
     cause: Cause
     state: State
     worse: float
-    blocks: Array
-
-    @property
-    def z(self) -> float:
-        """Vuong's ratio: difference of the log likelihoods over its deviation by blocks."""
-        return compute_vuong_z(self.blocks)
-
-    def parted(self, threshold: float) -> bool:
-        """Whether the log tells it from the finding: by more than chance, and in more than a few blocks."""
-        return self.worse > threshold and self.z > CRITICAL_Z
+    z: float
 
 
 def rivals(state: State, cause: Cause, search: Search) -> tuple[Rival, ...]:
@@ -285,7 +276,10 @@ def rivals(state: State, cause: Cause, search: Search) -> tuple[Rival, ...]:
         if (other.name, other.place) != (cause.name, cause.place):
             new = fitted(less.problem, together(less.causes, other), less)
             if not unsupported(new):
-                found.append(Rival(new.causes[-1], new, criterion(new) - criterion(state), by_block(state, new)))
+                worse = criterion(new) - criterion(state)
+                told = state.fit.by_block((new.fit.residual**2 - state.fit.residual**2)[:, None])[:, 0]
+                std = np.sqrt(len(told)) * float(told.std(ddof=1))
+                found.append(Rival(new.causes[-1], new, worse, worse / max(std, 1e-12)))
     return tuple(sorted(found, key=lambda one: one.worse))
 
 

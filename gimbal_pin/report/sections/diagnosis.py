@@ -96,7 +96,9 @@ def verdict(found: Diagnosis) -> str:
 def described(finding: Finding, likest: Sequence[Likeness], colour: str, believed: bool = True) -> list[object]:
     """A finding: its sentence, its figures, what it could be instead, and which causes look like it."""
     sizes = [f"{p.name} {figures(p.value)} ± {figures(p.std, 2)}{p.in_units}" for p in finding.sized]
-    lines: list[Content] = [f"{', '.join(sizes)} (± is one standard deviation)."] if sizes else []
+    chance = tables.state_probability(finding)
+    lines: list[Content] = [f"{chance[0].upper()}{chance[1:]}, of all causes that were fitted there."] if chance else []
+    lines += [f"{', '.join(sizes)} (± is one standard deviation)."] if sizes else []
     loose = [f"{p.name} {figures(p.value)}{p.in_units}" for p in finding.unsized]
     lines += [f"{', '.join(loose)}: {TOGETHER}."] if loose else []
     if finding.open:
