@@ -1,5 +1,6 @@
 from .band import BAND as BAND
 from .band import usual as usual
+from .columns import Columns as Columns
 from .diagnose import diagnose as diagnose
 from .engine import Explained as Explained
 from .engine import explain as explain

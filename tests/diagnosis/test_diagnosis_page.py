@@ -156,7 +156,7 @@ def test_every_finding_states_its_probability(found: Diagnosis) -> None:
     likely = replace(found, findings=(either,))
     assert [round(one["probability"], 3) for one in likely.to_dict()["causes"]] == [0.8, 0.2]
     for page in (text.diagnosis(likely, {}), sections.diagnosis(likely).html):
-        assert "robability 80 %" in page
+        assert "robability 80.0 %" in page
 
 
 def test_the_page_holds_no_figure_that_is_none(found: Diagnosis) -> None:

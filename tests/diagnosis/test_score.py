@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from gimbal_pin.diagnosis import Fit, fit, gained
+from gimbal_pin.diagnosis import Columns, Fit, fit, gained
+from gimbal_pin.effects import Coulomb
 from gimbal_pin.log import Array
 
 NIL = 1e-24
@@ -30,21 +29,11 @@ def fitted(residual: Array) -> Fit:
     return fit(np.ones((ROWS, 1, 1)), residual[:, None], np.ones(1), block)
 
 
-class Column(NamedTuple):
-    """A candidate's columns and bounds."""
-
-    joint: int | None
-    own: Array
-    lower: Array
-    upper: Array
-    shared: Array | None = None
-    bulk: float = 1.0
-
-
-def column(values: Array, joint: int | None = 0) -> Column:
-    """Columns without bounds, (ROWS, c) at a joint, or (ROWS, n, c) at all."""
+def column(values: Array, joint: int | None = 0, shared: Array | None = None) -> Columns:
+    """Columns without bounds, (rows, c) at a joint, or (rows, n, c) at all, of some cause."""
     wide = np.full(values.shape[-1], np.inf)
-    return Column(joint, values, -wide, wide)
+    count = 1 if joint is not None else values.shape[1]
+    return Columns(Coulomb("any"), count, joint, values, -wide, wide, shared=shared)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.floats(-320.0, 5.0))

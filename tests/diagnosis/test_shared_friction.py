@@ -9,7 +9,7 @@ from gimbal_pin.diagnosis import Fit, fit, gained
 from gimbal_pin.effects import Cogging, Coulomb, PositionDependentFriction, Term
 from gimbal_pin.log import Array
 from tests.candidates import measure
-from tests.diagnosis.test_score import Column
+from tests.diagnosis.test_score import column
 from tests.refitted import RIG, first
 
 AT = RIG.joints[1]
@@ -32,11 +32,10 @@ def test_friction_over_the_angle_gains_the_same_however_much_coulomb_friction_it
     q, v, slide = small_turn()
     noise = 0.01 * np.random.default_rng(0).standard_normal(len(q))
     now = straight(np.stack([slide, v], axis=1), slide * (0.3 + 0.1 * np.cos(6 * q)) + noise)
-    any_ = np.array([np.inf])
 
     def gain(more: float, shared: Array | None) -> float:
         own = (slide * (np.cos(6 * q) + more))[:, None]
-        return gained(now, Column(0, own, -any_, any_, shared), False).gain
+        return gained(now, column(own, shared=shared), False).gain
 
     assert gain(held, slide) == pytest.approx(gain(0.0, slide)) == pytest.approx(gain(0.0, None))
     assert gain(held, None) == 0.0, "a torque of its own of that size works but against the model"

@@ -47,7 +47,7 @@ def test_what_else_it_may_be_is_told_with_its_probability() -> None:
     found = find(Rival("actuator-lag", np.log(4.0), 1e6, "pan"), Rival("armature", 80.0, 9.0, "pan"))
     assert found.open == "this log cannot tell it from actuator-lag (20 %)"
     assert f"  {found.open}; try a chirp" in text.about_finding(found)
-    assert "  probability 80 %" in text.about_finding(found)
+    assert "  probability 80.0 %" in text.about_finding(found)
     named = find(Rival("armature", 80.0, 9.0, "pan"))
     assert not named.open and "  probability over 99.9 %" in text.about_finding(named)
 
