@@ -24,6 +24,7 @@ from gimbal_pin.diagnosis.engine.selection import PROMISE, TRIED, Search
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.fit import CRITICAL_Z, Fit, project
 from gimbal_pin.diagnosis.library import Library, library
+from gimbal_pin.diagnosis.parting import NAMED
 from gimbal_pin.diagnosis.score import HIDDEN, batches, fitting, products, share, visibility, weigh_together
 from gimbal_pin.diagnosis.shapes import form, free
 from gimbal_pin.diagnosis.state import Problem, State, sized, solved
@@ -308,33 +309,41 @@ def compare_causes(
 ) -> list[_Planted]:
     """Return planted causes with the sizes from which they are named, and what they are taken for.
 
-    As in `selection.rivals`: what its best rivals leave, by the threshold, and by Vuong's z, ``Σ d/(√B std d)`` of what
-    each of B blocks tells. Of blocks of power p and noise of one ``d = p/2 ± √p``.
+    As in `selection.rivals`, the best of each place that promises anything at the size from which the cause is found.
     """
     now, evidence, cost = state.fit, state.problem.evidence, float(np.log(rows(state).max()))
     places, told = [get_place(one.cause) for one in columns], []
     for one, torque, gain in zip(planted, rest.T, explain_planted(now, rest * [one.seen for one in planted], columns)):
-        own, cause, needed, best = get_place(one.cause), one.cause, dict[CauseAt, float](), dict[CauseAt, int]()
+        cause, own, best = one.cause, get_place(one.cause), dict[CauseAt, Columns]()
         for k in np.argsort(-gain).tolist():
             if gain[k] < PROMISE * search.threshold or len(best) == TRIED:
                 break
             if places[k] != own:
-                best.setdefault(places[k], k)
-        for place, k in best.items():
-            rival = project(now, columns[k].own, columns[k].joint)
-            left = torque - rival @ np.linalg.lstsq(rival, torque, rcond=1e-10)[0]
-            power = now.by_block(left[:, None] ** 2)[:, 0]
-            fall = max(search.threshold + cost * (free(cause) - free(columns[k].cause)), 0.0)
-            steady = 1.0 - CRITICAL_Z**2 * len(power) * power.var(ddof=1) / max(power.sum() ** 2, 1e-300)
-            apart = max(float(compute_distance(fall)) ** 2, 4.0 * CRITICAL_Z**2 / max(steady, 1e-9))
-            needed[place] = float(np.sqrt(apart / max(power.sum(), 1e-300)))
+                best.setdefault(places[k], columns[k])
+        needed = {
+            place: find_size_apart(now, torque, rival, search.threshold + cost * (free(cause) - free(rival.cause)))
+            for place, rival in best.items()
+        }
         seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
         needed |= {CauseAt(name, own.joint): np.inf for name in cause.blurred(seen)}
-        named = max(one.seen, *needed.values()) if needed else one.seen
+        named = max([one.seen, *needed.values()])
         limit = one.seen if named <= one.largest else one.largest
-        alike = tuple(place for place, size in needed.items() if size > limit)
-        told.append(one._replace(named=named, alike=alike))
+        told.append(one._replace(named=named, alike=tuple(place for place, size in needed.items() if size > limit)))
     return told
+
+
+def find_size_apart(now: Fit, torque: Array, rival: Columns, fall: float) -> float:
+    """Return the size from which a torque, (rows n,), is told from a rival, as `selection.Rival.parted`.
+
+    What the rival leaves makes the criterion fall, so steadily that Vuong's ``z = Σ d/(√B std d)`` is critical: each of
+    B blocks of power p tells ``d = p/2 ± √p``.
+    """
+    other = project(now, rival.own, rival.joint)
+    left = torque - other @ np.linalg.lstsq(other, torque, rcond=1e-10)[0]
+    power = now.by_block(left[:, None] ** 2)[:, 0]
+    steady = 1.0 - CRITICAL_Z**2 * len(power) * power.var(ddof=1) / max(power.sum() ** 2, 1e-300)
+    apart = max(float(compute_distance(max(fall, 0.0))) ** 2, NAMED**2 / max(steady, 1e-9))
+    return float(np.sqrt(apart / max(power.sum(), 1e-300)))
 
 
 def explain_planted(now: Fit, planted: Array, columns: Sequence[Columns]) -> Array:
