@@ -44,14 +44,18 @@ def read_curve(state: State, table: TorqueTable) -> Curve:
     return Curve(table.over, table.knots, tuple(torque.tolist()), tuple(std), acts)
 
 
-def add_tables(found: Explained, held: Evidence, figures: Figures) -> tuple[State, Figures, dict[str, Curve]]:
+def add_tables(
+    found: Explained, held: Evidence, baseline: Figures, figures: Figures
+) -> tuple[State, Figures, dict[str, Curve]]:
     """Return a model with a table at each joint at which something is left, its figures, and the tables.
 
-    The reporting part has to confirm each: less error at its joint, and over the whole rig.
+    The reporting part has to confirm each: less error at its joint, and over the whole rig, than without it and than
+    without any cause. A table of the load, which is part of the load, must not grow as fast as that.
 
     Args:
         found: The model of the training part.
         held: The reporting part.
+        baseline: Figures there of the model without any cause.
         figures: The model's figures there.
     """
     state, curves = found.final, dict[str, Curve]()
@@ -60,9 +64,15 @@ def add_tables(found: Explained, held: Evidence, figures: Figures) -> tuple[Stat
         if table is None:
             continue
         more = add_table(state, table)
+        slopes = np.diff(more.coefficients(table)) / np.diff(table.knots)
+        if table.loaded and np.max(np.abs(slopes)) >= 1:
+            continue
         after = measured(held, extended(more))
-        before = figures["torque_rmse"][table.joint]
-        if after["torque_rmse"][table.joint] < before and measure_gain(figures, after, held.used()) > 0:
+        if all(
+            after["torque_rmse"][table.joint] < before["torque_rmse"][table.joint]
+            and measure_gain(before, after, held.used()) > 0
+            for before in (baseline, figures)
+        ):
             state, figures, curves[table.joint] = more, after, read_curve(more, table)
     return state, figures, curves
 
@@ -111,7 +121,7 @@ def add_table(state: State, table: TorqueTable) -> State:
     ``b = L u``, ``u ~ N(0, v I)``, H the precision of θ, ``S = LᵀWᵀ(W - A H⁻¹ AᵀW)L``: ``cov u = (S + I/v)⁻¹``,
     ``u = cov LᵀWᵀr``, ``θ ← θ - H⁻¹AᵀW b``. The curve's length and v maximise the marginal likelihood
     ``-½ (N log(rᵀr - rᵀW b) + log det(I + v S))`` (Rasmussen and Williams, Gaussian Processes, 2006, 2.7 and 5.4).
-    Where the log says little, the values stay near zero.
+    Where the log says little, the values stay near zero; none is larger than what was left anywhere.
     """
     fit, columns = state.fit, state.columns(table)
     at, size, used = fit.rows(columns.joint), len(fit.theta), state.problem.evidence.used()
@@ -130,7 +140,9 @@ def add_table(state: State, table: TorqueTable) -> State:
             found.append((count * np.log(rest) + np.sum(np.log1p(spread * power)), rest, spread, L, power, axes))
     _, rest, spread, L, power, axes = min(found, key=lambda one: float(one[0]))
     known = L @ (axes / (1 / spread + power)) @ axes.T @ L.T
-    values = known @ along
+    parts, joint = state.problem.evidence.parts, columns.joint
+    most = max(float(np.max(np.abs(x[:, joint] * part.gate[:, joint]))) for x, part in zip(state.unexplained, parts))
+    values = np.clip(known @ along, -most, most)
     turn = np.block([[np.eye(size), -moved], [np.zeros(moved.T.shape), np.eye(len(values))]])
     prior = np.linalg.inv(L @ L.T) * (rest / max(count, 1.0) / spread)
     more = replace(

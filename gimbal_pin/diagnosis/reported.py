@@ -43,7 +43,7 @@ def reported(
     before = extended(found.first)
     baseline, best = measured(held, before), measured(held, extended(found.final))
     each = findings(found, held, baseline, best)
-    state, best, curves = add_tables(found, held, best)
+    state, best, curves = add_tables(found, held, baseline, best)
     after, residual = extended(state), residuals(found, curves)
     return Diagnosis(
         rig=held.rig.name,
