@@ -81,9 +81,9 @@ def by_rate(terms: tuple[Term, ...], sign: float) -> Array:
 
 
 def added(terms: tuple[Term, ...], q: Array, v: float, slide: float) -> Array:
-    """Torque of some terms at angles q, (N,), without load or acceleration, N m."""
+    """Torque of some terms at angles q, (N,), without load or acceleration, N m; within half a turn to each side."""
     zero = np.zeros(len(q))
-    at = Sample(zero, q, zero + v, zero, zero + slide, zero)
+    at = Sample(zero, np.mod(q + pi, 2 * pi) - pi, zero + v, zero, zero + slide, zero)
     return zero + sum(np.asarray(term.torque(at)) for term in terms)
 
 
