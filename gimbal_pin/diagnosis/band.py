@@ -62,7 +62,7 @@ def beyond(frequency: Array, power: Array, cutoff: float) -> bool:
 
 def alternate(evidence: Evidence, filtering: Filtering) -> tuple[Evidence, Evidence]:
     """Return the blocks that are fitted to, two of three, and those that are reported on."""
-    seconds = sum(part.dt * len(part.gate) for part in evidence.parts)
+    seconds = evidence.seconds
     count = max(LEAST, min(BLOCKS, round(seconds / SHORTEST)))
     fitted: list[Part] = []
     kept: list[Part] = []

@@ -82,12 +82,6 @@ def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list
     return evidence.whiten_all(full), full
 
 
-def effect_columns(evidence: Evidence, effect: Effect, load: Load) -> Array:
-    """Columns of a torque effect at its joint, whitened, (rows, c)."""
-    j = evidence.rig.joint_index(effect.joint)
-    return evidence.whiten(plain_columns(evidence, effect, load), j)
-
-
 def plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]:
     """Columns of a torque effect at its joint as they are, (m, c) per part."""
     j = evidence.rig.joint_index(effect.joint)
@@ -205,7 +199,8 @@ def build(
     if cause.coupled and evidence.rig.n == 1:
         own, bounds = np.zeros((evidence.rows, 1)), [(-np.inf, np.inf)]
     elif isinstance(cause, Effect):
-        own, bounds = effect_columns(evidence, cause, load), [(c.lower, c.upper) for c in cause.coefficients]
+        own = evidence.whiten(plain_columns(evidence, cause, load), evidence.rig.joint_index(cause.joint))
+        bounds = [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
         own, bounds = lost(evidence, cause, acting, bearing)[..., None], [ALIKE]
         joint = joint if own.ndim == 2 else None

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import fft
 
-from gimbal_pin.diagnosis.sensor_noise import floor
+from gimbal_pin.diagnosis.sensor_noise import compute_noise_floor
 from gimbal_pin.dynamics.regressor import compute_gravity
 from gimbal_pin.effects import Sample, Signal
 from gimbal_pin.effects.base import AMBIENT
@@ -59,7 +59,7 @@ CLEAR = 4.0
 """A rate under this many of its deviations does not tell its sign: at it one in 30 000 is wrong. Identification, which
 averages over directions that are wrong now and then, takes half as many; a cause is told by less."""
 POSES = 50
-"""Angles at which a joint's axis is looked at."""
+"""Poses at which a joint's axis is looked at, and over which its inertia is averaged."""
 FELT = 1e-9
 """Share of the largest weight felt from which a joint feels any."""
 OCTAVES = 9
@@ -194,11 +194,6 @@ class Evidence:
         """Rows per joint."""
         return sum(part.rows for part in self.parts)
 
-    @property
-    def blocks(self) -> int:
-        """How many blocks there are."""
-        return int(self.block[-1]) + 1
-
     def whiten(self, torques: Sequence[Array], joint: int) -> Array:
         """Whiten a torque at one joint, one array per part: (rows,) or (rows, k)."""
         return np.concatenate([part.whiten(torque, joint) for part, torque in zip(self.parts, torques)])
@@ -259,12 +254,9 @@ class Evidence:
 
     def noise_floor(self, joint: int) -> float:
         """What the sensors' noise alone leaves in the band, N m rms."""
-        power = [np.mean(1.0 / np.maximum(gain[: int(0.7 * len(gain))], 1e-300) ** 2) for gain in self.gains(joint)]
+        gains = [part.whitener[joint, : int(0.7 * part.whitener.shape[1])] for part in self.parts]
+        power = [np.mean(1.0 / np.maximum(gain, 1e-300) ** 2) for gain in gains]
         return float(np.sqrt(np.mean(power)))
-
-    def gains(self, joint: int) -> list[Array]:
-        """Whitening gains of one joint, per part."""
-        return [part.whitener[joint] for part in self.parts]
 
     def used(self) -> Array:
         """Share of the samples that count, per joint, (n,)."""
@@ -346,8 +338,9 @@ def part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: 
     log = stretch.log.part(stretch.rows)
     count = max(2 * round(length * dt * filtering.cutoff), 4)
     frequency = fft.rfftfreq(length, dt)[: count // 2 + 1]
-    noise, share = floor(rig, log, frequency), 2 * filtering.cutoff * stretch.dt  # of a power within the band
-    gain = band_edge(frequency, filtering.cutoff) / np.sqrt(noise.total * share)
+    noise, shaken = compute_noise_floor(rig, log, frequency)
+    share = 2 * filtering.cutoff * stretch.dt  # of a power within the band
+    gain = band_edge(frequency, filtering.cutoff) / np.sqrt((noise + shaken) * share)
     warm = np.full(channels.q.shape, AMBIENT)
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
@@ -357,13 +350,13 @@ def part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: 
         warm,
         np.asfortranarray(gate),
         gain,
-        noise.motion * share,
+        shaken * share,
         float(whole.t[0]),
         dt,
         count,
         shock,
         0.0,
-        losses_of(whole, channels.t),
+        tuple(Losses.along(whole.t, tau, channels.t) for tau in np.asarray(whole.tau).T),
         logged,
     )
 
@@ -382,12 +375,6 @@ def band_edge(frequency: Array, band: float) -> Array:
     """Return the gain at some frequencies, Hz, (f,), of a band, Hz, whose last quarter fades."""
     inside = np.clip((band - frequency) / (0.25 * band), 0.0, 1.0)
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * inside))
-
-
-def losses_of(log: Log, t: Array) -> tuple[Losses, ...]:
-    """What each motor turned into heat along a log, at times of it, s, (m,)."""
-    assert log.tau is not None
-    return tuple(Losses.along(log.t, tau, t) for tau in log.tau.T)
 
 
 def at_turns(values: Array, v: Array) -> Array:
@@ -453,10 +440,14 @@ def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[Opera
     )
 
 
+def select_poses(parts: Sequence[Part]) -> Array:
+    """Angles at moments that are spread evenly over some parts, (POSES, n)."""
+    q = np.concatenate([part.channels.q for part in parts])
+    return np.asarray(q[np.linspace(0, len(q) - 1, POSES).astype(int)])
+
+
 def heavy(rig: Rig, parts: Sequence[Part]) -> Flags:
     """Whether the weight of anything is felt at each joint, at some of the angles, (POSES, n)."""
-    q = np.concatenate([part.channels.q for part in parts])
-    some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
-    pull = np.abs(compute_gravity(rig, some))
+    pull = np.abs(compute_gravity(rig, select_poses(parts)))
     moving = any(part.platform is not None for part in parts)
     return np.asarray((pull > FELT * np.max(pull, initial=1e-300)) | moving)

@@ -71,13 +71,8 @@ def extended(state: State) -> Extended:
 
 
 def estimated(state: State, terms: Sequence[Term]) -> Estimated:
-    """Return what the fit knows of base parameters and coefficients, in the order of the model's terms.
-
-    ``cov = H⁻¹ (Σ_blocks g gᵀ + prior) H⁻¹``: what is left counts as it is, coloured or not.
-    """
+    """Return what the fit knows of base parameters and coefficients, in the order of the model's terms."""
     reduction, now = state.problem.reduction, state.fit
-    scores = now.by_block(now.stack * now.residual[:, None])
-    covariance = now.information @ (scores.T @ scores + now.prior) @ now.information
     turned = {state.places(c).start for c in state.causes if isinstance(c, RigEffect)}
     kept = [k for k in range(len(now.theta)) if k not in turned]
     symbols = [reduction.names[j].rsplit(".", 1)[1] for j in reduction.independent]
@@ -85,7 +80,7 @@ def estimated(state: State, terms: Sequence[Term]) -> Estimated:
     coefficients = [(f"{e.joint}.{e.name}.{c.name}", rig.in_units(e.joint, c.unit)) for e, c in pairs]
     names = (*reduction.base_names, *(name for name, _ in coefficients))
     measures = (*list_units(symbols), *(unit for _, unit in coefficients))
-    return Estimated(names, measures, now.theta[kept], covariance[np.ix_(kept, kept)])
+    return Estimated(names, measures, now.theta[kept], now.covariance[np.ix_(kept, kept)])
 
 
 def settled(state: State) -> tuple[Cause, ...]:

@@ -52,9 +52,10 @@ class Fit:
         return 1.0 / self.scale**2
 
     @property
-    def left(self) -> float:
-        """``Σ log φ_j``: what is left at all joints, comparable between fits that weigh them differently."""
-        return float(np.sum(np.log(self.dispersion)))
+    def covariance(self) -> Array:
+        """``H⁻¹ (Σ_blocks g gᵀ + prior) H⁻¹`` of theta, (k, k): what is left counts as it is, coloured or not."""
+        scores = self.by_block(self.stack * self.residual[:, None])
+        return np.asarray(self.information @ (scores.T @ scores + self.prior) @ self.information)
 
     @property
     def cost(self) -> float:
@@ -65,11 +66,6 @@ class Fit:
     def starts(self) -> NDArray[np.intp]:
         """First row of each block, (blocks,)."""
         return np.flatnonzero(np.diff(self.block, prepend=-1))
-
-    @property
-    def blocks(self) -> int:
-        """How many blocks there are."""
-        return int(self.block[-1]) + 1
 
     @cached_property
     def bases(self) -> list[Array]:
@@ -117,7 +113,7 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
         weight = 1.0 / np.sqrt(np.maximum(power, luck))
     stack, target, theta = (A * weight[:, None]).reshape(-1, k), (b * weight).ravel(), least(R, weight)
     factor = (R[..., :k] * weight[:, None]).reshape(-1, k)
-    size = norms(factor)
+    size = np.linalg.norm(factor, axis=0)
     unit = np.where(size > 0.0, size, 1.0)
     _, values, right = np.linalg.svd(factor / unit, full_matrices=False)
     seen = values > 1e-10 * values[0]
@@ -148,11 +144,6 @@ def refit(now: Fit, own: Array, joint: int, used: Array) -> Fit:
 def triangles(A: Array, b: Array) -> Array:
     """Triangular factor of each joint's ``[A_j b_j]``, (r, n, k + 1): the same sums of squares in as few rows."""
     return np.stack([np.linalg.qr(np.column_stack([x, y]), mode="r") for x, y in zip(A.swapaxes(0, 1), b.T)], axis=1)
-
-
-def norms(matrix: Array) -> Array:
-    """Norm of each column."""
-    return np.linalg.norm(matrix, axis=0)
 
 
 def project(now: Fit, own: Array, joint: int | None) -> Array:

@@ -48,8 +48,7 @@ def compute_difference(state: State) -> BaseDifference:
     """``cov = H⁻¹ (Σ_blocks g gᵀ) H⁻¹ + Σ_joints R Rᵀ``, R what the fit misses there: see `propagate_misfit`."""
     evidence, reduction, fit = state.problem.evidence, state.problem.reduction, state.fit
     width, rig = len(reduction.independent), evidence.rig
-    scores = fit.by_block(fit.stack * fit.residual[:, None])
-    spread = fit.information @ (scores.T @ scores) @ fit.information * len(scores) / max(len(scores) - 1, 1)
+    spread = fit.covariance * len(fit.starts) / max(len(fit.starts) - 1, 1)
     change = fit.theta[:width] - given_beta(rig, reduction)
     found = BaseDifference(rig, reduction, change, spread[:width, :width], fit.information[:width, :width])
     return found.widen(np.hstack([_compute_misfit(state, j)[:width] for j in range(rig.n)]))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import isfinite
 
 import numpy as np
-from scipy import fft
+from scipy.signal import periodogram
 
 from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis.engine import Explained
@@ -14,7 +14,7 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.limited import MOSTLY, compute_share_near_limit
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.log import Log
 from gimbal_pin.rig.rig import Rig
 
 BEYOND = 0.5
@@ -46,8 +46,7 @@ def swing(rig: Rig, log: Log, cutoff: float) -> Fault | None:
     if log.tau is None:
         return None
     shares = compute_share_near_limit(log.tau, rig.tau_max)
-    powers = spectrum(log.tau)
-    frequencies = fft.rfftfreq(len(log), log.dt)
+    frequencies, powers = periodogram(log.tau, 1 / log.dt, "hann", axis=0)
     beyond = np.sum(powers[frequencies > cutoff], axis=0) / np.maximum(np.sum(powers, axis=0), 1e-300)
     swings = (shares > MOSTLY) & (beyond > BEYOND)
     if not swings.any():
@@ -62,9 +61,3 @@ def swing(rig: Rig, log: Log, cutoff: float) -> Fault | None:
     )
     mend = "record one that the loop holds, of lower gains or less delay"
     return Fault("stuck-channel", rig.joints[j], sentence, figures, share / MOSTLY, True, mend).in_units(rig)
-
-
-def spectrum(torque: Array) -> Array:
-    """Power of each joint's torque by frequency, (N/2 + 1, n), tapered."""
-    taper = np.hanning(len(torque))[:, None]
-    return np.asarray(np.abs(fft.rfft((torque - torque.mean(axis=0)) * taper, axis=0)) ** 2)

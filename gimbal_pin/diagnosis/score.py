@@ -148,13 +148,11 @@ def beyond(torques: Array, candidates: Sequence[Columns]) -> Array:
     Over part of a turn the cosine of an angle is nearly one: friction that varies there by a little is the difference
     of two that are large, and how large is the formula's choice.
     """
-    parted = [t if one.shared is None else less(t, one.shared) for t, one in zip(torques, candidates)]
-    return np.stack(parted)
-
-
-def less(torque: Array, other: Array) -> Array:
-    """``x - y (y·x)/(y·y)``."""
-    return np.asarray(torque - other * (other @ torque) / max(float(other @ other), NIL))
+    out = torques.copy()
+    for torque, y in zip(out, (one.shared for one in candidates)):
+        if y is not None:
+            torque -= y * (y @ torque) / max(float(y @ y), NIL)
+    return out
 
 
 def overdone(target: Array, torque: Array) -> Flags:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import pinocchio as pin
 
@@ -15,7 +13,7 @@ POSES = 64
 """Poses over which the mass matrix is averaged."""
 
 
-def mass_matrix(rig: Rig, q: Array) -> Array:
+def average_mass_matrix(rig: Rig, q: Array) -> Array:
     """Root mean square of each entry of M(q) over some of the angles q, (N, n), in kg m², (n, n)."""
     data = rig.model.createData()
     total = np.zeros((rig.n, rig.n))
@@ -26,23 +24,12 @@ def mass_matrix(rig: Rig, q: Array) -> Array:
     return np.sqrt(total / len(some))
 
 
-class Floor(NamedTuple):
-    """Noise power of the torque balance, (N m)², by where it comes from, each (n, f)."""
-
-    torque: Array
-    motion: Array
-
-    @property
-    def total(self) -> Array:
-        """Their sum."""
-        return self.torque + self.motion
-
-
-def floor(rig: Rig, log: Log, frequency: Array) -> Floor:
+def compute_noise_floor(rig: Rig, log: Log, frequency: Array) -> tuple[Array, Array]:
     """``P_j(f) = σ_τj² + Σ_k M_jk² min(σ_qk² ω⁴, σ_vk² ω²)``: what the sensors' noise leaves in the torque balance.
 
     The angle's and the rate's noise come in through the acceleration, by whichever of the two is better at that
-    frequency; noise of standard deviation σ that is white at the log's rate has the power σ².
+    frequency; noise of standard deviation σ that is white at the log's rate has the power σ². The torque's term and
+    the motion's are returned apart, (N m)², (n, f) each.
 
     Args:
         rig: The rig, for its mass matrix.
@@ -58,4 +45,4 @@ def floor(rig: Rig, log: Log, frequency: Array) -> Floor:
     # A log without any noise still has rounding: a ten-thousandth of the torque's own size.
     least = 1e-4 * np.maximum(np.std(tau, axis=0), 1e-9)
     power = np.maximum(torque, least)[:, None] ** 2 * np.ones_like(frequency)
-    return Floor(power, mass_matrix(rig, log.q) ** 2 @ acceleration)
+    return power, average_mass_matrix(rig, log.q) ** 2 @ acceleration

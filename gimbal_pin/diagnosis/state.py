@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from gimbal_pin.diagnosis.columns import Bearing, Columns, Load, Stand, build, magnitude, plain_columns, rigid_columns
-from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.evidence import Evidence, select_poses
 from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
 from gimbal_pin.dynamics.model import build_friction_effects, is_motor_friction
 from gimbal_pin.dynamics.reduction import Reduction
@@ -30,8 +30,6 @@ FITTED = 0.01
 """The same for the dispersions."""
 BENT = 0.02
 """Angle from which a turned rig's torque is built at that angle, rad."""
-POSES = 50
-"""Poses over which an inertia is averaged."""
 KEPT = 200
 """Effects whose columns are kept."""
 AIMED = 0.001
@@ -106,8 +104,7 @@ class Problem:
     def inertia(self) -> Array:
         """Base parameters → mean over some poses of each joint's inertia about its axis, (n, b)."""
         rig, places = self.evidence.rig, find_base_columns(self.evidence.rig, self.reduction)
-        q = np.concatenate([part.channels.q for part in self.evidence.parts])
-        some = q[np.linspace(0, len(q) - 1, POSES).astype(int)]
+        some = select_poses(self.evidence.parts)
         rows = [compute_inertia_regressor(rig, some, j)[:, j, places] for j in range(rig.n)]
         return np.stack([np.mean(row, axis=0) for row in rows])
 
