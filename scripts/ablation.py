@@ -84,8 +84,8 @@ ABLATIONS = {
     "one-pass": Ablation("one search", "engine.explained.PASSES", 1),
     "prior": Ablation("ten times the prior of the alignment", "engine.alignment.USUAL", 2.5e-2),
     "vuong": Ablation("no Vuong test between rivals", "engine.selection.CRITICAL_Z", 0.0),
-    "turns": Ablation("gate closed at swift turns", "diagnose.opened", unchanged),
-    "swung": Ablation("no look for limit cycles", "diagnose.swung", nothing),
+    "turns": Ablation("gate closed at swift turns", "diagnose.open_turns", unchanged),
+    "swung": Ablation("no look for limit cycles", "diagnose.find_limit_cycle", nothing),
     "overdone": Ablation("causes of any torque", "score.OVERDONE", 1e9),
     "alike": Ablation("a drive's coefficient may be anything", "columns.ALIKE", (-1e9, 1e9)),
 }  # fmt: skip

@@ -48,19 +48,19 @@ def usual(rig: Rig, logs: Sequence[Log]) -> Filtering:
         if log.tau is not None and len(log) > AROUND:
             frequency, power = welch(log.tau, 1 / log.dt, nperseg=min(len(log), round(SEGMENT / log.dt)), axis=0)
             free = compute_share_near_limit(log.tau, rig.tau_max) < MOSTLY
-            while 2 * cutoff <= WIDEST / log.dt and beyond(frequency, power[:, free], cutoff):
+            while 2 * cutoff <= WIDEST / log.dt and has_lines_beyond(frequency, power[:, free], cutoff):
                 cutoff *= 2
     return replace(BAND, cutoff=cutoff)
 
 
-def beyond(frequency: Array, power: Array, cutoff: float) -> bool:
+def has_lines_beyond(frequency: Array, power: Array, cutoff: float) -> bool:
     """Whether the lines above a cutoff, Hz, hold more of any joint's power, (f, n), than all that is below it."""
     lines = np.where(power > LINE * median_filter(power, (AROUND, 1)), power, 0.0)
     above = frequency > cutoff
     return bool(np.any(lines[above].sum(axis=0) > power[~above].sum(axis=0)))
 
 
-def alternate(evidence: Evidence, filtering: Filtering) -> tuple[Evidence, Evidence]:
+def alternate_blocks(evidence: Evidence, filtering: Filtering) -> tuple[Evidence, Evidence]:
     """Return the blocks that are fitted to, two of three, and those that are reported on."""
     seconds = evidence.seconds
     count = max(LEAST, min(BLOCKS, round(seconds / SHORTEST)))
@@ -71,12 +71,12 @@ def alternate(evidence: Evidence, filtering: Filtering) -> tuple[Evidence, Evide
         time = before + part.dt * np.arange(len(part.gate))
         before += part.dt * len(part.gate)
         reported = np.minimum(time * count / seconds, count - 1).astype(int) % LEAST == 1
-        fitted.append(open_in(part, ~reported, filtering))
-        kept.append(open_in(part, reported, filtering))
+        fitted.append(open_blocks(part, ~reported, filtering))
+        kept.append(open_blocks(part, reported, filtering))
     return replace(evidence, parts=tuple(fitted)), replace(evidence, parts=tuple(kept))
 
 
-def open_in(part: Part, block: Flags, filtering: Filtering) -> Part:
+def open_blocks(part: Part, block: Flags, filtering: Filtering) -> Part:
     """Return a part whose gate is open in some blocks only, (m,); elsewhere no rollout goes, either."""
     reach = round(compute_settling_time(filtering) / 2 / part.dt)
     shut = dilate_flags(~block[:, None], reach)

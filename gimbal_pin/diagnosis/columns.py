@@ -74,7 +74,7 @@ class Columns:
         return out
 
 
-def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list[Array]]:
+def compute_rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list[Array]]:
     """Base columns whitened, (rows, n, b), and as they are for each part, (m, n, b)."""
     places = find_base_columns(evidence.rig, reduction)
     channels = [part.channels for part in evidence.parts]
@@ -82,7 +82,7 @@ def rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list
     return evidence.whiten_all(full), full
 
 
-def plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]:
+def compute_plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]:
     """Columns of a torque effect at its joint as they are, (m, c) per part."""
     j = evidence.rig.joint_index(effect.joint)
     samples = [sample._replace(tau=tau[:, j]) for sample, tau in zip(evidence.samples[j], load.torque)]
@@ -97,7 +97,7 @@ Bearing = Sequence[JointLoad]
 """What a joint bears along each part."""
 
 
-def lost(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> Array:
+def compute_lost_torque(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> Array:
     """``x - acting(x)``: what a drive takes from the torques, whitened, (rows,), or (rows, n) where it pushes others.
 
     It stands beside the model's columns.
@@ -168,13 +168,13 @@ class Load:
         return [self.stand.weight(part) for part in self.evidence.parts]
 
 
-def turned(evidence: Evidence, cause: RigEffect, stand: Stand, size: float) -> Array:
+def compute_turned_torque(evidence: Evidence, cause: RigEffect, stand: Stand, size: float) -> Array:
     """``(rnea(changed rig) - rnea(rig)) / size``: torque per unit of a small change of the rig, whitened, (rows, n)."""
     other = Stand(stand.rig, (*stand.changes, cause))
     return evidence.whiten_all([(x - y) / size for x, y in zip(other.torque(evidence), stand.torque(evidence))])
 
 
-def build(
+def build_columns(
     evidence: Evidence,
     cause: Cause,
     stand: Stand,
@@ -199,33 +199,34 @@ def build(
     if cause.coupled and evidence.rig.n == 1:
         own, bounds = np.zeros((evidence.rows, 1)), [(-np.inf, np.inf)]
     elif isinstance(cause, Effect):
-        own = evidence.whiten(plain_columns(evidence, cause, load), evidence.rig.joint_index(cause.joint))
+        own = evidence.whiten(compute_plain_columns(evidence, cause, load), evidence.rig.joint_index(cause.joint))
         bounds = [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
-        own, bounds = lost(evidence, cause, acting, bearing)[..., None], [ALIKE]
+        own, bounds = compute_lost_torque(evidence, cause, acting, bearing)[..., None], [ALIKE]
         joint = joint if own.ndim == 2 else None
     elif isinstance(cause, RigEffect):
         joint = None  # an encoder that is off by an angle changes the torque of every joint
-        own, bounds = turned(evidence, cause, stand, magnitude(cause))[:, :, None], [get_size_bounds(cause)]
+        own = compute_turned_torque(evidence, cause, stand, get_magnitude(cause))[:, :, None]
+        bounds = [get_size_bounds(cause)]
     else:
         raise TypeError(f"{cause.name} is no torque effect, signal or rig effect")
     lower, upper = np.array(bounds).T
     known = any((one.name, one.place) == (cause.name, cause.place) for one in stand.changes)
     found = Columns(cause, evidence.rig.n, joint, own, lower, upper, KNOWN if known else 1.0)
-    return beside_friction(evidence, found)
+    return part_from_friction(evidence, found)
 
 
-def beside_friction(evidence: Evidence, found: Columns) -> Columns:
+def part_from_friction(evidence: Evidence, found: Columns) -> Columns:
     """Return columns with what sets them apart from Coulomb friction, as the evidence whitens it."""
     cause, joint, bulk, shared = found.cause, found.joint, found.bulk, None
     if isinstance(cause, Effect) and cause.bristly:
-        bulk = bulk_of(evidence, cause, found.own)
+        bulk = compute_bulk(evidence, cause, found.own)
     if joint is not None and isinstance(cause, Harmonic) and cause.dry:
         shared = evidence.sliding[joint]
     return replace(found, bulk=bulk, shared=shared)
 
 
-def bulk_of(evidence: Evidence, effect: Effect, own: Array) -> float:
+def compute_bulk(evidence: Evidence, effect: Effect, own: Array) -> float:
     """Power of whitened columns of bending friction, (rows, c), over that of what of the first is no Coulomb friction.
 
     Bristles slide most of the time, and then all of them is Coulomb friction: how they bend is judged by itself.
@@ -241,7 +242,7 @@ def get_size_bounds(cause: RigEffect) -> tuple[float, float]:
     return next((shape.lower, shape.upper) for shape in cause.shapes if getattr(cause, shape.name))
 
 
-def magnitude(cause: Cause) -> float:
+def get_magnitude(cause: Cause) -> float:
     """The one shape parameter of a rig effect that is not zero."""
     values: Mapping[str, float] = {shape.name: getattr(cause, shape.name) for shape in cause.shapes}
     return next(x for x in values.values() if x)

@@ -13,12 +13,12 @@ import numpy as np
 from scipy.stats import norm
 
 from gimbal_pin.checks import Eccentricity
-from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
+from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.fit import CRITICAL_Z, compute_vuong_z
 from gimbal_pin.diagnosis.gain import CONFIRMED, Figures, measured
 from gimbal_pin.diagnosis.result import MEASURED, Diagnosis, Finding, overall
-from gimbal_pin.diagnosis.state import Problem, State, consistent, solved
+from gimbal_pin.diagnosis.state import Problem, State, solve_consistently, solved
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array, Log
@@ -138,8 +138,8 @@ def _compare(context: SensorContext, train: Sequence[Log], test: Sequence[Log], 
     evidence = _match(gather(rig, train, filtering, wholes), known)
     problem = replace(Problem.of(evidence, reduce_parameters(rig, base=base)), luck=found.problem.luck)
     plain = solved(problem, (), solved(problem, ()))
-    state = consistent(solved(problem, found.causes, plain)) if found.causes else plain
-    other = judged(rig, test, filtering, wholes) if test else gather(rig, train, filtering, wholes)
+    state = solve_consistently(solved(problem, found.causes, plain)) if found.causes else plain
+    other = gather_for_judgement(rig, test, filtering, wholes) if test else gather(rig, train, filtering, wholes)
     without = _match(other, held)
     before, after = measured(without, extended(state)), measured(held, extended(found))
     ratios = [before["torque_rmse"][joint] / max(after["torque_rmse"][joint], 1e-300) for joint in rig.joints]

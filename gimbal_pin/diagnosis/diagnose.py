@@ -12,16 +12,16 @@ from gimbal_pin.checks import CheckedLog, Fault, check_log
 from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
 from gimbal_pin.checks.torque_time import find_shifted_torques, find_time_fault, report_shifts
 from gimbal_pin.diagnosis.agreement import fit_each_log, test_log_consistency
-from gimbal_pin.diagnosis.band import alternate, usual
+from gimbal_pin.diagnosis.band import alternate_blocks, usual
 from gimbal_pin.diagnosis.counterfactual import SensorContext, add_sensor_findings
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
-from gimbal_pin.diagnosis.evidence import Evidence, gather, judged
+from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
 from gimbal_pin.diagnosis.given_model import compare_given_model
-from gimbal_pin.diagnosis.limit_cycle import swung
+from gimbal_pin.diagnosis.limit_cycle import find_limit_cycle
 from gimbal_pin.diagnosis.reported import hold, reported, spoilt
 from gimbal_pin.diagnosis.result import Diagnosis
-from gimbal_pin.diagnosis.reversals import opened
+from gimbal_pin.diagnosis.reversals import open_turns
 from gimbal_pin.diagnosis.state import Problem, solved
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.threads import limit_to_one_thread
@@ -144,7 +144,7 @@ def searched(
     exchanged = check_assignment_of_logs(rig, train, base, Filtering())
     if exchanged is not None:
         return spoilt(rig, logs, with_fault(checked, exchanged), filtering)
-    held = judged(rig, test, filtering, wholes) if test else evidence
+    held = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
     if np.all(held.used() < LIVELY):
         raise DataError(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
@@ -154,13 +154,13 @@ def searched(
     if apart is not None:
         return spoilt(rig, logs, with_fault(checked, apart), filtering)
     reduction = reduce_parameters(rig, base=base)
-    gliding = solved(Problem.of(alternate(evidence, filtering)[0] if whole else evidence, reduction), ())
-    evidence, held = (opened(one, gliding, filtering) for one in (evidence, held))
+    gliding = solved(Problem.of(alternate_blocks(evidence, filtering)[0] if whole else evidence, reduction), ())
+    evidence, held = (open_turns(one, gliding, filtering) for one in (evidence, held))
     if whole:
-        evidence, held = alternate(evidence, filtering)
+        evidence, held = alternate_blocks(evidence, filtering)
     found = explain(evidence, reduction, of_refitted(causes), timed=filtering.alignment is None)
     resting = check_driven(found, find_joints_asked_to_rest(train))
-    apart = test_log_consistency(rig, each, found.final.causes) or swung(rig, train, found, filtering.cutoff)
+    apart = test_log_consistency(rig, each, found.final.causes) or find_limit_cycle(rig, train, found, filtering.cutoff)
     if apart is not None:
         return spoilt(rig, logs, with_fault(checked, apart), filtering)
     held = retimed(held, found.alignment)

@@ -122,7 +122,7 @@ class Part(NamedTuple):
         if signal.abrupt and self.logged is not None and np.array_equal(torque, self.channels.tau[:, joint]):
             command = self.logged.tau[:, joint]
             loss = self.logged.smoothed(command - signal.acting(command, self.dt / self.logged.step))
-            return torque - later(loss, np.broadcast_to(self.late, self.gate.shape[1:])[joint], self.dt)
+            return torque - shift_in_time(loss, np.broadcast_to(self.late, self.gate.shape[1:])[joint], self.dt)
         return signal.along(torque, self.dt, borne)
 
     def lost(self, signal: Signal, torque: Array, joint: int, borne: JointLoad | None) -> Array:
@@ -133,7 +133,7 @@ class Part(NamedTuple):
     def retimed(self, late: Array) -> Part:
         """Return the part as it is where the joints' torques act later than they were smoothed, s, (n,)."""
         more = np.broadcast_to(late - self.late, self.gate.shape[1:])
-        tau = [later(x, by, self.dt) for x, by in zip(self.channels.tau.T, more.tolist())]
+        tau = [shift_in_time(x, by, self.dt) for x, by in zip(self.channels.tau.T, more.tolist())]
         return self._replace(channels=self.channels._replace(tau=np.stack(tau, axis=1)), late=late)
 
     @property
@@ -263,7 +263,7 @@ class Evidence:
         return np.mean(np.concatenate([part.gate**2 for part in self.parts]), axis=0)
 
 
-def judged(
+def gather_for_judgement(
     rig: Rig,
     logs: Sequence[Log],
     filtering: Filtering,
@@ -308,7 +308,7 @@ def gather(
         DataError: No stretch is long enough.
     """
     found = [
-        part(rig, stretch, filtering, taper, wholes.get(log.name, log))
+        build_part(rig, stretch, filtering, taper, wholes.get(log.name, log))
         for log in logs
         for stretch in split_segments(log, filtering.cutoff, across)
     ]
@@ -316,10 +316,12 @@ def gather(
     if not parts:
         name = logs[0].name if logs else "logs"
         raise DataError(name, "has no stretch of time long enough to judge", "record at least 10 s of motion")
-    return Evidence(rig, parts, filtering.cutoff, blocks_of(parts, filtering.cutoff), ranges(rig, parts, filtering))
+    return Evidence(
+        rig, parts, filtering.cutoff, number_blocks(parts, filtering.cutoff), measure_ranges(rig, parts, filtering)
+    )
 
 
-def part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: Log) -> Part | None:
+def build_part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: Log) -> Part | None:
     """Return the part of a stretch of a whole log, or None if it is shorter than what the filters need to settle."""
     step = compute_decimation(filtering, stretch.dt)
     # The last few samples go where that makes the Fourier transforms quick.
@@ -328,10 +330,10 @@ def part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: 
     if 4 * int(np.ceil(compute_settling_time(filtering) / stretch.dt)) > length:
         return None
     channels = smooth_samples(stretch, filtering, 0, length, find_moving_base(rig, stretch.log))
-    gate = gated(channels, filtering, taper)
+    gate = compute_gate(channels, filtering, taper)
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
-    shock = at_turns(compute_lost_impulse(stretch, filtering, channels.t), channels.v)[rows]
+    shock = spread_from_turns(compute_lost_impulse(stretch, filtering, channels.t), channels.v)[rows]
     logged = UnfilteredTorque.of(stretch, filtering, channels.t, step)
     channels = channels.select(rows)
     gate = gate[rows]
@@ -340,7 +342,7 @@ def part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: 
     frequency = fft.rfftfreq(length, dt)[: count // 2 + 1]
     noise, shaken = compute_noise_floor(rig, log, frequency)
     share = 2 * filtering.cutoff * stretch.dt  # of a power within the band
-    gain = band_edge(frequency, filtering.cutoff) / np.sqrt((noise + shaken) * share)
+    gain = compute_band_edge(frequency, filtering.cutoff) / np.sqrt((noise + shaken) * share)
     warm = np.full(channels.q.shape, AMBIENT)
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
@@ -361,7 +363,7 @@ def part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: 
     )
 
 
-def later(signal: Array, by: float, dt: float) -> Array:
+def shift_in_time(signal: Array, by: float, dt: float) -> Array:
     """Return ``x(t - by)`` of a signal within its band, (m,); its ends are joined by a line, which has no echo."""
     if by == 0.0:
         return signal
@@ -371,13 +373,13 @@ def later(signal: Array, by: float, dt: float) -> Array:
     return np.asarray(fft.irfft(fft.rfft(signal - line) * turn, len(signal)) + line - slope * by)
 
 
-def band_edge(frequency: Array, band: float) -> Array:
+def compute_band_edge(frequency: Array, band: float) -> Array:
     """Return the gain at some frequencies, Hz, (f,), of a band, Hz, whose last quarter fades."""
     inside = np.clip((band - frequency) / (0.25 * band), 0.0, 1.0)
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * inside))
 
 
-def at_turns(values: Array, v: Array) -> Array:
+def spread_from_turns(values: Array, v: Array) -> Array:
     """Values at the nearest sample at which each rate changes its sign, (m, n); zero where none does."""
     out = np.zeros_like(values)
     for j, rate in enumerate(v.T):
@@ -388,21 +390,21 @@ def at_turns(values: Array, v: Array) -> Array:
     return out
 
 
-def gated(channels: Samples, filtering: Filtering, taper: float = TAPER) -> Array:
+def compute_gate(channels: Samples, filtering: Filtering, taper: float = TAPER) -> Array:
     """Return the weight of each sample, (m, n): zero near standstill and where the filters settle, one elsewhere."""
     dt = float(channels.t[1] - channels.t[0])
     still = dilate_flags(find_slow_samples(channels, CLEAR), count_smoother_memory(channels, filtering))
     edge = int(np.ceil(compute_settling_time(filtering) / dt))
-    return build_mask(still, round(taper / filtering.cutoff / dt)) * fade(len(channels.t), edge)[:, None]
+    return build_mask(still, round(taper / filtering.cutoff / dt)) * compute_fade(len(channels.t), edge)[:, None]
 
 
-def fade(length: int, edge: int) -> Array:
+def compute_fade(length: int, edge: int) -> Array:
     """Zero over half of `edge` samples at both ends, then rising to one over the other half, (length,)."""
     rise = np.clip((np.minimum(np.arange(length), np.arange(length)[::-1]) - edge / 2) / (edge / 2), 0.0, 1.0)
     return 0.5 - 0.5 * np.cos(np.pi * rise)
 
 
-def blocks_of(parts: Sequence[Part], band: float) -> Array:
+def number_blocks(parts: Sequence[Part], band: float) -> Array:
     """Number of the block of time that each row belongs to, never across a part's ends, (rows,)."""
     total = sum(part.rows for part in parts)
     size = max(total / BLOCKS, SHORTEST * 2 * band)
@@ -414,13 +416,13 @@ def blocks_of(parts: Sequence[Part], band: float) -> Array:
     return np.concatenate(out)
 
 
-def ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[OperatingRange, ...]:
+def measure_ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[OperatingRange, ...]:
     """What the parts show of each joint."""
     q, v, tau = (np.concatenate([getattr(part.channels, name) for part in parts]) for name in ("q", "v", "tau"))
     seconds = sum(part.dt * len(part.gate) for part in parts)
     warm = any(np.ptp(part.temperature) > 0 for part in parts)
     rate_std = np.mean([part.channels.rate_std for part in parts], axis=0)
-    upright = ~np.any(heavy(rig, parts), axis=0)
+    upright = ~np.any(feels_weight(rig, parts), axis=0)
     return tuple(
         OperatingRange(
             seconds,
@@ -446,7 +448,7 @@ def select_poses(parts: Sequence[Part]) -> Array:
     return np.asarray(q[np.linspace(0, len(q) - 1, POSES).astype(int)])
 
 
-def heavy(rig: Rig, parts: Sequence[Part]) -> Flags:
+def feels_weight(rig: Rig, parts: Sequence[Part]) -> Flags:
     """Whether the weight of anything is felt at each joint, at some of the angles, (POSES, n)."""
     pull = np.abs(compute_gravity(rig, select_poses(parts)))
     moving = any(part.platform is not None for part in parts)

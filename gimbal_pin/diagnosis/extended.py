@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gimbal_pin.diagnosis.evidence import Part
-from gimbal_pin.diagnosis.state import State, refitted, sized
+from gimbal_pin.diagnosis.state import State, refit_rig, resize
 from gimbal_pin.dynamics.model import Estimated, Model, is_motor_friction
 from gimbal_pin.dynamics.reduction import list_units
 from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_column
@@ -55,7 +55,7 @@ class Extended:
 
 def extended(state: State) -> Extended:
     """Return the model that a state has fitted."""
-    rig = refitted(state.problem, state.fit.theta)
+    rig = refit_rig(state.problem, state.fit.theta)
     changes = tuple(cause for cause in settled(state) if isinstance(cause, RigEffect))
     for change in changes:
         rig = change.apply(rig)
@@ -90,7 +90,7 @@ def settled(state: State) -> tuple[Cause, ...]:
         if not isinstance(cause, RigEffect):
             out.append(cause)
             continue
-        fitted = sized(cause, float(state.coefficients(cause)[0]))
+        fitted = resize(cause, float(state.coefficients(cause)[0]))
         twin = next((c for c in out if type(c) is type(cause) and c.place == cause.place), None)
         out = [c for c in out if c is not twin] + [fitted if twin is None else joined(twin, fitted)]
     return tuple(out)

@@ -79,34 +79,36 @@ def measured(held: Evidence, model: Extended) -> Figures:
 
 def torque_rmse(evidence: Evidence, model: Extended) -> Array:
     """Root mean square of measured less predicted torque, low-passed at the band, away from standstill, N m, (n,)."""
-    return np.sqrt(power_over_gate(evidence, filtered_error(evidence, model)))
+    return np.sqrt(compute_gated_power(evidence, compute_filtered_error(evidence, model)))
 
 
 def torque_rms(evidence: Evidence) -> Array:
     """Root mean square of the measured torque less its mean, over the same samples, N m, (n,)."""
     mean = np.mean(np.concatenate(evidence.torque), axis=0)
-    swing = [filtered(part, part.channels.tau - mean, evidence.band) for part in evidence.parts]
-    return np.sqrt(power_over_gate(evidence, np.concatenate(swing)))
+    swing = [filter_torque(part, part.channels.tau - mean, evidence.band) for part in evidence.parts]
+    return np.sqrt(compute_gated_power(evidence, np.concatenate(swing)))
 
 
-def power_over_gate(evidence: Evidence, error: Array) -> Array:
+def compute_gated_power(evidence: Evidence, error: Array) -> Array:
     """Mean square of a gated error over the samples that count, (N m)², (n,): an error of one gives one."""
-    counted = np.concatenate([filtered(part, np.ones((1, 1)), evidence.band) for part in evidence.parts])
+    counted = np.concatenate([filter_torque(part, np.ones((1, 1)), evidence.band) for part in evidence.parts])
     weight = np.sum(counted**2, axis=0)
     return np.sum(error**2, axis=0) / np.maximum(weight, 1e-300)
 
 
-def filtered_error(evidence: Evidence, model: Extended) -> Array:
+def compute_filtered_error(evidence: Evidence, model: Extended) -> Array:
     """Measured less predicted torque, gated and low-passed at the band, all parts in a row, N m, (m, n)."""
-    return np.concatenate([filtered(part, torque_error(part, model), evidence.band) for part in evidence.parts])
+    return np.concatenate(
+        [filter_torque(part, compute_torque_error(part, model), evidence.band) for part in evidence.parts]
+    )
 
 
-def filtered(part: Part, torque: Array, band: float) -> Array:
+def filter_torque(part: Part, torque: Array, band: float) -> Array:
     """Gate a torque and low-pass it at the band, N m, (m, n)."""
     return signals.zero_phase(part.gate * torque, signals.lowpass(band, 1 / part.dt))
 
 
-def torque_error(part: Part, model: Extended) -> Array:
+def compute_torque_error(part: Part, model: Extended) -> Array:
     """Acting torque less what the model asks for the same motion, N m, (m, n)."""
     c = part.channels
     wanted = model.model.inverse(c.q, c.v, c.a, part.slide, part.time, part.temperature, c.platform, part.losses)
@@ -121,23 +123,23 @@ def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
     not show them: such a model cannot be simulated, and that it cannot says nothing about its other torques.
     """
     errors = []
-    if not all(massive(model.model.rig, part.channels.q) for part in evidence.parts):
+    if not all(is_massive(model.model.rig, part.channels.q) for part in evidence.parts):
         return np.full(evidence.rig.n, np.nan)
     for part in evidence.parts:
         plant = Plant(model.model, model.model.carried(part.time, part.platform))
         horizon = max(1, round(HORIZON / part.dt))
         tau = model.acting(part)
         memory = plant.friction.remembered(part.sample)
-        for start in starts(part, horizon, -(-STARTS // len(evidence.parts))):
+        for start in choose_starts(part, horizon, -(-STARTS // len(evidence.parts))):
             held = tuple(one[..., start].tolist() for one in memory)
             state = State(part.channels.q[start], part.channels.v[start], held)
             plant.friction.warm = part.temperature[start].tolist()
-            end = rolled(plant, part, tau, start, state, horizon)
+            end = roll_out(plant, part, tau, start, state, horizon)
             errors.append(end - part.channels.q[start + horizon])
     return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, np.nan)
 
 
-def massive(rig: Rig, q: Array) -> bool:
+def is_massive(rig: Rig, q: Array) -> bool:
     """Whether the mass matrix is positive definite at some of the angles q, (m, n)."""
     data = rig.model.createData()
     some = q[:: max(1, len(q) // POSES)]
@@ -145,7 +147,7 @@ def massive(rig: Rig, q: Array) -> bool:
     return min(least) > 0.0
 
 
-def starts(part: Part, horizon: int, most: int) -> Sequence[int]:
+def choose_starts(part: Part, horizon: int, most: int) -> Sequence[int]:
     """As many samples to start from, evenly spread, clear of the ends and of holes: there nobody knows the torque."""
     edge = len(part.gate) // 20
     free = np.arange(edge, len(part.gate) - edge - horizon + 1)
@@ -155,7 +157,7 @@ def starts(part: Part, horizon: int, most: int) -> Sequence[int]:
     return [] if not len(free) else free[np.linspace(0, len(free) - 1, most).astype(int)].tolist()
 
 
-def rolled(plant: Plant, part: Part, tau: Array, start: int, state: State, horizon: int) -> Array:
+def roll_out(plant: Plant, part: Part, tau: Array, start: int, state: State, horizon: int) -> Array:
     """Angles after a rollout from a state at sample `start`, rad, (n,)."""
     steps, time = max(1, round(part.dt / FINE)), part.time
     for k in range(start, start + horizon):
@@ -174,10 +176,10 @@ def followed(before: Extended, after: Extended, rng: np.random.Generator) -> Fol
     """
     plant, seed = after.model, int(rng.integers(2**63))
     reference = tour(plant, DT, SIZE, MOVE)
-    if not all(massive(model.rig, reference.q) for model in (before.model, plant)):
+    if not all(is_massive(model.rig, reference.q) for model in (before.model, plant)):
         return {}
     laws = [tune(model, bandwidth_hz=BANDWIDTH, dt=DT).controller for model in (before.model, plant)]
-    figures = [tracked(plant, law, reference, np.random.default_rng(seed)) for law in laws]
+    figures = [measure_tracking(plant, law, reference, np.random.default_rng(seed)) for law in laws]
     rows = zip(plant.rig.joints, *(figure.tolist() for figure in figures))
     return {joint: {"rms_before": without, "rms_after": with_} for joint, without, with_ in rows}
 
@@ -188,7 +190,7 @@ def no_closer(tracking: Followed) -> list[str]:
     return [f"{', '.join(worse)}: {NO_CLOSER}"] if worse else []
 
 
-def tracked(plant: Model, law: Controller, reference: Motion, rng: np.random.Generator) -> Array:
+def measure_tracking(plant: Model, law: Controller, reference: Motion, rng: np.random.Generator) -> Array:
     """Root mean square of reference less true angle, rad, (n,); nan where the loop diverges."""
     witness = Witness.of(plant.rig, law.dt)
     try:
@@ -217,7 +219,7 @@ def heat(model: Model, log: Log, filtering: Filtering = BAND) -> Array:
     torque = np.sqrt(np.mean(np.concatenate(evidence.torque) ** 2, axis=0))
     times, sizes = [], []
     for part in evidence.parts:
-        error = filtered(part, torque_error(part, Extended(model)), evidence.band)
+        error = filter_torque(part, compute_torque_error(part, Extended(model)), evidence.band)
         window = max(1, round(WINDOW / part.dt))
         power, moving = (uniform_filter1d(x**2, window, axis=0, mode="constant") for x in (error, part.gate))
         power /= np.maximum(moving, LEAST)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Columns, beside_friction, magnitude
+from gimbal_pin.diagnosis.columns import Columns, get_magnitude, part_from_friction
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.state import State, near, sized
+from gimbal_pin.diagnosis.state import State, is_near, resize
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.log.log import Array
@@ -21,7 +21,7 @@ STALE = 0.05
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
 
 
-def library(evidence: Evidence, kinds: Mapping[str, type[Cause]]) -> list[Cause]:
+def list_candidates(evidence: Evidence, kinds: Mapping[str, type[Cause]]) -> list[Cause]:
     """Every cause at every joint, on the coarse grid of its shape parameters."""
     rig, seen = evidence.rig, evidence.seen
     found: list[Cause] = []
@@ -33,7 +33,7 @@ def library(evidence: Evidence, kinds: Mapping[str, type[Cause]]) -> list[Cause]
 
 def kept(cause: Cause) -> Cause:
     """A cause as the library holds it: a change of the rig by its trial, however large the fit has made it."""
-    return sized(cause, TRIAL) if isinstance(cause, RigEffect) else cause
+    return resize(cause, TRIAL) if isinstance(cause, RigEffect) else cause
 
 
 class Library:
@@ -56,7 +56,7 @@ class Library:
         found = Library(self.rig, self.causes, self.of_model)
         for cause, (read, columns) in self.built.items():
             own = new.rewhiten(columns.own, old, columns.joint)
-            found.built[cause] = read, beside_friction(new, replace(columns, own=own))
+            found.built[cause] = read, part_from_friction(new, replace(columns, own=own))
         return found
 
     def columns(self, state: State, place: str | None = None) -> list[Columns]:
@@ -80,11 +80,11 @@ class Library:
         still: dict[tuple[Read, Read], bool] = {}
         found = []
         for cause in causes:
-            key = source(cause)
+            key = name_source(cause)
             now = reads[key] if key in reads else reads.setdefault(key, self.read(key, state))
             before, columns = self.built.get(cause, (now, None))
             if (now, before) not in still:
-                still[now, before] = all(near(new, old, STALE) for new, old in zip(now.arrays, before.arrays))
+                still[now, before] = all(is_near(new, old, STALE) for new, old in zip(now.arrays, before.arrays))
             if columns is None or not still[now, before]:
                 columns = state.columns(cause, state.torque if self.of_model else None)
                 self.built[cause] = now, columns
@@ -93,11 +93,11 @@ class Library:
 
     def turns(self, state: State) -> Array:
         """How far the rig is turned in the state by each of the library's changes of it, 0 where it is not by much."""
-        changes = {kept(change): magnitude(change) for change in state.stand.changes}
+        changes = {kept(change): get_magnitude(change) for change in state.stand.changes}
         return np.array([changes.get(cause, 0.0) for cause in self.causes if isinstance(cause, RigEffect)])
 
     def read(self, key: tuple[str, str], state: State) -> Read:
-        """What some causes' columns depend on besides the log; see `source`."""
+        """What some causes' columns depend on besides the log; see `name_source`."""
         what, place = key
         if what in ("inertias", ""):
             return Read([state.stand.rig.phi, self.turns(state)] if what else [])
@@ -116,7 +116,7 @@ class Read:
     arrays: list[Array]
 
 
-def source(cause: Cause) -> tuple[str, str]:
+def name_source(cause: Cause) -> tuple[str, str]:
     """What a cause's columns depend on besides the log, and where: a torque at its joint, the inertias, or nothing."""
     if isinstance(cause, Effect) and cause.weighed:
         return "weight", cause.place

@@ -21,12 +21,12 @@ BEYOND = 0.5
 """Share of the torque's power beyond the band from which most of what a log holds is not looked at."""
 
 
-def swung(rig: Rig, logs: Sequence[Log], found: Explained, cutoff: float) -> Fault | None:
+def find_limit_cycle(rig: Rig, logs: Sequence[Log], found: Explained, cutoff: float) -> Fault | None:
     """A loop that swings so in one of the logs, and of whose joint something else is told than the limit itself.
 
     Of a joint at which a structure is left, and no more told, nothing is claimed that the swing could have made.
     """
-    for fault in (swing(rig, log, cutoff) for log in logs):
+    for fault in (detect_limit_cycle(rig, log, cutoff) for log in logs):
         if fault is not None:
             own = [cause for cause in found.final.causes if cause.of_joint and cause.place == fault.joint]
             limits = [cause for cause in own if isinstance(cause, Signal) and isfinite(cause.largest)]
@@ -36,7 +36,7 @@ def swung(rig: Rig, logs: Sequence[Log], found: Explained, cutoff: float) -> Fau
     return None
 
 
-def swing(rig: Rig, log: Log, cutoff: float) -> Fault | None:
+def detect_limit_cycle(rig: Rig, log: Log, cutoff: float) -> Fault | None:
     """``|tau| = limit`` most of the time, and ``∫_{f > cutoff} |T(f)|² df`` most of its power: a relay that swings.
 
     The torque that the motion asks for is then what few moments between the limits differ by, and what such a swing

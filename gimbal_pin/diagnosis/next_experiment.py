@@ -17,7 +17,7 @@ from scipy import fft
 from tqdm import trange
 
 from gimbal_pin.diagnosis.band import BAND
-from gimbal_pin.diagnosis.evidence import Evidence, Part, gated
+from gimbal_pin.diagnosis.evidence import Evidence, Part, compute_gate
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.parting import NAMED, Apart, NextExperiment, Parting
@@ -148,7 +148,9 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     own = np.arange(like.whitener.shape[1]) / (len(like.gate) * like.dt)
     gain = np.stack([np.interp(frequency[: rows // 2 + 1], own, gain) for gain in like.whitener])
     none = np.zeros_like(q)
-    part = Part(channels, none + AMBIENT, gated(channels, filtering), gain, np.zeros_like(gain), 0.0, dt, rows, none)
+    part = Part(
+        channels, none + AMBIENT, compute_gate(channels, filtering), gain, np.zeros_like(gain), 0.0, dt, rows, none
+    )
     evidence = Evidence(logs.rig, (part,), logs.band, np.zeros(rows, int), logs.seen)
     return Problem.of(evidence, known.reduction), channels.tau
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from gimbal_pin.diagnosis.band import alternate, usual
+from gimbal_pin.diagnosis.band import alternate_blocks, usual
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.diagnose import check_moved, of_refitted
 from gimbal_pin.diagnosis.engine.alignment import LATEST, project_slope
@@ -23,11 +23,11 @@ from gimbal_pin.diagnosis.engine.criterion import compare_with_form_error, rows
 from gimbal_pin.diagnosis.engine.selection import PROMISE, TRIED, Search
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.fit import CRITICAL_Z, Fit, project
-from gimbal_pin.diagnosis.library import Library, library
+from gimbal_pin.diagnosis.library import Library, list_candidates
 from gimbal_pin.diagnosis.parting import NAMED
 from gimbal_pin.diagnosis.score import HIDDEN, batches, fitting, products, share, visibility, weigh_together
 from gimbal_pin.diagnosis.shapes import form, free
-from gimbal_pin.diagnosis.state import Problem, State, sized, solved
+from gimbal_pin.diagnosis.state import Problem, State, resize, solved
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.sensors import Sensors
@@ -140,7 +140,7 @@ class _Planted(NamedTuple):
         """Return a size in the units of its joint: the first of its figures that it changes."""
         cause, values = self.cause, tuple((size * self.direction).tolist())
         if isinstance(cause, RigEffect):
-            cause = sized(cause, values[0])
+            cause = resize(cause, values[0])
         given, none = (values, (0.0,) * len(values)) if isinstance(cause, Effect) else ((), ())
         shown = cause.shown(given)
         changed = [one for one, other in zip(shown, cause.shown(none)) if one.value != other.value]
@@ -184,10 +184,10 @@ def rehearse(
     """
     log = subsample_log(record_log(rig, motion, torque_noise, make_generator(rng)[0])).log
     band = replace(usual(rig, [log]), alignment=0.0)
-    evidence = alternate(gather(rig, [log], band), band)[0]
+    evidence = alternate_blocks(gather(rig, [log], band), band)[0]
     check_moved(evidence, "the motion")
     kinds = of_refitted(causes)
-    shelf = Library(rig, library(evidence, kinds), of_model=True)
+    shelf = Library(rig, list_candidates(evidence, kinds), of_model=True)
     search = Search.among(Problem.of(evidence, reduce_parameters(rig)), shelf)
     state = solved(search.problem, ())
     bar = tqdm(shelf.causes, "rehearsal", unit="cause", disable=None, leave=False, delay=2)

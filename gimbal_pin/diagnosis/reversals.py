@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.diagnosis.evidence import CLEAR, TAPER, Evidence, Part, fade
+from gimbal_pin.diagnosis.evidence import CLEAR, TAPER, Evidence, Part, compute_fade
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.regressor import compute_rnea
 from gimbal_pin.log.log import Array
@@ -37,21 +37,21 @@ QUIET = 0.5
 """Error that a turn may add to a row, in deviations of its noise."""
 
 
-def opened(evidence: Evidence, state: State, filtering: Filtering) -> Evidence:
+def open_turns(evidence: Evidence, state: State, filtering: Filtering) -> Evidence:
     """Return logs with the gate open at their swift turns; `state`: what was fitted away from them.
 
     Where more is left of a joint than any sensor's noise, what its turns are timed by, friction and inertia, is not
     known: how late they are is not made up for.
     """
     floors = [evidence.noise_floor(j) for j in range(evidence.rig.n)]
-    friction, delays = dry_friction(state), apart(state)
-    turns = [swift(part, state, friction, delays, floors, filtering) for part in evidence.parts]
-    parts = [regated(part, flags, filtering) for part, flags in zip(evidence.parts, turns)]
-    corners = [rounded(part, flags, state, friction, filtering) for part, flags in zip(parts, turns)]
+    friction, delays = get_dry_friction(state), find_shifts(state)
+    turns = [find_swift_turns(part, state, friction, delays, floors, filtering) for part in evidence.parts]
+    parts = [open_gate(part, flags, filtering) for part, flags in zip(evidence.parts, turns)]
+    corners = [compute_corners(part, flags, state, friction, filtering) for part, flags in zip(parts, turns)]
     return replace(evidence, parts=tuple(part._replace(corner=x) for part, x in zip(parts, corners)))
 
 
-def dry_friction(state: State) -> Array:
+def get_dry_friction(state: State) -> Array:
     """Fitted Coulomb friction of each joint, N m, (n,)."""
     problem, at = state.problem, len(state.problem.reduction.independent)
     out = np.zeros(problem.evidence.rig.n)
@@ -61,13 +61,15 @@ def dry_friction(state: State) -> Array:
     return out
 
 
-def swift(part: Part, state: State, friction: Array, delays: Array, floors: list[float], filtering: Filtering) -> Flags:
+def find_swift_turns(
+    part: Part, state: State, friction: Array, delays: Array, floors: list[float], filtering: Filtering
+) -> Flags:
     """Whether a joint turns round at a sample so that its friction's direction adds no error that shows, (m, n).
 
     ``2 F_c Δt · 2 band ≤ QUIET σ_row`` with ``Δt = SMEAR/(2π f_c) (F_c/T)² + σ_v/|a| + |δ|``: the smoother shifts the
     moment at which the rate is zero by the jump of the acceleration, of which F_c/T tells, T the torque that
-    accelerates the joint. `rounded` makes up for it but for that share of it, or where it is not `timed` for none of
-    it; the rate's noise shifts the moment by the rest, and δ is the time by which the torque acts `apart`.
+    accelerates the joint. `compute_corners` makes up for it but for that share of it, or, where a joint is not
+    `is_timed`, for none of it; the rate's noise shifts the moment by the rest, and δ is what `find_shifts` finds.
     """
     c, reach = part.channels, count_smoother_memory(part.channels, filtering)
     out = np.zeros(c.v.shape, dtype=bool)
@@ -78,10 +80,12 @@ def swift(part: Part, state: State, friction: Array, delays: Array, floors: list
     turning = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
     at, joint = at[turning], joint[turning]
     speeding = np.abs(c.a[at, joint])
-    torque = np.abs(accelerating(state, c.q[at], c.a[at, joint], joint))
+    torque = np.abs(compute_inertial_torque(state, c.q[at], c.a[at, joint], joint))
     with np.errstate(divide="ignore"):
         jump = friction[joint] / torque
-        late = smear(filtering) * jump * np.where(timed(state)[joint], jump, 1.0) + c.rate_std[joint] / speeding
+        late = (
+            compute_smear(filtering) * jump * np.where(is_timed(state)[joint], jump, 1.0) + c.rate_std[joint] / speeding
+        )
     late += delays[joint]
     error = 2 * friction[joint] * late * 2 * filtering.cutoff
     out[at, joint] = error <= QUIET * np.array(floors)[joint]
@@ -90,12 +94,12 @@ def swift(part: Part, state: State, friction: Array, delays: Array, floors: list
     return out
 
 
-def timed(state: State) -> Flags:
+def is_timed(state: State) -> Flags:
     """Whether no more is left of a joint than a sensor's noise may be, (n,)."""
     return np.asarray(state.fit.dispersion <= NOISY)
 
 
-def apart(state: State) -> Array:
+def find_shifts(state: State) -> Array:
     """``|δ_j|`` of ``r_j = δ_j dτ_j/dt``: time by which a joint's torque acts sooner or later than it is taken to, s.
 
     As of a measured torque, which is held by nobody, or of a late drive; zero where it is not sure. (n,)
@@ -114,26 +118,26 @@ def apart(state: State) -> Array:
     return out
 
 
-def smear(filtering: Filtering) -> float:
+def compute_smear(filtering: Filtering) -> float:
     """``SMEAR/(2π f_c)`` of the channels' smoother, s."""
     return SMEAR / (2 * np.pi * filtering.cutoff * filtering.smoothing)
 
 
-def rounded(part: Part, turns: Flags, state: State, friction: Array, filtering: Filtering) -> Array:
+def compute_corners(part: Part, turns: Flags, state: State, friction: Array, filtering: Filtering) -> Array:
     """What the smoother takes off the rates about some turns, rad/s, (m, n): ``(SMEAR F_c/(2π f_c) sign a + p)/I``.
 
     Friction that changes by 2 F_c lets the acceleration jump, unless the torque jumps as much the other way: p is what
     the smoother takes off the torque's impulse. Without p the smoothed rate is zero late by F_c/T of its time.
     """
     c, out = part.channels, np.zeros(part.channels.v.shape)
-    at, joint = np.nonzero(dilate_flags(turns, count_smoother_memory(c, filtering)) & timed(state))
-    inertia = np.abs(accelerating(state, c.q[at], np.ones(len(at)), joint))
-    lost = smear(filtering) * friction[joint] * np.sign(c.a[at, joint]) + part.impulse[at, joint]
+    at, joint = np.nonzero(dilate_flags(turns, count_smoother_memory(c, filtering)) & is_timed(state))
+    inertia = np.abs(compute_inertial_torque(state, c.q[at], np.ones(len(at)), joint))
+    lost = compute_smear(filtering) * friction[joint] * np.sign(c.a[at, joint]) + part.impulse[at, joint]
     out[at, joint] = lost / inertia
     return out
 
 
-def accelerating(state: State, q: Array, a: Array, joint: NDArray[np.intp]) -> Array:
+def compute_inertial_torque(state: State, q: Array, a: Array, joint: NDArray[np.intp]) -> Array:
     """Torque of one joint's own inertia at samples (k,), N m, (k,): q (k, n), that joint's acceleration (k,)."""
     rows, alone = np.arange(len(q)), np.zeros_like(q)
     alone[rows, joint] = a
@@ -143,10 +147,10 @@ def accelerating(state: State, q: Array, a: Array, joint: NDArray[np.intp]) -> A
     )
 
 
-def regated(part: Part, turns: Flags, filtering: Filtering) -> Part:
+def open_gate(part: Part, turns: Flags, filtering: Filtering) -> Part:
     """Open the gate at some turns; elsewhere, and where it was shut for what lies between these samples, it stays."""
     c, still = part.channels, find_slow_samples(part.channels, CLEAR)
     reach, taper = count_smoother_memory(c, filtering), round(TAPER / filtering.cutoff / part.dt)
     shut, open_ = (build_mask(dilate_flags(where, reach), taper) for where in (still, still & ~turns))
-    edges = fade(len(still), int(np.ceil(compute_settling_time(filtering) / part.dt)))[:, None]
+    edges = compute_fade(len(still), int(np.ceil(compute_settling_time(filtering) / part.dt)))[:, None]
     return part._replace(gate=np.asfortranarray(np.minimum(part.gate + (open_ - shut) * edges, 1.0)))

@@ -71,7 +71,7 @@ def gained_alike(now: Fit, candidates: Sequence[Columns], fixed: bool) -> list[G
     torque = (own[:, None] @ each(S, c))[:, 0]
     wrong = (
         np.any((own < lower) | (own > upper), axis=1)
-        | overdone(target, beyond(torque, candidates))
+        | is_overdone(target, take_out_shared(torque, candidates))
         | (visible < HIDDEN)
     )
     beta = np.ones_like(own) if fixed else own
@@ -142,7 +142,7 @@ def share(left: Array, whole: Array) -> Array:
     return np.divide(np.trace(left, axis1=1, axis2=2), size, out=np.zeros(len(size)), where=size > NIL)
 
 
-def beyond(torques: Array, candidates: Sequence[Columns]) -> Array:
+def take_out_shared(torques: Array, candidates: Sequence[Columns]) -> Array:
     """Torques of candidates, (k, rows), without what of them the friction that they share with the model takes back.
 
     Over part of a turn the cosine of an angle is nearly one: friction that varies there by a little is the difference
@@ -155,7 +155,7 @@ def beyond(torques: Array, candidates: Sequence[Columns]) -> Array:
     return out
 
 
-def overdone(target: Array, torque: Array) -> Flags:
+def is_overdone(target: Array, torque: Array) -> Flags:
     """Whether causes, (k, rows), take far more torque than there is where they act: they only work against the model.
 
     ``Σ τ² > OVERDONE² Σ target²`` over the rows where τ is not zero.

@@ -8,7 +8,16 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.diagnosis.columns import Bearing, Columns, Load, Stand, build, magnitude, plain_columns, rigid_columns
+from gimbal_pin.diagnosis.columns import (
+    Bearing,
+    Columns,
+    Load,
+    Stand,
+    build_columns,
+    compute_plain_columns,
+    compute_rigid_columns,
+    get_magnitude,
+)
 from gimbal_pin.diagnosis.evidence import Evidence, select_poses
 from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
 from gimbal_pin.dynamics.model import build_friction_effects, is_motor_friction
@@ -60,7 +69,7 @@ class Problem:
     @staticmethod
     def of(evidence: Evidence, reduction: Reduction) -> Problem:
         """Compute the columns."""
-        return Problem(evidence, reduction, *rigid_columns(evidence, reduction))
+        return Problem(evidence, reduction, *compute_rigid_columns(evidence, reduction))
 
     @cached_property
     def resting(self) -> list[Array]:
@@ -127,22 +136,22 @@ class Problem:
         return build_friction_effects(self.evidence.rig.joints)
 
     def build(self, cause: Cause, stand: Stand, load: Load, acting: list[Array]) -> Array:
-        """Return a cause's whitened columns at all joints, (rows, n, c); see `columns.build`."""
-        if reads(cause) or not isinstance(cause, Effect):
-            return build(self.evidence, cause, stand, load, acting).values
+        """Return a cause's whitened columns at all joints, (rows, n, c); see `columns.build_columns`."""
+        if reads_fit(cause) or not isinstance(cause, Effect):
+            return build_columns(self.evidence, cause, stand, load, acting).values
         return self.built(cause, load)[0]
 
     def plain(self, effect: Effect, load: Load) -> list[Array]:
         """Return a torque effect's columns at its joint as they are, (m, c) per part."""
-        return plain_columns(self.evidence, effect, load) if reads(effect) else self.built(effect, load)[1]
+        return compute_plain_columns(self.evidence, effect, load) if reads_fit(effect) else self.built(effect, load)[1]
 
     def built(self, effect: Effect, load: Load) -> tuple[Array, list[Array]]:
         """Return both for an effect that reads nothing but the log: built once, the last ones kept."""
         if effect not in self.kept:
             while len(self.kept) >= KEPT:
                 del self.kept[next(iter(self.kept))]
-            values = build(self.evidence, effect, load.stand, load, self.evidence.torque).values
-            self.kept[effect] = values, plain_columns(self.evidence, effect, load)
+            values = build_columns(self.evidence, effect, load.stand, load, self.evidence.torque).values
+            self.kept[effect] = values, compute_plain_columns(self.evidence, effect, load)
         return self.kept[effect]
 
 
@@ -180,14 +189,14 @@ class State:
     @cached_property
     def stand(self) -> Stand:
         """The rig that a further change turns; without one of its causes a fit's inertias are no rig's that turns."""
-        return mounted((self.alike or self).rig, self.causes)
+        return build_stand((self.alike or self).rig, self.causes)
 
     @cached_property
     def load(self) -> Load:
         """What effects read of it; without one of its causes a fit takes inertias for what that one bears."""
         known = self.alike or self
         borne = self.torque if self.learned is not None else known.torque
-        return Load(self.problem.evidence, self.torque, borne, mounted(known.rig, known.causes))
+        return Load(self.problem.evidence, self.torque, borne, build_stand(known.rig, known.causes))
 
     @cached_property
     def bearing(self) -> list[Bearing]:
@@ -225,7 +234,7 @@ class State:
         """What a cause would add; a drive's signal acts on these torques, N m, (m, n) per part, or on `acting`."""
         bearing = self.bearing_for(cause, self.acting)
         acts_on = self.acting if torque is None else torque
-        return build(self.problem.evidence, cause, self.stand, self.load, acts_on, bearing)
+        return build_columns(self.problem.evidence, cause, self.stand, self.load, acts_on, bearing)
 
     def bearing_for(self, cause: Cause, torque: list[Array]) -> Bearing | None:
         """What a cause's joint bears, where the cause asks; `torque`: what it acts on, N m, (m, n) per part."""
@@ -307,26 +316,26 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     acting = evidence.torque
     for cause in causes:
         if isinstance(cause, Signal):
-            acting = acted(evidence, cause, acting, before.bearing_for(cause, acting) if before else None)
+            acting = apply_signal(evidence, cause, acting, before.bearing_for(cause, acting) if before else None)
     b = evidence.whiten_all(acting)
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
-    built = (problem.build(c, mounted(rig, causes, c), load, acting) for c in effects)
+    built = (problem.build(c, build_stand(rig, causes, c), load, acting) for c in effects)
     A = np.concatenate([problem.rigid, *built], axis=2)
     now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None, problem.luck)
-    total = predicted(problem, effects, now.theta, load)
+    total = predict_torque(problem, effects, now.theta, load)
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
-    rig, alike = refitted(problem, now.theta), before if keep else None
+    rig, alike = refit_rig(problem, now.theta), before if keep else None
     return State(problem, tuple(causes), now, rig, total, acting, unexplained, alike)
 
 
-def acted(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> list[Array]:
+def apply_signal(evidence: Evidence, signal: Signal, torque: list[Array], bearing: Bearing | None) -> list[Array]:
     """Let a drive's signal act on the torques of its joint."""
     j = evidence.rig.joint_index(signal.joint)
     borne = [None] * len(torque) if bearing is None else bearing
     return [x - part.lost(signal, x, j, y) for part, x, y in zip(evidence.parts, torque, borne)]
 
 
-def refitted(problem: Problem, theta: Array) -> Rig:
+def refit_rig(problem: Problem, theta: Array) -> Rig:
     """Return the rig with the fitted base parameters."""
     rig, reduction = problem.evidence.rig, problem.reduction
     phi = rig.phi.copy()
@@ -334,7 +343,7 @@ def refitted(problem: Problem, theta: Array) -> Rig:
     return rig.with_phi(phi)
 
 
-def predicted(problem: Problem, effects: Sequence[Cause], theta: Array, load: Load) -> list[Array]:
+def predict_torque(problem: Problem, effects: Sequence[Cause], theta: Array, load: Load) -> list[Array]:
     """The model's total torque at full rate, N m, (m, n) per part."""
     width_ = len(problem.reduction.independent)
     out: list[Array] = [x @ theta[:width_] for x in problem.rigid_full]
@@ -349,35 +358,35 @@ def predicted(problem: Problem, effects: Sequence[Cause], theta: Array, load: Lo
     return out
 
 
-def near(new: Array, old: Array, share: float) -> bool:
+def is_near(new: Array, old: Array, share: float) -> bool:
     """Whether two torques differ by less than a share of their size."""
     return float(np.linalg.norm(new - old)) <= share * float(np.linalg.norm(old))
 
 
-def consistent(state: State) -> State:
+def solve_consistently(state: State) -> State:
     """Solve again until what a cause is built from is what the fit has found.
 
     A loaded cause reads the torque that it is itself a part of; a turned rig's torque bends with how far it is turned.
     """
     for _ in range(PASSES):
-        causes = tuple(aimed(state, cause) for cause in state.causes)
-        if not any(reads(cause) for cause in causes):
+        causes = tuple(aim_turn(state, cause) for cause in state.causes)
+        if not any(reads_fit(cause) for cause in causes):
             break
         before, state = state, solved(state.problem, causes, state)
-        settled = (near(new, old, SETTLED) for new, old in zip(state.torque, before.torque))
-        if causes == before.causes and all(settled) and near(state.fit.dispersion, before.fit.dispersion, FITTED):
+        settled = (is_near(new, old, SETTLED) for new, old in zip(state.torque, before.torque))
+        if causes == before.causes and all(settled) and is_near(state.fit.dispersion, before.fit.dispersion, FITTED):
             break
     return state
 
 
-def reads(cause: Cause) -> bool:
+def reads_fit(cause: Cause) -> bool:
     """Whether what a cause is built from changes with what is fitted: a torque, or inertias that are turned by much."""
     if isinstance(cause, RigEffect):
         return cause.angle >= BENT
     return (isinstance(cause, Effect) and cause.loaded) or (isinstance(cause, Signal) and cause.geared)
 
 
-def mounted(rig: Rig, causes: Sequence[Cause], before: Cause | None = None) -> Stand:
+def build_stand(rig: Rig, causes: Sequence[Cause], before: Cause | None = None) -> Stand:
     """Return the rig with the causes' large turns, or with those of them that come `before` one: pitch before roll."""
     turns = [cause for cause in causes if isinstance(cause, RigEffect)]
     turns.sort(key=lambda cause: [getattr(cause, s.name) != 0 for s in cause.shapes])
@@ -385,20 +394,20 @@ def mounted(rig: Rig, causes: Sequence[Cause], before: Cause | None = None) -> S
     return Stand(rig, tuple(cause for cause in first if cause.angle >= BENT))
 
 
-def aimed(state: State, cause: Cause) -> Cause:
+def aim_turn(state: State, cause: Cause) -> Cause:
     """Return a change of the rig at the size that was fitted, where its torque is no more in proportion to it."""
     if not isinstance(cause, RigEffect):
         return cause
     value = float(state.coefficients(cause)[0])
     if value == 0:  # nothing of it shows: a change of no size at all has no direction either
         return cause
-    other = sized(cause, value)
-    if abs(value - magnitude(cause)) < AIMED * abs(value) or max(cause.angle, other.angle) < BENT:
+    other = resize(cause, value)
+    if abs(value - get_magnitude(cause)) < AIMED * abs(value) or max(cause.angle, other.angle) < BENT:
         return cause
     return other
 
 
-def sized(cause: RigEffect, value: float) -> RigEffect:
+def resize(cause: RigEffect, value: float) -> RigEffect:
     """Return a rig effect with its one shape parameter that is not zero set to a value within its bounds."""
     shape = next(s for s in cause.shapes if getattr(cause, s.name))
     return cause.altered(**{shape.name: value})

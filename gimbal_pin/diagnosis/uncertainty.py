@@ -36,23 +36,23 @@ FREE = 0.1
 """Share of a direction that is not held from which a parameter is not either."""
 
 
-def clusters(evidence: Evidence) -> tuple[Labels, ...]:
+def label_clusters(evidence: Evidence) -> tuple[Labels, ...]:
     """Cluster of every row, (rows n,): its block of time, and its own joint's bin of the angle and of the rate's size.
 
     Time holds all joints together; a bin of the state is one joint's own.
     """
-    angle, rate = rows_of(evidence, "q"), np.abs(rows_of(evidence, "v"))
-    return np.repeat(evidence.block, evidence.rig.n), binned(angle), binned(rate)
+    angle, rate = sample_rows(evidence, "q"), np.abs(sample_rows(evidence, "v"))
+    return np.repeat(evidence.block, evidence.rig.n), bin_rows(angle), bin_rows(rate)
 
 
-def rows_of(evidence: Evidence, channel: str) -> Array:
+def sample_rows(evidence: Evidence, channel: str) -> Array:
     """A smoothed channel at the time of every row, (rows, n)."""
     return np.concatenate([
         getattr(part.channels, channel)[np.arange(part.rows) * len(part.gate) // part.rows] for part in evidence.parts
     ])  # fmt: skip
 
 
-def binned(x: Array) -> Labels:
+def bin_rows(x: Array) -> Labels:
     """Bin of every row at its own joint, over the quantiles of x, (rows, n) → (rows n,)."""
     inner = np.linspace(0.0, 1.0, BINS + 1)[1:-1]
     each = [j * BINS + np.searchsorted(np.quantile(own, inner), own) for j, own in enumerate(x.T)]
@@ -71,11 +71,11 @@ def cluster_covariance(basis: Array, residual: Array, labels: Sequence[Labels], 
         labels: Ways to cluster the rows, (rows,) each.
         width: How many coordinates are asked for.
     """
-    first, *others = (clustered(basis, residual, label, width) for label in labels)
-    return first + sum((beyond(other, first) for other in others), np.zeros_like(first))
+    first, *others = (compute_clustered(basis, residual, label, width) for label in labels)
+    return first + sum((keep_excess(other, first) for other in others), np.zeros_like(first))
 
 
-def clustered(basis: Array, residual: Array, label: Labels, width: int) -> Array:
+def compute_clustered(basis: Array, residual: Array, label: Labels, width: int) -> Array:
     """``G/(G-1) Σ_g d_g d_gᵀ`` with ``d_g = (I - U_gᵀU_g)^(-1/2) U_gᵀ r_g``, U_g the basis' rows in cluster g.
 
     CR2 (Bell and McCaffrey, Survey Methodology 28, 2002; Imbens and Kolesár, Rev. Econ. Stat. 98, 2016): a plain
@@ -84,17 +84,17 @@ def clustered(basis: Array, residual: Array, label: Labels, width: int) -> Array
     order = np.argsort(label, kind="stable")
     starts = np.flatnonzero(np.diff(label[order], prepend=-1))
     rows = zip(np.split(basis[order], starts[1:]), np.split(residual[order], starts[1:]))
-    moved = np.array([move(own, left)[:width] for own, left in rows])
+    moved = np.array([correct_score(own, left)[:width] for own, left in rows])
     return np.asarray(len(moved) / max(len(moved) - 1, 1) * moved.T @ moved)
 
 
-def move(basis: Array, residual: Array) -> Array:
+def correct_score(basis: Array, residual: Array) -> Array:
     """What one cluster's rows add to the coordinates, (k,), made up for what the fit has taken out of its residual."""
     known, turned = np.linalg.eigh(basis.T @ basis)
     return np.asarray(turned @ ((turned.T @ (basis.T @ residual)) / np.sqrt(np.maximum(1.0 - known, OPEN))))
 
 
-def beyond(other: Array, first: Array) -> Array:
+def keep_excess(other: Array, first: Array) -> Array:
     """Positive part of ``other - first``, in units of the deviations of `first`."""
     unit = np.sqrt(np.maximum(np.diag(first), 1e-300))
     values, vectors = np.linalg.eigh((other - first) / np.outer(unit, unit))
@@ -159,7 +159,7 @@ def compute_covariance(state: State, cause: Cause) -> Array:
     own, sizes, turned = np.linalg.svd(np.where(shown, rest / unit, 0.0), full_matrices=False)
     held = sizes > HELD * sizes[0]
     basis = np.hstack([own[:, held], base.fit.basis])
-    spread = cluster_covariance(basis, state.fit.residual, clusters(state.problem.evidence), int(held.sum()))
+    spread = cluster_covariance(basis, state.fit.residual, label_clusters(state.problem.evidence), int(held.sum()))
     back = turned[held].T / sizes[held] / unit[:, None]
     free = np.any(np.abs(turned[~held]) > FREE, axis=0)
     return np.where(free[:, None] | free, np.nan, back @ spread @ back.T)

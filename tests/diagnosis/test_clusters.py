@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
 from gimbal_pin.diagnosis import BAND, Problem, State, gather, solved
-from gimbal_pin.diagnosis.uncertainty import binned, cluster_covariance, parameters
+from gimbal_pin.diagnosis.uncertainty import bin_rows, cluster_covariance, parameters
 from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import AsymmetricFriction, Backlash, CableSpring, Cause, Cogging, Parameter, parse_effect
 from gimbal_pin.log import Array, Log
@@ -69,7 +69,7 @@ def test_an_error_that_comes_back_with_the_angle_is_in_the_interval_of_bins_and_
         target = rng.normal(size=4) @ waves + 0.1 * rng.normal(size=800)  # the slope's true value is zero
         basis = np.linalg.qr(np.stack([angle, np.ones(800)], axis=1))[0]
         slope, residual = basis[:, 0] @ target, target - basis @ (basis.T @ target)
-        block, bins = np.arange(800) // 20, binned(angle[:, None])
+        block, bins = np.arange(800) // 20, bin_rows(angle[:, None])
         for name, labels in (("blocks", [block]), ("bins", [block, bins])):
             held[name] += abs(slope) < 1.96 * np.sqrt(cluster_covariance(basis, residual, labels, 1)[0, 0])
     assert held["blocks"] < 60 and held["bins"] > 75

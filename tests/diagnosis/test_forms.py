@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis import BAND, Evidence, Extended, Problem, State, gather, solved, torque_rmse, without
 from gimbal_pin.diagnosis.extended import settled
-from gimbal_pin.diagnosis.library import Library, library
+from gimbal_pin.diagnosis.library import Library, list_candidates
 from gimbal_pin.diagnosis.shapes import free, moved, shape_names
-from gimbal_pin.diagnosis.state import consistent, sized
+from gimbal_pin.diagnosis.state import resize, solve_consistently
 from gimbal_pin.dynamics import Model, nominal, reduce_parameters
 from gimbal_pin.effects import (
     CAUSES,
@@ -95,7 +95,7 @@ def test_the_gains_of_both_directions_are_that_of_the_whole() -> None:
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_gain_of_one_direction_is_found_with_its_size(side: int) -> None:
     effect = TorqueGain(RIG.joints[-1], side)
-    state = consistent(fitted(Model(RIG, (Term(effect, (0.1,)),)), effect))
+    state = solve_consistently(fitted(Model(RIG, (Term(effect, (0.1,)),)), effect))
     assert state.coefficients(state.causes[0])[0] == pytest.approx(0.1, abs=0.005)
 
 
@@ -111,7 +111,7 @@ def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_
     model = replace(nominal(RIG), terms=(*nominal(RIG).terms, Term(tooth, (0.1, 0.0)), Term(second, (0.03, 0.03))))
     found = fitted(model, tooth)
     kinds: dict[str, type[Cause]] = {"cogging": Cogging, "torque-ripple": TorqueRipple}
-    grid = [cause for cause in library(found.problem.evidence, kinds) if cause not in tooth.above()]
+    grid = [cause for cause in list_candidates(found.problem.evidence, kinds) if cause not in tooth.above()]
     shelf = Library(found.problem.evidence.rig, grid)
     shown = [one.cause for one in shelf.columns(found)]
     assert second in shown and max(shown, key=partial(worth, found)) == second
@@ -183,7 +183,7 @@ def test_once_per_turn_about_a_vertical_axis_may_be_a_base_that_leans() -> None:
 def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect, trials: tuple[Cause, ...]) -> None:
     """In proportion to a small turn its torque would be off by a tenth; and it is no candidate a second time."""
     linear = fitted(nominal(turn.apply(RIG)), *trials)
-    state = consistent(linear)
+    state = solve_consistently(linear)
     (found,) = settled(state)
     for shape in turn.shapes:
         assert getattr(found, shape.name) == pytest.approx(getattr(turn, shape.name), abs=1e-3)
@@ -194,7 +194,7 @@ def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect, trials: tuple[C
 @pytest.mark.parametrize("turn", [BaseTilt(pitch=0.7), EncoderOffset(RIG.joints[1], 0.5)])
 def test_a_large_turn_explains_as_much_as_is_missed_without_it(turn: RigEffect) -> None:
     """The inertias that are fitted without it take it up, and are no rig's that is turned."""
-    state = consistent(fitted(nominal(turn.apply(RIG)), sized(turn, 1e-3)))
+    state = solve_consistently(fitted(nominal(turn.apply(RIG)), resize(turn, 1e-3)))
     (cause,) = state.causes
     base = without(state, cause)
     found = measure(base, cause)
@@ -210,7 +210,7 @@ def test_a_base_that_sinks_is_found_with_its_rate() -> None:
     log = replace(log, tau=log.tau + more[0] - more[1])
     problem = Problem.of(gather(RIG, [log], ALIGNED), reduce_parameters(RIG))
     linear = solved(problem, (BaseTilt(pitch_rate=1e-3),), solved(problem, ()))
-    state = consistent(linear)
+    state = solve_consistently(linear)
     (found,) = settled(state)
     assert found.to_dict()["pitch_rate"] == pytest.approx(-0.02, abs=1e-4)
     assert np.all(state.fit.dispersion < 1.2) and np.any(linear.fit.dispersion > 3)

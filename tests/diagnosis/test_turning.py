@@ -11,7 +11,14 @@ from scipy.ndimage import gaussian_filter1d
 
 from gimbal_pin.control import ComputedTorque, Pid
 from gimbal_pin.diagnosis import BAND, Problem, diagnose, gather, solved
-from gimbal_pin.diagnosis.reversals import accelerating, apart, dry_friction, opened, rounded, smear
+from gimbal_pin.diagnosis.reversals import (
+    compute_corners,
+    compute_inertial_torque,
+    compute_smear,
+    find_shifts,
+    get_dry_friction,
+    open_turns,
+)
 from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters, simulate
 from gimbal_pin.effects import CAUSES, Cause, Presliding, Term
 from gimbal_pin.log import Array, Log, Motion, lowpass, zero_phase
@@ -72,7 +79,7 @@ def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
         tau = nominal(rig).inverse(moving.q, moving.v, moving.a) + friction * np.sign(moving.v)
         log = logged(rig, moving, tau)
         before = gather(rig, [log], ALIGNED)
-        after = opened(before, solved(Problem.of(before, reduce_parameters(rig)), ()), ALIGNED)
+        after = open_turns(before, solved(Problem.of(before, reduce_parameters(rig)), ()), ALIGNED)
         assert np.all(after.parts[0].gate >= before.parts[0].gate)
         assert bool(np.any(after.used() > before.used() + 0.02)) == opens
 
@@ -83,8 +90,8 @@ def test_a_torque_that_acts_at_another_time_is_told_and_opens_no_turn(rig: Rig, 
     log = logged(rig, motion, np.roll(tau, late, axis=0))
     before = gather(rig, [log], ALIGNED)
     state = solved(Problem.of(before, reduce_parameters(rig)), ())
-    np.testing.assert_allclose(apart(state), abs(late) * log.dt, atol=0.15 * log.dt)
-    assert bool(np.any(opened(before, state, ALIGNED).used() > before.used() + 0.02)) == (late == 0)
+    np.testing.assert_allclose(find_shifts(state), abs(late) * log.dt, atol=0.15 * log.dt)
+    assert bool(np.any(open_turns(before, state, ALIGNED).used() > before.used() + 0.02)) == (late == 0)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4])
@@ -95,11 +102,11 @@ def test_the_smoother_shifts_a_turn_by_the_jump_of_the_acceleration(share: float
     sections = lowpass(BAND.cutoff * BAND.smoothing, 1 / 2.5e-4)
     near = np.abs(t) < 0.01
     late = np.interp(0.0, zero_phase(v[:, None], sections)[near, 0], t[near])
-    assert late == pytest.approx(smear(BAND) * share, rel=0.05)
+    assert late == pytest.approx(compute_smear(BAND) * share, rel=0.05)
     jumping = Log("jump", ("one",), t + 0.5, v[:, None], None, share * np.sign(t)[:, None])
     stretch = next(split_segments(jumping, BAND.cutoff))
     lost = compute_lost_impulse(stretch, EXACT, jumping.t)
-    assert lost[2000, 0] == pytest.approx(-smear(BAND) * share, rel=0.05)
+    assert lost[2000, 0] == pytest.approx(-compute_smear(BAND) * share, rel=0.05)
 
 
 @pytest.mark.parametrize("jumps", ["torque", "acceleration"])
@@ -113,10 +120,10 @@ def test_the_moment_of_a_turn_is_known(rig: Rig, jumps: str) -> None:
         log = simulate(model, law, motion, rng=np.random.default_rng(1))
     problem = Problem.of(gather(rig, [log], filtering), reduce_parameters(rig))
     gliding, (part,) = solved(problem, ()), problem.evidence.parts
-    c, friction = part.channels, dry_friction(gliding)
+    c, friction = part.channels, get_dry_friction(gliding)
     turns = np.zeros(c.v.shape, dtype=bool)
     turns[1:] = c.v[1:] * c.v[:-1] < 0
-    corner = rounded(part, turns, gliding, friction, filtering)
+    corner = compute_corners(part, turns, gliding, friction, filtering)
     errors, sizes = [], []
     for j in range(rig.n):
         k = np.flatnonzero(turns[:, j])[2:-2]
@@ -125,8 +132,8 @@ def test_the_moment_of_a_turn_is_known(rig: Rig, jumps: str) -> None:
         crossed = log.t[i] - rate[i] * 1e-3 / (rate[i + 1] - rate[i])
         told = c.t[k] - (c.v + corner)[k, j] / c.a[k, j]
         errors.append(np.min(np.abs(crossed - told[:, None]), axis=1))
-        torque = accelerating(gliding, c.q[k], c.a[k, j], np.full(len(k), j))
-        sizes.append(smear(filtering) * friction[j] / np.abs(torque))
+        torque = compute_inertial_torque(gliding, c.q[k], c.a[k, j], np.full(len(k), j))
+        sizes.append(compute_smear(filtering) * friction[j] / np.abs(torque))
     assert np.linalg.norm(np.concatenate(errors)) < np.linalg.norm(np.concatenate(sizes)) / 2
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import Evidence, Problem, State, gather, solved, torque_rmse
-from gimbal_pin.diagnosis.evidence import judged
+from gimbal_pin.diagnosis.evidence import gather_for_judgement
 from gimbal_pin.diagnosis.extended import extended
-from gimbal_pin.diagnosis.library import library
+from gimbal_pin.diagnosis.library import list_candidates
 from gimbal_pin.dynamics import Model, Plant, nominal, reduce_parameters
 from gimbal_pin.dynamics import State as At
 from gimbal_pin.effects import FrictionDrift, Losses, Sample, Term
@@ -51,12 +51,12 @@ def opened(log: Log) -> tuple[State, Evidence]:
     """The refitted model without any cause, and the held-out part."""
     train, test, _ = split_logs([log], None, ALIGNED)
     problem = Problem.of(gather(RIG, train, ALIGNED, {log.name: log}), reduce_parameters(RIG))
-    return solved(problem, (), solved(problem, ())), judged(RIG, test, ALIGNED, {log.name: log})
+    return solved(problem, (), solved(problem, ())), gather_for_judgement(RIG, test, ALIGNED, {log.name: log})
 
 
 def found(state: State) -> list[FrictionDrift]:
     """Drifts of the friction, refined, the best first."""
-    tried = [refined(state, one) for one in library(state.problem.evidence, {"friction-drift": FrictionDrift})]
+    tried = [refined(state, one) for one in list_candidates(state.problem.evidence, {"friction-drift": FrictionDrift})]
     drifts = [one for one in tried if isinstance(one, FrictionDrift)]
     return sorted(drifts, key=partial(worth, state), reverse=True)
 

@@ -20,7 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis import Explained, diagnose
-from gimbal_pin.diagnosis.limit_cycle import swing, swung
+from gimbal_pin.diagnosis.limit_cycle import detect_limit_cycle, find_limit_cycle
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Cause, Cogging, Delay, Saturation
 from gimbal_pin.errors import DataError, LogError
@@ -443,9 +443,12 @@ def test_a_loop_that_swings_from_limit_to_limit_beyond_the_band_is_the_logs_faul
     relay = rig.tau_max[0] * np.sign(np.sin(2 * np.pi * hertz * log.t))
     assert log.tau is not None
     tau = np.column_stack([np.where(log.t % 1.0 < 0.8, relay, log.tau[:, 0]), log.tau[:, 1]])
-    faults = [swing(rig, replace(log, tau=tau), cutoff) for cutoff in (12.0, 45.0)]
+    faults = [detect_limit_cycle(rig, replace(log, tau=tau), cutoff) for cutoff in (12.0, 45.0)]
     assert [fault is not None for fault in faults] == [hertz > 12.0, False]
-    assert swing(rig, log, 12.0) is None and swing(rig, replace(log, tau=0.9 * tau), 12.0) is None
+    assert (
+        detect_limit_cycle(rig, log, 12.0) is None
+        and detect_limit_cycle(rig, replace(log, tau=0.9 * tau), 12.0) is None
+    )
     for fault in faults[: int(hertz > 12.0)]:
         assert fault is not None and fault.makes_physics_unreliable and fault.joint == rig.joints[0]
         assert "for 80 % of the time, to and fro at 30 Hz" in fault.sentence
@@ -470,5 +473,5 @@ def swings(causes: tuple[Cause, ...], state: str, told: bool) -> None:
     log = recorded(rig, 1)
     relay = np.sign(np.sin(2 * np.pi * 30.0 * log.t))[:, None] * rig.tau_max * np.array([1.0, 0.0])
     found = SimpleNamespace(final=SimpleNamespace(causes=causes), structured=(state == "structured", False))
-    assert (swung(rig, [replace(log, tau=relay)], cast(Explained, found), 12.0) is None) == told
-    assert swung(rig, [log], cast(Explained, found), 12.0) is None
+    assert (find_limit_cycle(rig, [replace(log, tau=relay)], cast(Explained, found), 12.0) is None) == told
+    assert find_limit_cycle(rig, [log], cast(Explained, found), 12.0) is None

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.diagnosis import gather
-from gimbal_pin.diagnosis.evidence import judged
+from gimbal_pin.diagnosis.evidence import gather_for_judgement
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification import identify
@@ -137,11 +137,11 @@ def test_a_log_in_shreds_is_judged_by_its_samples() -> None:
     shreds = log.part(np.flatnonzero(np.arange(len(log)) % 60 < 35))
     with pytest.raises(DataError):
         gather(RIG, [shreds], band)
-    found = judged(RIG, [shreds], band)
+    found = gather_for_judgement(RIG, [shreds], band)
     for part in found.parts:
         assert part.channels.lost is not None and np.all(part.gate[part.channels.lost] == 0.0)
     assert np.all(found.used() > 0.1)
-    assert judged(RIG, [log], band).seconds == gather(RIG, [log], band).seconds
+    assert gather_for_judgement(RIG, [log], band).seconds == gather(RIG, [log], band).seconds
 
 
 def test_lone_holes_of_a_tenth_of_a_second_still_part_a_log() -> None:

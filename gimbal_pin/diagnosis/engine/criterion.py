@@ -21,7 +21,7 @@ from scipy.ndimage import uniform_filter1d
 from gimbal_pin.diagnosis.engine.discrepancy import unseen
 from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.shapes import free, same, shape_names
-from gimbal_pin.diagnosis.state import Problem, State, acted, consistent, solved, width
+from gimbal_pin.diagnosis.state import Problem, State, apply_signal, solve_consistently, solved, width
 from gimbal_pin.diagnosis.uncertainty import tangent
 from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.effects.signal import JointLoad
@@ -130,7 +130,7 @@ def by_block(state: State, other: State) -> Array:
 
 def fitted(problem: Problem, causes: Sequence[Cause], before: State) -> State:
     """Refit everything with these causes until what reads the model's torque agrees with it."""
-    return consistent(solved(problem, causes, before))
+    return solve_consistently(solved(problem, causes, before))
 
 
 def without(state: State, cause: Cause) -> State:
@@ -222,7 +222,7 @@ def passed(state: State, causes: Sequence[Cause]) -> list[Array]:
     torque = state.problem.evidence.torque
     for cause in causes:
         if isinstance(cause, Signal):
-            torque = acted(state.problem.evidence, cause, torque, state.bearing_for(cause, torque))
+            torque = apply_signal(state.problem.evidence, cause, torque, state.bearing_for(cause, torque))
     return torque
 
 

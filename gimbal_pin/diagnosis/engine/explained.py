@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
 from gimbal_pin.diagnosis.engine.noise import coloured, flat, rewhitened_problem
 from gimbal_pin.diagnosis.engine.selection import MOST, Rival, Search, contested, polished, pruned, selected, worth
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.library import Library, kept, library
+from gimbal_pin.diagnosis.library import Library, kept, list_candidates
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.uncertainty import is_size_known
 from gimbal_pin.dynamics.reduction import Reduction
@@ -102,7 +102,7 @@ def explain(
         timed: Whether to estimate the torques' time; False: it is known.
     """
     given = replace(Problem.of(evidence, reduction), luck=1e-9)  # the noise is the data's own: no fit beats it by luck
-    candidates = Candidates(evidence.rig, library(evidence, causes))
+    candidates = Candidates(evidence.rig, list_candidates(evidence, causes))
     found: tuple[Cause, ...] = ()
     for _ in range(PASSES):
         again = partial(refitted, given, found)

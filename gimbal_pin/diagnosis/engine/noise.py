@@ -17,7 +17,7 @@ from scipy import fft
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.criterion import passed_on
 from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
-from gimbal_pin.diagnosis.evidence import Evidence, Part, band_edge
+from gimbal_pin.diagnosis.evidence import Evidence, Part, compute_band_edge
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.log.log import Array
 
@@ -36,7 +36,7 @@ def flat(evidence: Evidence) -> Evidence:
 
 def edge_of(evidence: Evidence, part: Part) -> Array:
     """Return the gain by which a part's band fades at its upper end, (f,)."""
-    return band_edge(fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]], evidence.band)
+    return compute_band_edge(fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]], evidence.band)
 
 
 def whitened(evidence: Evidence, noise: Sequence[Array]) -> Evidence:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.counterfactual import COMPENSATION
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.gain import describe_motion, filtered_error, no_closer
+from gimbal_pin.diagnosis.gain import compute_filtered_error, describe_motion, no_closer
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.result import TOGETHER
 from gimbal_pin.effects import CAUSES
@@ -176,7 +176,7 @@ def ranked(found: Diagnosis, joints: tuple[Joint, ...]) -> list[int]:
 def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: Evidence) -> plots.Figure:
     """Draw the residuals."""
     figure, panels = plots.panels(4, len(order), 10.4, gaps=(0.95, 0.68))
-    errors = [filtered_error(held, model) for model in (found.before, found.after)]
+    errors = [compute_filtered_error(held, model) for model in (found.before, found.after)]
     open_ = np.concatenate([part.gate for part in held.parts]) > OPEN
     for column, j in zip(panels.T, order):
         joint = joints[j]
