@@ -42,9 +42,6 @@ from gimbal_pin.regression.discrepancy import add_misfit as add_misfit
 from gimbal_pin.regression.discrepancy import build_discrepancy_columns as build_discrepancy_columns
 from gimbal_pin.regression.discrepancy import fit_misfit as fit_misfit
 from gimbal_pin.regression.discrepancy import propagate_misfit as propagate_misfit
-from gimbal_pin.regression.gram import Gram as Gram
-from gimbal_pin.regression.gram import JointRows as JointRows
-from gimbal_pin.regression.gram import project_rows as project_rows
 from gimbal_pin.regression.instrumental import MotionNoise as MotionNoise
 from gimbal_pin.regression.instrumental import compare_instruments as compare_instruments
 from gimbal_pin.regression.instrumental import compute_moments as compute_moments
@@ -87,10 +84,6 @@ from gimbal_pin.regression.samples import resample_torque as resample_torque
 from gimbal_pin.regression.samples import smooth_samples as smooth_samples
 from gimbal_pin.regression.samples import split_segments as split_segments
 from gimbal_pin.regression.samples import subsample_log as subsample_log
-from gimbal_pin.regression.selection import ChosenSet as ChosenSet
-from gimbal_pin.regression.selection import Group as Group
-from gimbal_pin.regression.selection import Selection as Selection
-from gimbal_pin.regression.selection import select_groups as select_groups
 from gimbal_pin.regression.solve import RANK as RANK
 from gimbal_pin.regression.solve import Estimate as Estimate
 from gimbal_pin.regression.solve import Estimator as Estimator
@@ -105,6 +98,7 @@ from gimbal_pin.regression.solve import fit_ordinary as fit_ordinary
 from gimbal_pin.regression.solve import fit_robust as fit_robust
 from gimbal_pin.regression.solve import fit_weighted as fit_weighted
 from gimbal_pin.regression.solve import merge_factors as merge_factors
+from gimbal_pin.regression.solve import project_rows as project_rows
 from gimbal_pin.regression.solve import solve as solve
 from gimbal_pin.regression.solve import solve_factors as solve_factors
 from gimbal_pin.regression.solve import weigh_and_solve as weigh_and_solve

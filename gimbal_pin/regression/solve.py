@@ -146,6 +146,14 @@ def triangularise(matrix: Array) -> Array:
     return R
 
 
+def project_rows(rows: Array, columns: Array) -> Array:
+    """Rows (N, k) without what lies in the span of some columns (N, m), scaled and dependent as they are."""
+    size = np.linalg.norm(columns, axis=0)
+    left, values, _ = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    span = left[:, values > RANK * values.max(initial=0.0)]
+    return np.asarray(rows - span @ (span.T @ rows))
+
+
 class Solution(NamedTuple):
     """Least squares of some factors.
 

@@ -18,6 +18,7 @@ from gimbal_pin.regression import (
     fit_robust,
     fit_weighted,
     merge_factors,
+    project_rows,
     solve,
     solve_factors,
 )
@@ -151,3 +152,15 @@ def test_noise_added_never_narrows_an_interval() -> None:
     noise = rng.standard_normal(quiet.b.shape)
     stds = [fit_weighted([quiet._replace(b=quiet.b + size * noise)]).std for size in (0.0, 0.03, 0.1, 0.3)]
     assert np.all(np.diff(stds, axis=0) > 0)
+
+
+@given(SEEDS, st.floats(-8.0, 8.0))
+def test_what_is_projected_off_is_orthogonal_whatever_the_columns_scales(seed: int, power: float) -> None:
+    """Columns that depend on each other, and one of nothing, take off no more than their span."""
+    rng = np.random.default_rng(seed)
+    rows, columns = rng.standard_normal((30, 4)), rng.standard_normal((30, 3))
+    dependent = np.column_stack([columns * 10.0 ** np.array([power, 0.0, -power]), columns.sum(axis=1), np.zeros(30)])
+    left = project_rows(rows, dependent)
+    np.testing.assert_allclose(columns.T @ left, 0.0, atol=1e-9)
+    np.testing.assert_allclose(project_rows(left, dependent), left, atol=1e-9)
+    np.testing.assert_allclose(left, rows - columns @ np.linalg.lstsq(columns, rows, rcond=None)[0], atol=1e-9)
