@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
+from math import floor, inf
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
@@ -60,6 +60,14 @@ class TorqueTable(Effect):
         """One at a knot, nothing from the next on."""
         x = {"angle": at.q, "rate": at.v, "load": at.tau}[self.over]
         step = self.knots[1] - self.knots[0]
+        if isinstance(x, float):  # the simulation asks for one at every stage: all but the two beside it are zero
+            place, count = (x - self.knots[0]) / step, len(self.knots)
+            low, share = floor(place), place % 1.0
+            ends = {
+                low % count if self.cyclic else low: 1 - share,
+                (low + 1) % count if self.cyclic else low + 1: share,
+            }
+            return tuple(ends.get(k, 0.0) for k in range(count))
         if self.cyclic:
             return tuple(larger(1.0 - np.arccos(np.cos(x - knot)) / step, 0.0) for knot in self.knots)
         return tuple(larger(1.0 - size(x - knot) / step, 0.0) for knot in self.knots)
