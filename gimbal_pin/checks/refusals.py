@@ -67,7 +67,7 @@ def check_unit(rig: Rig, log: Log) -> None:
     names = [f"tau_{rig.joints[j]}" for j in wrong]
     # A column that is mapped with a factor has its torque constant in it.
     raw = [name not in log.sources or abs(log.sources[name].factor) == 1.0 for name in names]
-    constants = [rig.motors[j].torque_constant if bare else 1.0 for j, bare in zip(wrong, raw)]
+    constants = [(rig.motors[j].torque_constant or 1.0) if bare else 1.0 for j, bare in zip(wrong, raw)]
     maps = log.remapped({name: (name, 1e-3 * constant) for name, constant in zip(names, constants)})
     most, limit = float(ratio.max()), float(rig.tau_max[ratio.argmax()])
     what = f"is {most:.2g} times the motor's {limit:.3g} N m, rms: another unit, mA or mN m say"

@@ -2,6 +2,8 @@ from .controllers import HOLDING as HOLDING
 from .controllers import ORACLE as ORACLE
 from .controllers import OURS as OURS
 from .controllers import TUNED as TUNED
+from .drive_gains import DriveGains as DriveGains
+from .drive_gains import convert_gains as convert_gains
 from .experiment import bench_run as bench_run
 from .experiment import perturbed as perturbed
 from .experiment import repeated as repeated

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gimbal_pin.control.drive_gains import DriveGains, convert_gains
 from gimbal_pin.control.laws import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
 from gimbal_pin.control.laws.computed_torque import lyapunov
 from gimbal_pin.control.laws.design import Wish, braking, granted, inner, layered, seen_inertia
@@ -77,6 +78,12 @@ class Tuning:
         """The control law, ready for `simulate`."""
         return law_of(self.wish, self.model, self.gains, self.inertia, self.braking, self.robust)
 
+    @cached_property
+    def drive_gains(self) -> tuple[DriveGains, ...]:
+        """The gains at home in the units that drives take, one per joint."""
+        rig = self.model.rig
+        return tuple(map(convert_gains, self.gains, self.inertia, rig.motors, rig.slides))
+
     @property
     def stored(self) -> Stored:
         """What its file holds."""
@@ -117,12 +124,15 @@ class Tuning:
     def to_dict(self) -> dict[str, Any]:
         """Return what `tune` writes as JSON and YAML; `stored` reads it back.
 
-        Gains are in acceleration (1/s², 1/s³, 1/s), whatever the kind: times `inertia` they are N m/rad and so on.
+        Gains are in acceleration (1/s², 1/s³, 1/s), whatever the kind; `drive` has them as `DriveGains`.
         `bandwidth_hz` is the granted one, `crossover_hz` where the loop's gain is one. Infinite margins are null, and
         so is `worst_of_draws` where the model has no covariance.
         """
         rig, wish, law = self.model.rig, self.wish, self.robust
-        rows = zip(rig.joints, self.gains, self.margins, self.worst, self.bandwidth_hz, self.inertia, self.braking)
+        rows = zip(
+            *(rig.joints, self.gains, self.margins, self.worst, self.bandwidth_hz, self.inertia, self.braking),
+            self.drive_gains,
+        )
         wanted = wish.bandwidth_hz
         return {
             "schema": 1,
@@ -134,8 +144,9 @@ class Tuning:
                     **pid._asdict(),
                     **finite({**asdict(found), "bandwidth_hz": hz, "inertia": moment, "braking": deceleration}),
                     "worst_of_draws": finite(asdict(least)) if self.draws else None,
+                    "drive": {name: one and one._asdict() for name, one in vars(drive).items()},
                 }
-                for joint, pid, found, least, hz, moment, deceleration in rows
+                for joint, pid, found, least, hz, moment, deceleration, drive in rows
             },
             "draws": self.draws,
             "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},

@@ -102,7 +102,7 @@ def simplefoc(model: Model) -> dict[str, str]:
         "step": float(RATES[1]),
         "forward": [own.forward.tolist() for own in feeds],
         "backward": [own.backward.tolist() for own in feeds],
-        "constants": [motor.torque_constant for motor in rig.motors],
+        "constants": [motor.torque_constant or 1.0 for motor in rig.motors],
     }
     made = rendered(context, SIMPLEFOC[:2])
     units = {"angle_torque": "N m at 2 pi k / len rad", "rates": "rad/s", "forward_torque": "N m"}
@@ -136,7 +136,7 @@ def odrive(model: Model) -> dict[str, Any]:
                 "forward_torque": own.forward.tolist(),
                 "backward_torque": own.backward.tolist(),
             },
-            "torque_constant": motor.torque_constant,
+            "torque_constant": motor.torque_constant or 1.0,
         }
     units = {
         "cogging_map": "N m, added at floor(3600 turns) modulo 3600; turns = encoder turns from the joint's zero",

@@ -224,6 +224,23 @@ def loops(found: Tuning) -> Table:
     return Table(head, rows, label=f"Gains and margins, {controller_name(wish.kind)}")
 
 
+def drive_gains(found: Tuning) -> Table:
+    """Gains in the units that drives take, a line per gain that the constants of any joint's motor allow."""
+    joints, rows = joints_of(found.model.rig), list[list[Content]]()
+    for system, force, turn in (("torque", "N m", "rad"), ("current", "A", "rad"), ("count", "A", "count")):
+        every = [getattr(own, system) for own in found.drive_gains]
+        for k, form in enumerate((f"{force}/{turn}", f"{force}/({turn} s)", f"{force} s/{turn}")):
+            forms = dict.fromkeys(joint.in_units(form) for joint, own in zip(joints, every) if own is not None)
+            name = Markup("K<sub>{}</sub>, {}").format("PID"[k], " or ".join(forms))
+            rows.append([name, *(DASH if own is None else figures(own[k]) for own in every)])
+    cascades = [own.odrive for own in found.drive_gains]
+    named = ("pos_gain, 1/s", "vel_gain, N m/(turn/s)", "vel_integrator_gain, N m/turn", "torque_constant, N m/A")
+    for k, gain in enumerate(named):
+        rows.append([f"ODrive {gain}", *(DASH if own is None else figures(own[k]) for own in cascades)])
+    shown = [row for row in rows if set(row[1:]) != {DASH}]
+    return Table(["For a drive, at home", *(joint.label for joint in joints)], shown, label="Gains for drives")
+
+
 class Column(NamedTuple):
     """A figure of steps; the smaller is the better, if it differs by more than `least` and a twentieth."""
 

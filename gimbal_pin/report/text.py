@@ -379,7 +379,15 @@ def tuning(found: Tuning, verbose: bool = False) -> str:
     loud = ("lowered", "is safer", "identify it better")
     reasons = [why for why in found.reasons if verbose or any(word in why for word in loud)]
     warned = (f"warning: {said}" for said in found.warnings)
-    return "\n".join([*warned, *found.doubts, str(tables.loops(found)), *reasons])
+    lines = [*warned, *found.doubts, str(tables.loops(found)), *reasons, "", str(tables.drive_gains(found))]
+    fast = [
+        joint
+        for joint, own in zip(found.model.rig.joints, found.drive_gains)
+        if own.current is not None and own.odrive is None
+    ]
+    if fast:
+        lines.append(f"{listed(fast)}: no gains of ODrive's cascade integrate so fast; ask for a smaller --integral")
+    return "\n".join(lines)
 
 
 def tracking(found: Tracking, plant: str, rig: Rig | None = None) -> str:

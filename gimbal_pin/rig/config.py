@@ -24,7 +24,7 @@ class Motor:
 
     Attributes:
         tau_max: Largest torque, N m.
-        torque_constant: Torque per current, N m/A.
+        torque_constant: Torque per current, N m/A, or None.
         slots: Stator slots, or None.
         poles: Rotor poles (twice the pole pairs), or None.
         encoder_bits: Resolution of the angle sensor over one turn, or None; a double's 52 are the finest.
@@ -33,7 +33,7 @@ class Motor:
     """
 
     tau_max: float = bounded_field(inf, SMALLEST, inf)
-    torque_constant: float = bounded_field(1.0, SMALLEST, LARGEST_NUMBER)
+    torque_constant: float | None = bounded_field(None, SMALLEST, LARGEST_NUMBER)
     slots: int | None = bounded_field(None, 1, 1000)
     poles: int | None = bounded_field(None, 2, 1000)
     encoder_bits: float | None = bounded_field(None, 1, 52)

@@ -277,9 +277,11 @@ def _read_transmissions(robot: etree._Element, joints: tuple[str, ...]) -> dict[
                 ratio *= value
             elif tag in ("rotorinertia", "motortorqueconstant") and 1e-12 < value < 1e6:
                 found[tag] = value
-        constant = found.get("motortorqueconstant", 1.0 / ratio)
+        constant = found.get("motortorqueconstant")
         out[moved[0]] = Motor(
-            torque_constant=ratio * constant, gear_ratio=ratio, rotor_inertia=found.get("rotorinertia", 0.0)
+            torque_constant=None if constant is None else ratio * constant,
+            gear_ratio=ratio,
+            rotor_inertia=found.get("rotorinertia", 0.0),
         )
     return out
 

@@ -278,7 +278,7 @@ TRANSMISSIONS = {
 def test_gears_and_rotors_come_from_transmissions_and_the_yaml_beats_them(tmp_path: Path, kind: str) -> None:
     path = written(tmp_path, "r.urdf", RIG.format(TRANSMISSIONS[kind]))
     motor = Rig.load(path).motors[0]
-    assert motor.gear_ratio == 50 and motor.torque_constant == 1.0  # 50 times 0.02 at the joint, or not stated
+    assert motor.gear_ratio == 50 and motor.torque_constant == (1.0 if kind == "ROS 1" else None)  # 50 times 0.02
     assert motor.armature == pytest.approx(0.05 if kind == "Drake" else 0.0)
     written(tmp_path, "r.yaml", "motors: {tilt: {rotor_inertia: 1e-4, encoder_bits: 12}}")
     motor = Rig.load(path).motors[0]

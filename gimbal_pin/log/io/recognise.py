@@ -20,7 +20,6 @@ from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.mapping import ROW_COLUMN
 from gimbal_pin.rig import urdf
-from gimbal_pin.rig.config import Motor
 from gimbal_pin.rig.reading import split_words
 from gimbal_pin.rig.rig import Rig
 
@@ -447,7 +446,7 @@ def assign_columns(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[
             factor, remark = channel.factor, channel.reasons[-1] if channel.reasons else ""
             if prefix == "tau" and channel.quantity == "current":
                 constant = rig.motors[rig.joint_index(joint)].torque_constant
-                if constant != Motor().torque_constant:
+                if constant is not None:
                     remark = f"a current, {channel.unit}, times the rig's torque constant, {constant:g} N m per A"
                     factor = f"{constant:g}" + f"*{factor}" * bool(factor)
                 else:

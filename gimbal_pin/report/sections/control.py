@@ -33,6 +33,7 @@ def margins(*tunings: Tuning) -> Section:
         parts += [heading(name)] * (len(tunings) > 1)
         parts.append(paragraph(f"{timing}; damping {wish.damping:g}, disk margin of at least {wish.disk:g}."))
         parts += [tables.loops(tuning), folded("Why these gains", bullets(tuning.reasons))]
+        parts.append(folded("Gains for drives", join([tables.drive_gains(tuning)])))
     alt = f"Bode and Nyquist diagrams and disturbance answers of {', '.join(first.model.rig.joints)}"
     caption = (
         f"The loops of {controller_name(first.wish.kind)}, sampled and delayed as they will run: the further the "

@@ -48,7 +48,8 @@ def rig_section(rig: Rig) -> Section:
         travel = f"{joint.text(limit.lower)} … {joint.text(limit.upper)}" if bound else "unlimited"
         rates = joint.text(limit.velocity, "/s"), joint.text(limit.acceleration, "/s²")
         torque = figures(float(rig.tau_max[j])) if isfinite(rig.tau_max[j]) else DASH
-        limits.append([joint.label, rig.links[j], travel, *rates, torque, figures(motor.torque_constant)])
+        constant = DASH if motor.torque_constant is None else figures(motor.torque_constant)
+        limits.append([joint.label, rig.links[j], travel, *rates, torque, constant])
         carried = sum(rig.model.inertias[k].mass for k in range(1, rig.n + 1) if j + 1 in list(rig.model.supports[k]))
         encoder = [DASH, DASH]
         if motor.encoder_bits:
