@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gimbal_pin.diagnosis.engine.discrepancy import unseen
-from gimbal_pin.diagnosis.engine.explained import STRUCTURED, Explained
+from gimbal_pin.diagnosis.engine.explained import Explained
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.findings import measure_gain
@@ -19,6 +19,7 @@ from gimbal_pin.diagnosis.result import Curve
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects.torque_table import Over, TorqueTable
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import STRUCTURED
 
 KNOTS = 96
 """Of a table: a step of less than two degrees over half a turn, which a prior smooths."""

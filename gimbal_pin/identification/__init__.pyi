@@ -39,4 +39,5 @@ from .requirements import check_enough as check_enough
 from .requirements import check_seen as check_seen
 from .requirements import find_unseen as find_unseen
 from .validation import Accuracy as Accuracy
+from .validation import Opinion as Opinion
 from .validation import measure_accuracy as measure_accuracy

@@ -16,7 +16,7 @@ from gimbal_pin.effects import ALWAYS
 from gimbal_pin.errors import digits
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, estimate_bodies
-from gimbal_pin.identification.validation import EXPLAINED, Accuracy
+from gimbal_pin.identification.validation import Accuracy, Opinion
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base
 from gimbal_pin.regression.consistency import Consistent
@@ -66,13 +66,12 @@ def _iterate_warnings(found: Identified) -> Iterator[str]:
 
 def _iterate_unexplained(found: Identified) -> Iterator[str]:
     """Yield the joints whose torque follows from their motion in a way that the model does not hold."""
-    judged = found.held_out or found.train
-    for joint, one in found.missed.items():
-        fit = judged.fit_percent[joint]
-        if one.size > one.noise and not fit > EXPLAINED:
-            size = f"{digits(one.size, 2)} {found.model.rig.in_units(joint, 'N m')} rms of its torque are"
-            size = f"{size} a function of its motion that the model lacks"
-            yield f"{joint} is not explained: {digits(fit, 2)} %; run diagnose ({size}; deviations hold it)"
+    for joint, opinion in found.opinions.items():
+        if opinion is Opinion.NOT_EXPLAINED:
+            fit = (found.held_out or found.train).fit_percent[joint]
+            size = f"{digits(found.missed[joint].size, 2)} {found.model.rig.in_units(joint, 'N m')} rms of its torque"
+            size = f"{size} are a function of its motion that the model lacks"
+            yield f"{joint} is {opinion.value}: {digits(fit, 2)} %; run diagnose ({size}; deviations hold it)"
 
 
 def _iterate_negative(found: Identified) -> Iterator[str]:
@@ -175,6 +174,12 @@ class Identified:
         return tuple(_iterate_warnings(self))
 
     @property
+    def opinions(self) -> dict[str, Opinion]:
+        """Joint → what the model leaves of its torque, by the rows that were not fitted, where there are any."""
+        judged = self.held_out or self.train
+        return {joint: judged.judge(joint, missed) for joint, missed in self.missed.items()}
+
+    @property
     def physical(self) -> bool:
         """Whether bodies exist that have the estimated base parameters, to a thousandth of their deviation."""
         return self.consistent.distance < 1e-3 * np.sqrt(len(self.reduction.independent))
@@ -266,7 +271,10 @@ class Identified:
             "bodies": [body.to_dict() for body in self.bodies],
             "train": asdict(self.train),
             "held_out": None if self.held_out is None else asdict(self.held_out),
-            "misfit": {joint: {"torque_rms": one.size, "noise_rms": one.noise} for joint, one in self.missed.items()},
+            "misfit": {
+                joint: {"torque_rms": one.size, "noise_rms": one.noise, "opinion": self.opinions[joint].value}
+                for joint, one in self.missed.items()
+            },
             "halves_apart": self.parting,
             "least_squares": None if self.bias is None else self.bias.to_dict(),
         }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from scipy.special import fdtri
@@ -12,16 +13,41 @@ from gimbal_pin.checks.refusals import FAINT
 from gimbal_pin.dynamics.model import Doubt
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, compute_autocovariance, count_independent_rows, join_blocks
+from gimbal_pin.regression import (
+    FORM_ERROR,
+    STRUCTURED,
+    Block,
+    Misfit,
+    compute_autocovariance,
+    count_independent_rows,
+    join_blocks,
+)
 from gimbal_pin.rig.brief import brief
 
 EXPLAINED = 90.0
 """Held-out fit, %, from which a joint's misfit is a matter of accuracy: a tenth of the torque's deviation is what rigid
 bodies with dry and viscous friction leave of a real arm (double pendulum: 0.18 of 1.8 N m)."""
+HALF = 0.5
+"""Share of what is left, as power, from which a poor fit is for want of a formula, not for noise."""
 SURE = 0.99
 """Certainty with which an error is called greater than another."""
 OVERFITTED = 2.0
 """Held-out error over the training part's: ``√((1 + x)/(1 - x))`` of a fit with x coefficients per row, x = 0.6."""
+
+
+class Opinion(str, Enum):
+    """What a model leaves of a joint's torque: noise, some structure, or structure that is more than accuracy."""
+
+    EXPLAINED = "explained"
+    STRUCTURE_LEFT = "structure left"
+    NOT_EXPLAINED = "not explained"
+
+    @staticmethod
+    def of(structured: bool, fit: float) -> Opinion:
+        """Return it: whether what is left has a structure, and the fit, %, over which that is a matter of accuracy."""
+        if not structured:
+            return Opinion.EXPLAINED
+        return Opinion.STRUCTURE_LEFT if fit > EXPLAINED else Opinion.NOT_EXPLAINED
 
 
 @dataclass(frozen=True)
@@ -51,6 +77,13 @@ class Accuracy:
         """One line: every joint's error and fit."""
         each = (f"{j} {error:.3g} N m ({digits(self.fit_percent[j], 4)} %)" for j, error in self.torque_rmse.items())
         return f"{self.how}: torque error rms (fit)  {', '.join(each)}"
+
+    def judge(self, joint: str, missed: Misfit) -> Opinion:
+        """Say what is left of a joint's torque beside what a flexible function of its motion would predict of it."""
+        fit = self.fit_percent[joint]
+        torque = self.torque_rmse[joint] / max(1.0 - fit / 100.0, 1e-9)
+        structured = missed.share > STRUCTURED and missed.size > FORM_ERROR * torque
+        return Opinion.of(structured, fit if missed.share > HALF else 100.0)
 
     def exceeds(self, other: Accuracy, joint: str, ratio: float = 1.0) -> bool:
         """Whether the error at a joint is surely more than so many times the other's."""

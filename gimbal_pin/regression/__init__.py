@@ -37,6 +37,7 @@ from gimbal_pin.regression.design import get_design as get_design
 from gimbal_pin.regression.design import map_phi_to_base as map_phi_to_base
 from gimbal_pin.regression.discrepancy import FORM_ERROR as FORM_ERROR
 from gimbal_pin.regression.discrepancy import GROUPS as GROUPS
+from gimbal_pin.regression.discrepancy import STRUCTURED as STRUCTURED
 from gimbal_pin.regression.discrepancy import Misfit as Misfit
 from gimbal_pin.regression.discrepancy import add_misfit as add_misfit
 from gimbal_pin.regression.discrepancy import build_discrepancy_columns as build_discrepancy_columns

@@ -32,6 +32,8 @@ from gimbal_pin.rig.brief import brief
 FORM_ERROR = 0.005
 """Plausible error of a rigid model's form, as a share of its torque, of a moment of inertia or a radius of gyration: no
 URDF is right to less."""
+STRUCTURED = 0.1
+"""Share of what is left, as power, from which it is a structure: flexible columns take less of noise by chance."""
 ANGLES, RATES, SIGNED = 24, 12, 6
 """Cosines over the angle's range (a ripple of 14 per turn has six in 2.5 rad), over the rate's, and over the angle
 times the direction of motion."""
@@ -63,6 +65,11 @@ class Misfit(NamedTuple):
     def __repr__(self) -> str:
         """See `brief`."""
         return brief(self)
+
+    @property
+    def share(self) -> float:
+        """Share of what is left, as power, that is a function of the motion."""
+        return self.size**2 / max(self.size**2 + self.noise**2, 1e-300)
 
 
 def _fit_misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.laws import Margins
     from gimbal_pin.control.tracking import Experiment, StepMetrics, Tracking
     from gimbal_pin.control.tuning import Tuning
-    from gimbal_pin.diagnosis import Diagnosis, Finding
+    from gimbal_pin.diagnosis import Diagnosis, Finding, Residual
     from gimbal_pin.identification import Identified
     from gimbal_pin.log.io.inspection import Channel
     from gimbal_pin.pointing.result import Contest
@@ -50,6 +50,8 @@ PHASE_DEG, GAIN_DB = 45.0, 6.0
 """Margins from which on a loop is usually called safe."""
 MOST = 6
 """Most rivals in a table."""
+OPINIONS = {"explained": "", "structure left": "fair", "not explained": "poor"}
+"""Tone of what is left of a joint's torque: noise is no merit."""
 STEADY = 1e-3 * np.pi / 180
 """Smallest difference of a steady-state error that is called one, rad: a sensor's noise makes as much."""
 
@@ -98,13 +100,15 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
     held, train = found.held_out or found.train, found.train
     force = forces(joints_of(found.model.rig))
     scale, name = torque_unit(max(held.torque_rmse.values()), force)
-    head = ["Joint", f"Error, {name} rms", "Fit", "Judged"]
+    head = ["Joint", f"Error, {name} rms", "Fit", "What is left", "Judged"]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
     head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}"] * (evaluated is not None)
     rows: list[list[Content]] = []
     for j, joint in enumerate(joints_of(found.model.rig)):
         rmse, fit = held.torque_rmse[joint.name], held.fit_percent[joint.name]
         row: list[Content] = [joint.label, figures(scale * rmse), toned(percent(fit), grade(fit))]
+        opinion = found.opinions.get(joint.name)
+        row.append(DASH if opinion is None else toned(opinion.value, OPINIONS[opinion.value]))
         row.append(f"{100 * held.used[joint.name]:.0f} %")
         if held is not train:
             row += [figures(scale * train.torque_rmse[joint.name]), percent(train.fit_percent[joint.name])]
@@ -116,6 +120,14 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
             row += [figures(torque), part, figures(scale * largest)]
         rows.append(row)
     return Table(head, rows, label="Torque error")
+
+
+def state_rest(left: Residual, fit: float) -> Content:
+    """Return what is left of a joint's torque, in the words of `identify`, and where."""
+    from gimbal_pin.identification import Opinion
+
+    said = Opinion.of(left.state == "structured", fit).value
+    return toned(f"{said} {left.where}".strip(), OPINIONS[said])
 
 
 def grade(fit: float) -> str:
@@ -135,10 +147,10 @@ def residual(found: Diagnosis) -> Table:
     joints = {} if found.held is None else {joint.name: joint for joint in joints_of(found.held.rig)}
     rows: list[list[Content | None]] = []
     for joint, left in found.residual.items():
-        tone = "" if left.state == "noise" else "fair"
+        fit = found.extended.get("fit_percent", {}).get(joint, nan)
         errors = (part["torque_rmse"][joint] for part in (found.baseline, found.extended))
         limit = found.detection_limit.get(joint)
-        row: list[Content | None] = [joints[joint].label if joints else joint, toned(left.sentence, tone)]
+        row: list[Content | None] = [joints[joint].label if joints else joint, state_rest(left, fit)]
         force = joints[joint].force if joints else "N m"
         row += [torque_text(x, most, force) for x in errors]
         rows.append([*row, torque_text(limit, most, force) if limit else None])

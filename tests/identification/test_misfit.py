@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import Cogging, parse_effect
 from gimbal_pin.errors import LogError
-from gimbal_pin.identification import given_beta, identify, read_model, write_extended, write_model
+from gimbal_pin.identification import Opinion, given_beta, identify, read_model, write_extended, write_model
 from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, find_likeliest_bodies, fit_misfit, fit_weighted
 from gimbal_pin.report import text
@@ -104,7 +104,18 @@ def test_a_joint_that_is_not_explained_is_said_first(turret: Rig) -> None:
     assert text.identified(found).startswith(f"warning: {first}\n")
     assert not any(said.startswith("tilt is not explained") for said in found.warnings)
     assert not any("not explained" in said for said in identify(turret, [log], filtering=EXACT).warnings)
+    assert found.opinions == {"pan": Opinion.NOT_EXPLAINED, "tilt": Opinion.EXPLAINED}
+    assert found.to_dict()["misfit"]["pan"]["opinion"] == "not explained"
+    assert "not explained" in text.accuracy(found) and "explained" in text.accuracy(found)
     assert found.to_dict()["misfit"]["pan"]["torque_rms"] > 10 * found.to_dict()["misfit"]["tilt"]["torque_rms"]
+
+
+def test_a_small_ripple_is_structure_and_none_is_explained_whatever_the_noise(turret: Rig) -> None:
+    """A tenth of the torque is a matter of accuracy; noise of a third of it is noise."""
+    clean, noisy = (prescribed(nominal(turret), 1, 20.0, torque_noise=size, dt=4e-3) for size in (1e-3, 0.1))
+    some = identify(turret, [rippling(clean, 0.05)], filtering=EXACT).opinions
+    assert some == {"pan": Opinion.STRUCTURE_LEFT, "tilt": Opinion.EXPLAINED}
+    assert set(identify(turret, [noisy], filtering=EXACT).opinions.values()) == {Opinion.EXPLAINED}
 
 
 def test_the_urdf_has_the_bodies_of_the_extended_model(

@@ -20,11 +20,9 @@ from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import FORM_ERROR
+from gimbal_pin.regression import FORM_ERROR, STRUCTURED
 from gimbal_pin.rig.rig import Rig
 
-STRUCTURED = 0.1
-"""Share of what is left from which it has a structure: δ predicts less of noise, see `lack_of_fit`."""
 LEFT = OF_CAUSE**2
 """Share of a structure's power from which what is left of it denies the names of what explained the rest: more than an
 error of their forms."""
