@@ -49,6 +49,7 @@ def auto(
     import numpy as np
 
     from gimbal_pin.identification import ESTIMATORS
+    from gimbal_pin.log.log import find_interval
     from gimbal_pin.regression import Method
     from gimbal_pin.report.pipeline import auto as run
 
@@ -61,7 +62,7 @@ def auto(
         estimator=ESTIMATORS[Method(estimator)],
         holdout=holdout,
         filtering=filtering(cutoff, alignment),
-        wish=gains.wish,
+        wish=gains.to_wish(find_interval(log.dt for log in read)),
         run=asked_for,
     )
     noted(found.notes)

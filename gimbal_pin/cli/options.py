@@ -156,16 +156,22 @@ class Gains:
         float, between("--integral", 0, 10), arg(help="speed of the integral action, in bandwidths; 0: none")
     ] = 0.2
     delay: Annotated[
-        float, between("--delay", 0, 0.05, "s"), arg(help="time from measurement to torque, without the hold")
-    ] = 0.001
+        float | None,
+        between("--delay", 0, 0.05, "s"),
+        optional(None, "time from measurement to torque, without the hold", "one sample"),
+    ] = None
+    dt: Annotated[
+        float | None,
+        between("--dt", 1e-5, 0.1, "s"),
+        optional(None, "sampling interval of the controller", "the logs'"),
+    ] = None
     robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False
 
-    @property
-    def wish(self) -> Wish:
-        """What `tune` is asked for."""
+    def to_wish(self, dt: float | None) -> Wish:
+        """Return what `tune` is asked for; `dt`: the sampling interval where no option states it, s."""
         from gimbal_pin.control.laws.design import Wish
 
-        return Wish(**vars(self))
+        return Wish.sampled(**{**vars(self), "dt": self.dt or dt})
 
 
 USUAL = Gains()

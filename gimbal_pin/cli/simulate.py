@@ -167,10 +167,11 @@ def run_of(
 
 def law_of(name: str, plant: Model, bandwidth_hz: float) -> Controller:
     """Return the controller of a name, tuned for the plant, of a YAML, or of a compiled library."""
+    from gimbal_pin.control.laws.design import Wish
     from gimbal_pin.control.tuning import tune as run
 
     if name in ("computed-torque", "pid"):
-        return run(plant, kind=name, bandwidth_hz=bandwidth_hz).controller
+        return run(plant, kind=name, bandwidth_hz=bandwidth_hz, dt=Wish.dt).controller
     if name.endswith(".so"):
         from gimbal_pin.export import Library
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import Controller, Sensors, simulate
@@ -64,7 +65,7 @@ def bench_run(
         imus: Links whose IMU is in the log.
         name: Name of the log.
     """
-    mover = tune(plant, bandwidth_hz=4.0).controller if controller is None else controller
+    mover = tune(plant, bandwidth_hz=4.0, dt=Wish.dt).controller if controller is None else controller
     dt, rig = mover.dt, plant.rig
     generator, seed = make_generator(rng)
     if reference is None:

@@ -20,6 +20,7 @@ from gimbal_pin.control.laws.reasons import (
     about_layer,
     about_loops,
     about_model,
+    about_sampling,
     doubts,
     grouped,
 )
@@ -164,8 +165,8 @@ def tune(
     *,
     bandwidth_hz: float | Mapping[str, float] | None = None,
     damping: float = 1.0,
-    delay: float = 0.001,
-    dt: float = 0.001,
+    delay: float | None = None,
+    dt: float | None = None,
     kind: str = "computed-torque",
     integral: float = 0.2,
     disk_margin: float | None = None,
@@ -186,8 +187,8 @@ def tune(
         bandwidth_hz: ω/2π, Hz: one for all joints, or joint → Hz. The loop's gain is one at about 2 ζ times that.
             None: the highest that keeps `disk_margin`, or 8 Hz where that is None too.
         damping: ζ.
-        delay: Time from measurement to torque, s, without the hold; it need not be whole samples.
-        dt: Sampling interval, s.
+        delay: Time from measurement to torque, s, without the hold; it need not be whole samples. None: one sample.
+        dt: Sampling interval, s. None: that of the logs that the model is of, or 1 ms where nobody knows it.
         kind: "computed-torque" or "pid".
         integral: γ; 0: no integral action.
         disk_margin: Balanced disk margin (0 … 2) that every joint's loop keeps. None: 0.5, and for the believed model
@@ -198,7 +199,17 @@ def tune(
         UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
             that no bandwidth keeps, α ≥ 1.
     """
-    wish = Wish(bandwidth_hz, damping, delay, dt, kind, integral, disk_margin, robust)
+    logged = None if model.estimated is None else model.estimated.dt
+    wish = Wish.sampled(
+        dt or logged,
+        bandwidth_hz=bandwidth_hz,
+        damping=damping,
+        delay=delay,
+        kind=kind,
+        integral=integral,
+        disk_margin=disk_margin,
+        robust=robust,
+    )
     rig, (nominal, believed) = model.rig, seen_inertia(model, kind)
     over = drawn(model, kind, np.random.default_rng(0))
     ratios, drives = widened(believed, over), model.drives
@@ -208,7 +219,8 @@ def tune(
     known = bounds(model, np.random.default_rng(0)) if kind == "computed-torque" else None
     law = layered(gains, known, wish, kept, drives) if robust and known is not None else None
     found, least = (tuple(map(wish.margins, inner(gains, law), of, drives)) for of in (believed, ratios))
-    reasons = about_loops(model, wish, hertz, found, least if over is not None else None)
+    reasons = [] if dt else [about_sampling(wish, logged)]
+    reasons += about_loops(model, wish, hertz, found, least if over is not None else None)
     if known is None:
         inertias = [rig.in_units(joint, "kg m²") for joint in rig.joints]
         reasons += grouped(rig.joints, [about_inertia(*row) for row in zip(nominal, believed, inertias)])

@@ -14,7 +14,7 @@ from gimbal_pin.dynamics.reduction import list_units
 from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_column
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.effects.signal import JointLoad
-from gimbal_pin.log.log import Array
+from gimbal_pin.log.log import Array, find_interval
 from gimbal_pin.rig.brief import brief
 
 
@@ -80,7 +80,9 @@ def estimated(state: State, terms: Sequence[Term]) -> Estimated:
     coefficients = [(f"{e.joint}.{e.name}.{c.name}", rig.in_units(e.joint, c.unit)) for e, c in pairs]
     names = (*reduction.base_names, *(name for name, _ in coefficients))
     measures = (*list_units(symbols), *(unit for _, unit in coefficients))
-    return Estimated(names, measures, now.theta[kept], now.covariance[np.ix_(kept, kept)])
+    parts = state.problem.evidence.parts
+    dt = find_interval(part.dt / part.logged.step for part in parts if part.logged is not None)
+    return Estimated(names, measures, now.theta[kept], now.covariance[np.ix_(kept, kept)], dt)
 
 
 def settled(state: State) -> tuple[Cause, ...]:

@@ -42,12 +42,14 @@ class Estimated:
         units: Their SI units (k).
         theta: Their values (k).
         covariance: Their covariance (k, k).
+        dt: Sampling interval of the logs, s; None: not known.
     """
 
     names: tuple[str, ...]
     units: tuple[str, ...]
     theta: Array
     covariance: Array
+    dt: float | None = None
 
     __repr__ = brief
 

@@ -22,7 +22,7 @@ from gimbal_pin.identification.bias_test import WhenTested, check_bias
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.requirements import check_enough, check_seen, find_unseen
 from gimbal_pin.identification.validation import Validation, measure_accuracy
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.log import Array, Log, find_interval
 from gimbal_pin.log.platform import BASE_MOTIONS, BaseMotion
 from gimbal_pin.regression import (
     TRUST,
@@ -118,7 +118,8 @@ def to_model(design: Design, estimate: Estimate) -> Model:
     """
     width = len(design.reduction.independent)
     phi = design.to_bodies(estimate.theta[:width]) if estimate.phi is None else estimate.phi
-    known = Estimated(design.names, design.units, estimate.theta, estimate.covariance)
+    dt = find_interval(log.dt for log in design.logs)
+    known = Estimated(design.names, design.units, estimate.theta, estimate.covariance, dt)
     return Model(design.rig.with_phi(phi), (*design.to_terms(estimate.theta), *design.stated), known)
 
 

@@ -14,7 +14,7 @@ from gimbal_pin.errors import ModelError
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.rig.reading import read_yaml
-from gimbal_pin.rig.records import convert_value, read_record
+from gimbal_pin.rig.records import bounded_field, convert_value, read_record
 from gimbal_pin.rig.rig import Rig
 
 KIND = "gimbal_pin model"
@@ -48,6 +48,7 @@ def _describe_payload_model(identified: Identified, path: str | Path) -> dict[st
         "phi": model.rig.phi.tolist(),
         "terms": [term.to_dict() for term in model.terms],
         "covariance": known.covariance.tolist(),
+        "dt": known.dt,
         **_describe_doubts(model),
     }
 
@@ -79,7 +80,7 @@ def _describe_uncertainty(estimated: Estimated | None) -> dict[str, Any]:
         return {}
     columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
     rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
-    return {"base_parameters": rows, "covariance": estimated.covariance.tolist()}
+    return {"base_parameters": rows, "covariance": estimated.covariance.tolist(), "dt": estimated.dt}
 
 
 def read_model(path: str | Path, rig: Rig) -> Model:
@@ -141,6 +142,7 @@ class Known:
 
     base_parameters: tuple[Any, ...]
     covariance: tuple[tuple[float, ...], ...]
+    dt: float | None = bounded_field(None, 1e-6, 1.0)  # between what `tune` can sample at
 
 
 def _read_known_parameters(data: Any, place: str) -> Estimated:
@@ -161,7 +163,7 @@ def _read_known_parameters(data: Any, place: str) -> Estimated:
     if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or (np.linalg.eigvalsh(correlation) < -1e-6).any():
         raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
     names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
-    return Estimated(names, units, np.array([row.value for row in rows]), covariance)
+    return Estimated(names, units, np.array([row.value for row in rows]), covariance, filed.dt)
 
 
 def is_model(path: str | Path) -> bool:

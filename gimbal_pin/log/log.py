@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -320,3 +320,9 @@ class Log:
         """Return the samples in `rows` as a log of its own."""
         cut: dict[str, Any] = {name: x[rows] for name, x in self.channels.items()}
         return replace(self, t=self.t[rows], **cut, imus={link: imu.part(rows) for link, imu in self.imus.items()})
+
+
+def find_interval(intervals: Iterable[float]) -> float | None:
+    """Return the longest of some logs' sampling intervals, s, its rate to four digits: clocks jitter."""
+    longest = max(intervals, default=None)
+    return None if longest is None else 1 / float(f"{1 / longest:.4g}")

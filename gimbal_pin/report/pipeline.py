@@ -34,7 +34,7 @@ from gimbal_pin.identification import (
 from gimbal_pin.identification.model_file import write_extended, write_model
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
-from gimbal_pin.log.log import Log
+from gimbal_pin.log.log import Log, find_interval
 from gimbal_pin.pointing import Asked, Verified, verify
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
@@ -163,7 +163,8 @@ def auto(
         estimator: Blocks → `Estimate`.
         holdout: As for `identify`.
         filtering: As for `identify`.
-        wish: What is asked of `tune`; the steps are also run with the other kind of controller.
+        wish: What is asked of `tune`; None: nothing, at the logs' rate. The steps are also run with the other kind of
+            controller.
         plant: The plant that the steps are verified on; None: the model that the controllers were made for.
         run: What the folder's ``run.json`` says of the run, see `write_run`.
 
@@ -176,7 +177,7 @@ def auto(
     wrong, undiagnosed = examined(rig, logs, generator, holdout)
     extended = wrong is not None and wrong.is_extended
     model = wrong.model if wrong is not None and extended else identified.model
-    asked = wish or Wish()
+    asked = wish or Wish.sampled(find_interval(log.dt for log in logs))
     tunings, late = tuned(model, asked), asked.samples
     laws = {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}
     tracking = track(plant or model, laws, rng=generator, delay=late)

@@ -376,7 +376,7 @@ def tracking_gain(found: Diagnosis) -> list[str]:
 
 def tuning(found: Tuning, verbose: bool = False) -> str:
     """Gains and margins; why they are not what was asked for, with `verbose` every reason for them."""
-    loud = ("lowered", "is safer", "identify it better")
+    loud = ("sampled at", "lowered", "is safer", "identify it better")
     reasons = [why for why in found.reasons if verbose or any(word in why for word in loud)]
     warned = (f"warning: {said}" for said in found.warnings)
     lines = [*warned, *found.doubts, str(tables.loops(found)), *reasons, "", str(tables.drive_gains(found))]

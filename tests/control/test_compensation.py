@@ -128,7 +128,7 @@ def found(rig: Rig) -> Model:
     turned = rig
     for change in changes:
         turned = change.apply(turned)
-    known = Estimated(("a", "b"), ("kg", "N m"), np.array([1.0, 2.0]), np.array([[4.0, 1.0], [1.0, 9.0]]))
+    known = Estimated(("a", "b"), ("kg", "N m"), np.array([1.0, 2.0]), np.array([[4.0, 1.0], [1.0, 9.0]]), dt=0.002)
     return replace(model, rig=turned, changes=changes, estimated=known)
 
 
@@ -137,7 +137,7 @@ def test_an_extended_model_comes_back_from_its_file(rig: Rig, found: Model, tmp_
     back = read_model(tmp_path / "extended.yaml", rig)
     assert (back.terms, back.drive, back.changes) == (found.terms, found.drive, found.changes)
     assert back.estimated is not None and found.estimated is not None
-    assert back.estimated.names == found.estimated.names
+    assert (back.estimated.names, back.estimated.dt) == (found.estimated.names, found.estimated.dt)
     assert back.estimated.covariance.tolist() == found.estimated.covariance.tolist()
     q, v, a = np.random.default_rng(0).uniform(-1, 1, (3, 5, 2))
     assert back.inverse(q, v, a) == pytest.approx(found.inverse(q, v, a), rel=1e-12)

@@ -349,3 +349,19 @@ def test_plot_shows_every_loop(tuned: Tuning) -> None:
         answer = np.asarray(line.get_ydata(), dtype=float)
         assert abs(answer[-1]) < 0.5 * answer.max()
     assert np.asarray(phase.get_lines()[0].get_ydata(), dtype=float)[0] == pytest.approx(-270, abs=15)
+
+
+# --- The rate ----------------------------------------------------------------------------------------------------
+
+
+def test_the_rate_is_the_logs_unless_told_and_a_rate_that_nobody_knows_is_said(thesis: Model) -> None:
+    known = Estimated((), (), np.zeros(0), np.zeros((0, 0)), dt=0.004)
+    logged = replace(thesis, estimated=known)
+    found, told = tune(logged, disk_margin=1.0), tune(logged, disk_margin=1.0, dt=0.002)
+    assert (found.wish.dt, found.wish.delay, found.controller.dt) == (0.004, 0.004, 0.004)
+    assert (told.wish.dt, told.wish.delay) == (0.002, 0.002)
+    assert found.reasons[0].startswith("sampled at 250 Hz, as the logs were")
+    assert not any("sampled at" in why for why in told.reasons)
+    # All of a loop's times scale with its interval, and so does the bandwidth that a margin leaves.
+    assert told.bandwidth_hz == pytest.approx([2 * hz for hz in found.bandwidth_hz], rel=0.02)
+    assert "not known" in tune(thesis).reasons[0] and tune(thesis).wish.dt == 0.001

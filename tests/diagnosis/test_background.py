@@ -64,6 +64,7 @@ def test_a_model_with_a_table_is_read_as_it_was_written(found: Diagnosis, tmp_pa
     assert again.terms == found.model.terms
     assert again.estimated is not None and found.model.estimated is not None
     np.testing.assert_allclose(again.estimated.std, found.model.estimated.std)
+    assert again.estimated.dt == found.model.estimated.dt == 0.001
 
 
 def test_a_controller_with_a_table_follows_as_one_that_knows_the_detent(found: Diagnosis, plant: Model) -> None:

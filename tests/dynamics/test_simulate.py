@@ -315,3 +315,20 @@ def test_causes_on_two_joints_are_told_apart() -> None:
     truth = np.array([*terms[0].values, *terms[1].values, 0.0, 0.0, 0.0])
     assert np.all(np.abs(found.theta[-6:] - truth) < 4 * found.std[-6:])
     assert np.all(found.std[-6:] < 0.01)
+
+
+def test_the_plant_does_not_depend_on_how_often_the_controller_looks() -> None:
+    plant, drive = plant_with(
+        nominal(rig()), [parse_effect("cable-spring:tilt:stiffness=0.3,rest=0.2,cubic=0.5", rig())]
+    )
+    ends = []
+    for dt in (0.001, 0.02, 0.1):
+        t = dt * np.arange(round(0.8 / dt) + 1)
+        idle = JointPid((Pid(1.0, 0.0, 1.0),) * 2, (1e-12,) * 2, (1.0, 1.0), dt)
+        zero = np.zeros((len(t), 2))
+        start = State(np.zeros(2), np.array([1.0, -2.0]))
+        log = simulate(
+            plant, idle, Motion(t, zero, zero, zero), rng=0, sensors=Sensors.exact(2), drive=drive, start=start
+        )
+        ends.append(log.q[-1])
+    np.testing.assert_allclose(ends[1:], ends[:1] * 2, atol=1e-6)

@@ -199,6 +199,7 @@ def test_a_model_that_holds_for_its_training_part_alone_is_refused_for_control(
     assert re.match(r"tilt: the model fits its training part to 99.*, the held-out part to", found.warnings[0])
     write_model(found, path := tmp_path / "model.yaml")
     tuning = tune(read_model(path, turret))
+    assert tuning.wish.dt == pytest.approx(toothed[0].dt)
     assert tuning.warnings == found.warnings[:1] and "tilt: not to be run" in tuning.doubts[-1]
     assert text.tuning(tuning).startswith(f"warning: {found.warnings[0]}\ntilt: not to be run")
     older = {key: x for key, x in yaml.safe_load(path.read_text()).items() if key != "doubts"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import floor, inf, isfinite, log2
+from typing import Any
 
 import numpy as np
 
@@ -60,6 +61,12 @@ class Wish:
     integral: float = 0.2
     disk_margin: float | None = None
     robust: bool = False
+
+    @staticmethod
+    def sampled(dt: float | None, delay: float | None = None, **asked: Any) -> Wish:
+        """Return a wish with one sample of delay where none is stated, and of 1 ms where no interval is."""
+        dt = dt or Wish.dt
+        return Wish(dt=dt, delay=dt if delay is None else delay, **asked)
 
     @property
     def samples(self) -> int:

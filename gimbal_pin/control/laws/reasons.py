@@ -79,6 +79,12 @@ def times(gain: float) -> str:
     return "any number of times" if gain >= LARGEST * (1 - 1e-9) else f"{digits(gain, 2)} times"
 
 
+def about_sampling(wish: Wish, logged: float | None) -> str:
+    """Say where a sampling interval comes from that nobody asked for."""
+    known = "as the logs were" if logged else "as the rate of the logs is not known"
+    return f"sampled at {digits(1 / wish.dt)} Hz, {known}; where the controller runs at another rate, state it (dt)"
+
+
 def about_gains(wish: Wish) -> str:
     """Say what each gain is made of."""
     if wish.integral == 0:
