@@ -116,11 +116,11 @@ def concluded(found: Identified, json: Path | None) -> None:
     from gimbal_pin.identification import compare_payload, report_with_payload
     from gimbal_pin.log.io.files import to_json
 
-    apart = compare_payload(found)
+    about = compare_payload(found)
     if by_line(json):
-        say(to_json({**report_with_payload(found, apart), "kind": "result"}, None)[:-1])
+        say(to_json({**report_with_payload(found, about), "kind": "result"}, None)[:-1])
     else:
-        present(text.identified(found, apart), report_with_payload(found, apart), json)
+        present(text.identified(found, about), report_with_payload(found, about), json)
 
 
 def by_line(json: Path | None) -> bool:

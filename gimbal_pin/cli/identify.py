@@ -128,8 +128,8 @@ def identify(
     causes = () if extended is None else refittable_effects(read_model(extended, loaded))
     found = identified(loaded, read, fit, bias, refit, trusted, causes)
     write(found, output, urdf)
-    apart = compare_payload(found)
-    present(text.identified(found, apart), report_with_payload(found, apart), json)
+    about = compare_payload(found)
+    present(text.identified(found, about), report_with_payload(found, about), json)
 
 
 def identified(

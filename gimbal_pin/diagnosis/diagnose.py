@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.counterfactual import SensorContext, add_sensor_findin
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
-from gimbal_pin.diagnosis.given_model import compare_given_model
+from gimbal_pin.diagnosis.given_model import compare_given_model, state_payload_with_causes
 from gimbal_pin.diagnosis.limit_cycle import find_limit_cycle
 from gimbal_pin.diagnosis.reported import hold, reported, spoilt
 from gimbal_pin.diagnosis.result import Diagnosis
@@ -49,20 +49,23 @@ def diagnose(
     rng: Rng = None,
     holdout: str | None = None,
     filtering: Filtering | None = None,
+    mass: float | None = None,
 ) -> Diagnosis:
     """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
 
     Long logs are subsampled, see `samples.subsample_log`; a note says how. The band is `band.usual` where no
     filtering is given. `rng` may be a seed; None: a fresh one, whose seed is in the result.
 
-    Args and errors: as `examined`.
+    Args and errors: as `examined`; `mass`: of the payload, kg, where it was weighed.
     """
     logs = [log.ordered(rig) for log in logs]
     shown = [subsample_log(log) for log in logs]
     band = usual(rig, logs) if filtering is None else filtering
     generator, seed = make_generator(rng)
     found = examined(rig, [one.log for one in shown], causes, generator, holdout, band)
-    return replace(found, seed=seed, notes=(*(one.note for one in shown if one.note), *found.notes))
+    filters = None if filtering is None or filtering.alignment is None else Filtering(alignment=filtering.alignment)
+    given = state_payload_with_causes(found, rig, logs, holdout, filters, mass)
+    return replace(found, given=given, seed=seed, notes=(*(one.note for one in shown if one.note), *found.notes))
 
 
 def examined(

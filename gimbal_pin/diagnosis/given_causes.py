@@ -20,7 +20,7 @@ from gimbal_pin.dynamics.regressor import compute_regressor, compute_rnea
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import BaseDifference
-from gimbal_pin.identification.payload import LEAST_KEPT
+from gimbal_pin.identification.difference import LEAST_KEPT
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.rig import Rig

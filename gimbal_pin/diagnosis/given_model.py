@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -22,23 +23,30 @@ from gimbal_pin.diagnosis.given_causes import (
 from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, find_credible, overall
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, RigEffect
-from gimbal_pin.errors import digits
-from gimbal_pin.identification import BaseDifference, explain_by_payload, given_beta
-from gimbal_pin.identification.payload import (
-    DEVIATIONS,
-    FALSE_ALARM,
-    IMPOSSIBLE,
-    is_physical_inertia,
+from gimbal_pin.errors import GimbalPinError, digits
+from gimbal_pin.identification import (
+    BaseDifference,
+    PayloadStatement,
+    apply_changes,
+    compare_payload,
+    given_beta,
+    identify,
+    refittable_effects,
+    state_payload,
 )
-from gimbal_pin.log.log import Array
+from gimbal_pin.identification.difference import FALSE_ALARM
+from gimbal_pin.identification.payload import DEVIATIONS, IMPOSSIBLE, is_physical_inertia
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     FORM_ERROR,
+    Filtering,
     Flags,
     MotionNoise,
     build_discrepancy_columns,
     fit_misfit,
     propagate_misfit,
 )
+from gimbal_pin.rig.rig import Rig
 
 _LEAST_CHANGE = 0.05
 """Share of a joint's given inertia from which a difference is told: few URDFs are nearer."""
@@ -77,7 +85,7 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     difference = compute_difference(state)
     hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
     inertias = describe_inertias(difference, state.problem.inertia, hidden, state.problem.motion_noise)
-    found = replace(found, given=explain_by_payload(difference), notes=(*found.notes, *inertias))
+    found = replace(found, notes=(*found.notes, *inertias))
     if difference.rig.config.inertia != "trusted" or found.held is None:
         return found
     case = _Case(state, GivenResponse(difference), find_given_causes(difference, causes), found.held)
@@ -89,6 +97,33 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     every = tuple(sorted([*found.findings, *more], key=lambda one: -one.explained_share))
     verdict = overall([one.status for one in every], list(found.residual.values()))
     return replace(found, findings=every, verdict=verdict, immaterial=(*found.immaterial, *less))
+
+
+def state_payload_with_causes(
+    found: Diagnosis, rig: Rig, logs: Sequence[Log], holdout: str | None, filters: Filtering | None, mass: float | None
+) -> PayloadStatement:
+    """State what `identify` says of the payload with the found causes in its equations; nothing of spoilt logs.
+
+    Where these cannot hold a cause, as of the drive or of a friction that reads the torque, or refuse the logs, the
+    diagnosis's own fit says it.
+
+    Args:
+        found: The diagnosis.
+        rig: The rig.
+        logs: Its logs.
+        holdout: As for `identify`.
+        filters: As for `identify`.
+        mass: Of the payload, kg, where it was weighed.
+    """
+    if found.state is None:
+        return PayloadStatement()
+    model = found.after.model
+    if not (model.drive or any(term.effect.loaded for term in model.terms)):
+        with suppress(GimbalPinError):
+            changed = apply_changes(rig, model.changes)
+            one = identify(changed, logs, refittable_effects(model), holdout=holdout, filtering=filters)
+            return compare_payload(one, mass)
+    return state_payload(compute_difference(found.state), mass)
 
 
 def describe_inertias(

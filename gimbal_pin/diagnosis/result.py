@@ -20,7 +20,7 @@ from gimbal_pin.dynamics.model import Doubt, Model
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.identification import PayloadDiscrepancy
+from gimbal_pin.identification import PayloadStatement
 from gimbal_pin.rig.brief import brief
 
 MEASURED = "platform-motion"
@@ -267,7 +267,7 @@ class Diagnosis:
         before: The refitted model.
         after: The extended model.
         held: The held-out part, or None where the logs are spoilt.
-        given: What sets the payload apart from its URDF; None where the logs are spoilt or nothing is mounted.
+        given: What the logs say of the payload once the found causes are known; nothing where the logs are spoilt.
         state: What the search ended with on the training part; None where the logs are spoilt.
         planned: The motion that parts what is ambiguous, where `next_experiment` was asked for it.
         tracking: Joint → "rms_before", "rms_after": simulated tracking error without and with the found causes
@@ -294,7 +294,7 @@ class Diagnosis:
     before: Extended
     after: Extended
     held: Evidence | None = None
-    given: PayloadDiscrepancy | None = None
+    given: PayloadStatement = field(default_factory=PayloadStatement)
     state: State | None = None
     planned: NextExperiment | None = None
     tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -383,7 +383,7 @@ class Diagnosis:
             "causes": self.list_causes(),
             "notes": list(self.notes),
             "altered": list_alterations(self.altered),
-            "given_model": {} if self.given is None else self.given.to_dict(),
+            **{key: value or {} for key, value in self.given.to_dict().items()},
             "residual": {joint: asdict(left) for joint, left in self.residual.items()},
             "immaterial": [asdict(slight) for slight in self.immaterial],
             "alignment_s": self.alignment,

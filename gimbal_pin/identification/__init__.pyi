@@ -3,6 +3,7 @@ from .bias_test import Hausman as Hausman
 from .bias_test import WhenTested as WhenTested
 from .bias_test import compare_with_instruments as compare_with_instruments
 from .bootstrap import Bootstrap as Bootstrap
+from .difference import BaseDifference as BaseDifference
 from .estimators import ESTIMATORS as ESTIMATORS
 from .fitting import assemble_result as assemble_result
 from .fitting import given_beta as given_beta
@@ -26,12 +27,14 @@ from .model_file import write_extended as write_extended
 from .model_file import write_model as write_model
 from .output_error import fit_idim as fit_idim
 from .output_error import fit_output_error as fit_output_error
-from .payload import BaseDifference as BaseDifference
 from .payload import PayloadDiscrepancy as PayloadDiscrepancy
+from .payload import PayloadStatement as PayloadStatement
 from .payload import compare_payload as compare_payload
 from .payload import explain_by_payload as explain_by_payload
 from .payload import report_with_payload as report_with_payload
+from .payload import state_payload as state_payload
 from .payloads import Several as Several
+from .payloads import apply_changes as apply_changes
 from .payloads import identify_new as identify_new
 from .payloads import identify_several as identify_several
 from .requirements import LEAST_MOVING as LEAST_MOVING

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from gimbal_pin.dynamics.checking import spread_poses
 from gimbal_pin.dynamics.regressor import compute_regressor
 from gimbal_pin.effects.rig_effect import describe_way, find_camera_axes, get_payload
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.identification.identified import Identified
+from gimbal_pin.identification.difference import BaseDifference
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.rig import PHI
@@ -32,6 +32,22 @@ TIGHT = 0.5
 """Share of a motor's torque from which gravity leaves it too little to move with."""
 
 
+class KnownMass(NamedTuple):
+    """A payload's mass that is not its URDF's.
+
+    Attributes:
+        value: kg.
+        std: Its standard deviation, kg, which may hold more than `gain` makes of the base parameters' own.
+        is_weighed: Whether it was given beside the log, else identified.
+        gain: Its change per change of the base parameters, (b,); zero where it was weighed.
+    """
+
+    value: float
+    std: float
+    is_weighed: bool
+    gain: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Balance:
     """The result of `compute_balance`.
@@ -39,7 +55,8 @@ class Balance:
     Attributes:
         way: How far to slide the payload forward, left and up, m, (3,); zero along what gravity does not show.
         std: Standard deviations, m, (3,).
-        mass: Mass of the payload that the way stands on, kg: the identified one, or else its URDF's.
+        mass: Mass of the payload that the way stands on, kg.
+        source: Whose that is: "identified", "weighed", or its URDF's where it does not show, "stated".
         named: Whether that payload is still the mounted one: if not, only mass times way is known.
         before: Joint → largest gravity torque over its poses as it is, N m.
         after: The same once the payload has been slid.
@@ -50,6 +67,7 @@ class Balance:
     way: Array
     std: Array
     mass: float
+    source: str
     named: bool
     before: Mapping[str, float]
     after: Mapping[str, float]
@@ -78,8 +96,10 @@ class Balance:
         after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
         saved = f"gravity then takes {after} instead of {before} {self.forces[joint]} at {joint}"
         way = f"{describe_way(clear * factor, unit)} (± {digits(std * factor, 1)} {unit}"
+        open_ = "the stated {}, which the log does not show: in inverse proportion to its mass"
+        of = {"stated": open_, "weighed": "the {} that were weighed"}.get(self.source, "its {}")
         stands = (
-            f" at its {digits(1e3 * self.mass, 4)} g)"
+            f" at {of.format(f'{digits(1e3 * self.mass, 4)} g')})"
             if self.named
             else "), each divided by its mass in kg, which nobody told"
         )
@@ -102,6 +122,7 @@ class Balance:
             "slide_mm": (1e3 * self.way).tolist() if self.named else None,
             "std_mm": (1e3 * self.std).tolist() if self.named else None,
             "stated_mass": 1e3 * self.mass if self.named else None,
+            "mass_source": self.source if self.named else None,
             "moment_kg_mm": (1e3 * self.mass * self.way).tolist(),
             "gravity_torque_before": dict(self.before),
             "gravity_torque_after": dict(self.after),
@@ -111,18 +132,18 @@ class Balance:
         }
 
 
-def compute_balance(found: Identified, mass: float | None = None, loose: float = 0.0) -> Balance | None:
+def compute_balance(found: BaseDifference, mass: KnownMass | None = None, named: bool = True) -> Balance | None:
     """``argmin_s Σ_q ‖W (G(q) + S(q) s)‖²`` over poses q within the limits; None where no payload is mounted.
 
-    G = Y(q) β is gravity with the identified base parameters, S its change per way s of the payload, W one over the
-    motors' torque.
+    G = Y(q) β is gravity with the identified base parameters, S its change per way s of the payload, in proportion to
+    its mass, W one over the motors' torque. Deviations are of β and of a mass that follows from it, together.
 
     Args:
         found: The gimbal with the payload.
-        mass: The payload's mass where it was identified, kg; None: the stated one.
-        loose: Its standard deviation, kg.
+        mass: The payload's mass; None: the stated one.
+        named: Whether the payload is the one that the rig states.
     """
-    rig = found.model.rig
+    rig = found.rig
     try:
         body, inertia, _ = get_payload(rig)
     except UsageError:
@@ -132,22 +153,18 @@ def compute_balance(found: Identified, mass: float | None = None, loose: float =
     full = compute_regressor(rig, q, still, still)
     gravity = full[:, :, find_base_columns(rig, found.reduction)]
     moments = [10 * body + PHI.index(symbol) for symbol in ("mx", "my", "mz")]
-    weighs = float(inertia.mass) if mass is None else mass
+    weighs = float(inertia.mass) if mass is None else mass.value
     per_way = weighs * full[:, :, moments] @ find_camera_axes(rig)
     limit = np.where(np.isfinite(rig.tau_max), rig.tau_max, 1.0)[:, None]
     inverse = np.linalg.pinv((per_way / limit).reshape(-1, 3), rcond=RANK)
-    width = gravity.shape[2]
-    gain = -inverse @ (gravity / limit).reshape(-1, width)
-    beta, spread = found.estimate.theta[:width], found.estimate.covariance[:width, :width]
+    beta = found.refitted
+    gain = -inverse @ (gravity / limit).reshape(-1, len(beta))
     way = gain @ beta
     loads = gravity @ beta, gravity @ beta + per_way @ way
     before, after = (dict(zip(rig.joints, np.abs(x).max(axis=0).round(9).tolist())) for x in loads)
-    std = np.sqrt(np.maximum(np.diag(gain @ spread @ gain.T), 0.0) + (way * loose / weighs) ** 2)
+    slope, own = (np.zeros(len(beta)), 0.0) if mass is None else (mass.gain, mass.std**2)
+    per_beta, more = gain - np.outer(way / weighs, slope), max(own - float(slope @ found.covariance @ slope), 0.0)
+    std = np.sqrt(np.maximum(np.diag(per_beta @ found.covariance @ per_beta.T), 0.0) + more * (way / weighs) ** 2)
+    source = "stated" if mass is None else "weighed" if mass.is_weighed else "identified"
     available, forces = dict(zip(rig.joints, rig.tau_max.tolist())), {j: rig.in_units(j, "N m") for j in rig.joints}
-    return Balance(way, std, weighs, not found.swapped, before, after, available, forces)
-
-
-def report_with_balance(found: Identified, mass: float | None = None, loose: float = 0.0) -> dict[str, Any]:
-    """Return what JSON holds of an identification, the balance with it; `mass` and `loose`: see `compute_balance`."""
-    balanced = compute_balance(found, mass, loose)
-    return {**found.to_dict(), "balance": None if balanced is None else balanced.to_dict()}
+    return Balance(way, std, weighs, source, named, before, after, available, forces)

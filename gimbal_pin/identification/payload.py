@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
-from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import compute_inertia_regressor
 from gimbal_pin.effects.rig_effect import (
     DIRECTIONS,
@@ -21,21 +19,16 @@ from gimbal_pin.effects.rig_effect import (
     shift_inertia,
 )
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.identification.balance import report_with_balance
-from gimbal_pin.identification.fitting import given_beta
+from gimbal_pin.identification.balance import Balance, KnownMass, compute_balance
+from gimbal_pin.identification.difference import FALSE_ALARM, BaseDifference, ShownChange
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import FORM_ERROR, compute_deformation_root, find_base_columns, map_phi_to_base, project_rows
+from gimbal_pin.regression import FORM_ERROR, compute_deformation_root, find_base_columns
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.rig import Rig
 
-LEAST_KEPT = 1e-6
-"""A direction that keeps less than this of the largest, once the others are projected out, is not shown by the rig."""
 LEAST_KNOWN = 0.1
 """Standard deviation from which a log does not show a difference, as a share of what the payload has: of its mass, of
 its radius of gyration, of its body's largest moment of inertia: what is known no better is not worth a figure."""
-FALSE_ALARM = 0.003
-"""Chance of speaking of a difference where there is none: three deviations."""
 DEVIATIONS = 2.0
 """Standard deviations from which a direction is spoken of, 95 %."""
 IMPOSSIBLE = "the fit's figure is no body's, which points at noise in the motion or at torque that the model lacks"
@@ -44,107 +37,6 @@ TRIAL_MASS, LEAST_SHIFT = 0.03, 0.05
 """Share of a mass, and the millimetres from which it is said what that much more of it does."""
 MOMENTS, INERTIA, PRODUCTS = [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
 """Places in a body's ten parameters, in the order of `rig.PHI`."""
-
-
-class ShownChange(NamedTuple):
-    """What of a change of some parameters the base parameters show.
-
-    Attributes:
-        basis: Directions in the parameters' space that are shown, orthonormal, (p, r).
-        value: The change along each, (r,).
-        covariance: Of these, (r, r).
-    """
-
-    basis: Array
-    value: Array
-    covariance: Array
-
-    @property
-    def change(self) -> Array:
-        """The parameters' change, nothing along what is not shown, (p,)."""
-        return self.basis @ self.value
-
-    @property
-    def std(self) -> Array:
-        """Its standard deviations, (p,)."""
-        return np.sqrt(np.maximum(np.diag(self.basis @ self.covariance @ self.basis.T), 0.0))
-
-    @property
-    def axes(self) -> list[bool]:
-        """Whether each of the p axes lies more than half in the directions that are shown."""
-        return [bool(np.linalg.norm(row) > 0.5) for row in self.basis]
-
-    @property
-    def is_significant(self) -> bool:
-        """Whether chance makes as large a change in less than `FALSE_ALARM` of the cases."""
-        if not len(self.value):
-            return False
-        power = self.value @ np.linalg.solve(self.covariance, self.value)
-        return bool(chi2.sf(power, len(self.value)) <= FALSE_ALARM)
-
-    def hide(self) -> ShownChange:
-        """Return the same parameters with nothing of them shown."""
-        return ShownChange(self.basis[:, :0], self.value[:0], self.covariance[:0, :0])
-
-
-@dataclass(frozen=True, eq=False)
-class BaseDifference:
-    """``change = beta refitted - beta given``.
-
-    Attributes:
-        rig: The given rig.
-        reduction: Its base parameters.
-        change: In SI units, (b,).
-        covariance: Of the change under the residual's own colour, (b, b).
-        weighting: Of the change if the residual were white, (b, b): what the least squares are weighted by, since a
-            covariance estimated from few blocks of time has no inverse that deserves trust.
-    """
-
-    rig: Rig
-    reduction: Reduction
-    change: Array
-    covariance: Array
-    weighting: Array
-
-    @cached_property
-    def responses(self) -> Array:
-        """Change of the base parameters per change of each entry of `Rig.phi`, (b, 10 n)."""
-        return map_phi_to_base(self.rig, self.reduction)
-
-    @cached_property
-    def whitener(self) -> Array:
-        """``W = L⁻¹/√c``, ``weighting = L Lᵀ``, (b, b): noise of unit variance on average, ``tr(W cov Wᵀ) = b``."""
-        std = np.sqrt(np.diag(self.weighting))
-        correlation = self.weighting / np.outer(std, std) + 1e-12 * np.eye(len(std))
-        white = np.linalg.inv(np.linalg.cholesky(correlation)) / std
-        return np.asarray(white / np.sqrt(np.trace(white @ self.covariance @ white.T) / len(std)))
-
-    def explain(self, wanted: Array, unknown: Array, limit: float) -> ShownChange:
-        """Least squares for the wanted parameters, whatever the unknown ones are.
-
-        Args:
-            wanted: Base parameters per wanted parameter, (b, p).
-            unknown: The same of what is to be left open, (b, m).
-            limit: Standard deviation, in the wanted parameters' unit, from which a direction is not shown.
-        """
-        W = self.whitener
-        left, size, right = np.linalg.svd(project_rows(W @ wanted, W @ unknown), full_matrices=False)
-        floor = LEAST_KEPT * max(float(np.linalg.norm(W @ wanted)), 1e-300)
-        shown = (size > floor) & (size * limit > 1.0)
-        gain = (left[:, shown] / size[shown]).T @ W
-        return ShownChange(right[shown].T, gain @ self.change, gain @ self.covariance @ gain.T)
-
-    def compute_rest(self, columns: Array) -> tuple[float, int]:
-        """Power of the change outside the reach of some columns, (b, m), in units of noise, and in how many ways."""
-        span = self.whitener @ columns
-        rest = project_rows((self.whitener @ self.change)[:, None], span)
-        return float(np.sum(rest**2)), len(self.change) - int(np.linalg.matrix_rank(span))
-
-    def widen(self, root: Array) -> BaseDifference:
-        """Return it with a root of another covariance, (b, r), in its own."""
-        W, more = self.whitener, root @ root.T
-        noise = self.weighting * len(self.change) / np.trace(W @ self.weighting @ W.T)
-        return replace(self, covariance=self.covariance + more, weighting=noise + more)
 
 
 def is_physical_inertia(inertia: float, mass: float = 1.0, moment: float = 0.0) -> bool:
@@ -162,7 +54,8 @@ class PayloadDiscrepancy:
         is_sufficient: Whether the payload's parameters explain all of the difference; else the other bodies are left
             open, and only what shows without them is said.
         stated: The mass that its URDF states, kg.
-        mass: Difference from it, kg, one value, or none where it does not show.
+        is_weighed: Whether its mass was given beside the log: then that is no estimate.
+        mass: Difference from the stated mass, kg, one value, or none where it does not show.
         shift: Of the centre of mass of the payload with the mass above, m, forms (3,) with its directions.
         per_mass: Change of that shift if the payload has a kilogram more, m/kg, (3,): a body that carries it off the
             joints' axes pulls as one that sits further out, and what sits off its place does so less if it is heavier.
@@ -177,6 +70,7 @@ class PayloadDiscrepancy:
     body: str
     is_sufficient: bool
     stated: float
+    is_weighed: bool
     mass: ShownChange
     shift: ShownChange
     per_mass: Array
@@ -208,6 +102,13 @@ class PayloadDiscrepancy:
         """What the payload weighs, and the deviation of that, kg; nothing where it does not show."""
         return (self.stated + float(self.mass.change[0]), float(self.mass.std[0])) if len(self.mass.value) else ()
 
+    @property
+    def known_mass(self) -> KnownMass | None:
+        """The mass that its balance stands on; None where that is the stated one."""
+        if not self.found_mass:
+            return None
+        return KnownMass(*self.found_mass, self.is_weighed, (self.mass.basis @ self.mass.gain)[0])
+
     def _describe_place(self) -> str:
         """Say where it sits, in the camera's own directions."""
         shift, least = self.shift._replace(basis=self.camera.T @ self.shift.basis), FORM_ERROR * self.gyration
@@ -230,6 +131,8 @@ class PayloadDiscrepancy:
     def _describe_mass(self) -> str:
         """Say what it weighs; of a mass that does not show, how the place changes with it."""
         stated = f"the stated {digits(1e3 * self.stated, 4)} g"
+        if self.is_weighed and self.found_mass:
+            return f"that is at the {digits(1e3 * self.found_mass[0], 4)} g that were weighed, of {stated}"
         if self.found_mass:
             extra, std = 1e3 * (self.found_mass[0] - self.stated), 1e3 * self.found_mass[1]
             if not self.mass.is_significant:
@@ -269,6 +172,7 @@ class PayloadDiscrepancy:
             "com_std_mm": [float(s) if yes else None for s, yes in zip(std, shown)],
             "mass_std": None if mass_std is None else 1e3 * mass_std,
             "stated_mass": 1e3 * self.stated,
+            "weighed": self.is_weighed,
             "link": self.link,
             "alone": self.is_sufficient,
         }
@@ -280,31 +184,68 @@ class PayloadDiscrepancy:
         return {"camera": row, self.body: {**differ, "sentence": said}}
 
 
-def compare_payload(found: Identified) -> PayloadDiscrepancy | None:
-    """Compare what `identify` found with the rig that it was given; None where nothing is mounted that is known."""
-    if found.is_of_two_rigs or found.swapped:
-        return None
-    rig, width = found.model.rig.with_phi(found.given), len(found.reduction.independent)
-    spread = found.estimate.covariance[:width, :width]
-    change = found.estimate.theta[:width] - given_beta(rig, found.reduction)
-    return explain_by_payload(BaseDifference(rig, found.reduction, change, spread, spread))
+@dataclass(frozen=True, eq=False)
+class PayloadStatement:
+    """All that a log says of the payload: every verb and page prints this.
+
+    Attributes:
+        apart: What sets it apart from its URDF; None where nothing is mounted that is known.
+        balance: How to balance it, by the same mass; None where nothing is mounted, or the log is of two rigs.
+    """
+
+    apart: PayloadDiscrepancy | None = None
+    balance: Balance | None = None
+
+    __repr__ = brief
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Where it sits and what it weighs, in sentences."""
+        return () if self.apart is None else self.apart.lines
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """How to balance it, in sentences."""
+        return () if self.balance is None else self.balance.sentences
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return `given_model` and `balance` as JSON holds them, null where there is nothing to say."""
+        return {
+            "given_model": None if self.apart is None else self.apart.to_dict(),
+            "balance": None if self.balance is None else self.balance.to_dict(),
+        }
 
 
-def report_with_payload(found: Identified, discrepancy: PayloadDiscrepancy | None) -> dict[str, Any]:
-    """Return what JSON holds of an identification, the payload's place and mass and the balance with it."""
-    mass = () if discrepancy is None else discrepancy.found_mass
-    return {
-        **report_with_balance(found, *mass),
-        "given_model": None if discrepancy is None else discrepancy.to_dict(),
-    }
+def compare_payload(found: Identified, mass: float | None = None) -> PayloadStatement:
+    """Compare what `identify` found with the rig that it was given; `mass`: the payload's, kg, where it was weighed."""
+    if found.is_of_two_rigs:
+        return PayloadStatement()
+    return state_payload(BaseDifference.of(found), mass, not found.swapped)
 
 
-def explain_by_payload(found: BaseDifference) -> PayloadDiscrepancy | None:
+def state_payload(found: BaseDifference, mass: float | None = None, is_named: bool = True) -> PayloadStatement:
+    """Say where the payload sits, what it weighs and how to balance it.
+
+    Args:
+        found: The refitted base parameters against the given ones.
+        mass: Of the payload, kg, where it was weighed.
+        is_named: Whether the payload is the one that the rig states.
+    """
+    apart = explain_by_payload(found, mass) if is_named else None
+    return PayloadStatement(apart, compute_balance(found, None if apart is None else apart.known_mass, is_named))
+
+
+def report_with_payload(found: Identified, payload: PayloadStatement) -> dict[str, Any]:
+    """Return what JSON holds of an identification, and of the payload."""
+    return {**found.to_dict(), **payload.to_dict()}
+
+
+def explain_by_payload(found: BaseDifference, weighed: float | None = None) -> PayloadDiscrepancy | None:
     """Explain a difference by the payload's ten parameters; None where the rig carries nothing with a mass.
 
     Inertias are left open: a shift is read from first moments, a mass from what it alone moves (arms that carry it off
-    an axis). Where the payload cannot explain the difference, the other bodies differ from the URDF, too, by a share
-    that is estimated, see `_allow_other_bodies`.
+    an axis) where it was not weighed, kg. Where the payload cannot explain the difference, the other bodies differ from
+    the URDF, too, by a share that is estimated, see `_allow_other_bodies`.
     """
     rig = found.rig
     try:
@@ -319,7 +260,9 @@ def explain_by_payload(found: BaseDifference) -> PayloadDiscrepancy | None:
     heavier, per_metre = own @ (phi / stated)[:, None], own[:, MOMENTS] @ frame.rotation
     radius = compute_gyration_radius(inertia)
     mass = found.explain(heavier, np.hstack([stated * per_metre, open_]), LEAST_KNOWN * stated)
-    more, unsure = float(mass.change[0]), heavier[:, : len(mass.value)]
+    if weighed is not None:
+        mass = ShownChange(np.eye(1), np.array([weighed - stated]), np.zeros((1, 1)), np.zeros((1, len(found.change))))
+    more, unsure = float(mass.change[0]), heavier[:, : len(mass.value) * (weighed is None)]
     whole = stated + more
 
     def place(change: Array, beside: Array) -> ShownChange:
@@ -330,7 +273,10 @@ def explain_by_payload(found: BaseDifference) -> PayloadDiscrepancy | None:
 
     first = found.explain(stated * per_metre, np.hstack([unsure, open_]), LEAST_KNOWN * radius)
     moved = per_metre @ first.change * stated / whole
-    shift = place(found.change + more * moved, unsure + moved[:, None])
+    if weighed is None:
+        shift = place(found.change + more * moved, unsure + moved[:, None])
+    else:
+        shift = place(found.change - more * heavier[:, 0], unsure)
     unweighed = -(heavier[:, 0] + moved) * (not len(mass.value))
     per_mass = place(unweighed, unsure + moved[:, None]).change
 
@@ -346,16 +292,18 @@ def explain_by_payload(found: BaseDifference) -> PayloadDiscrepancy | None:
     products = left.explain(own[:, PRODUCTS], np.hstack(beside), LEAST_KNOWN * moment)
     total = rig.phi[mine] + change_payload(0.0)
     about = compute_inertia_regressor(rig, np.zeros((1, rig.n)), body)[0, body, find_base_columns(rig, found.reduction)]
-    turns = float(about @ (given_beta(rig, found.reduction) + found.change))
+    turns = float(about @ found.refitted)
     off = float(np.linalg.norm(np.cross(find_joint_axis(rig, body), total[MOMENTS])))
     is_physical = whole > 0 and is_physical_inertia(turns, float(total[0]), off)
     if not is_physical:
-        mass, shift, products, per_mass = mass.hide(), shift.hide(), products.hide(), np.zeros(3)
+        mass = mass.hide() if weighed is None else mass
+        shift, products, per_mass = shift.hide(), products.hide(), np.zeros(3)
     return PayloadDiscrepancy(
         link=find_payload_link(rig),
         body=rig.links[body],
         is_sufficient=is_sufficient,
         stated=stated,
+        is_weighed=weighed is not None,
         mass=mass,
         shift=shift,
         per_mass=per_mass,

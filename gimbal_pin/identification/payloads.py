@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
@@ -14,12 +15,12 @@ from gimbal_pin.dynamics.model import Estimated, Model, build_friction_effects, 
 from gimbal_pin.dynamics.reduction import Reduction, list_units, reduce_parameters, scan_columns, stack_regressors
 from gimbal_pin.dynamics.regressor import SCAN
 from gimbal_pin.effects import Effect
-from gimbal_pin.effects.rig_effect import get_payload
+from gimbal_pin.effects.rig_effect import RigEffect, get_payload
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.identification.balance import report_with_balance
 from gimbal_pin.identification.fitting import assemble_result, keep_held_out_accuracy, split_logs
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.known_gimbal import compute_limit, describe_contradiction, update_gimbal
+from gimbal_pin.identification.payload import PayloadStatement, compare_payload, report_with_payload
 from gimbal_pin.identification.requirements import check_enough, check_seen
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
@@ -70,12 +71,6 @@ class Camera:
         """Standard deviations, (r,)."""
         return np.sqrt(np.diag(self.covariance))
 
-    @property
-    def mass(self) -> float | None:
-        """The identified mass, kg; None where it was not estimated, shows only in sums, or is that of nothing."""
-        rows = zip(self.names, self.value.tolist(), self.std.tolist())
-        return next((x for name, x, std in rows if name.endswith(".m") and " " not in name and std and x > 0), None)
-
     def to_dict(self) -> list[dict[str, Any]]:
         """Return rows of name, value, std, unit and the URDF's value."""
         rows = zip(self.names, self.value.tolist(), self.std.tolist(), self.units, self.urdf.tolist())
@@ -107,6 +102,11 @@ class Several:
         """A few lines per camera: what was estimated, and how well it predicts."""
         return "\n".join([*(repr(one) for one in self.identified.values()), self.sentence])
 
+    @cached_property
+    def payloads(self) -> Mapping[str, PayloadStatement]:
+        """Payload → where it sits and what it weighs, against its own URDF, and how to balance it."""
+        return {name: compare_payload(one) for name, one in self.identified.items()}
+
     @property
     def warnings(self) -> tuple[str, ...]:
         """What has to be known before the parameters are read, in sentences: the cameras' worst, then their next."""
@@ -129,7 +129,7 @@ class Several:
         """Return what `identify --json` writes: the reference's, and every payload's under `payloads`."""
         cameras = {name: one.to_dict() for name, one in self.cameras.items()}
         each = {
-            name: {**report_with_balance(one, self.cameras[name].mass), "camera": cameras[name]}
+            name: {**report_with_payload(one, self.payloads[name]), "camera": cameras[name]}
             for name, one in self.identified.items()
         }
         first = each.get(self.reference, next(iter(each.values())))
@@ -386,7 +386,7 @@ def identify_new(
         LogError: A torque has the wrong sign, or two have changed places, see `checks.check_assignment`; or
             one is in another unit, or acts too early or late, see `checks.check_time`.
     """
-    rig, before = _apply_known_changes(rig, known), get_known_parameters(known)
+    rig, before = apply_changes(rig, known.changes), get_known_parameters(known)
     reduction = reduce_parameters(rig)
     effects = [term.effect for term in known.terms if term not in build_rotor_terms(known.rig)]
     width, count = len(reduction.independent), sum(len(effect.coefficients) for effect in effects)
@@ -411,9 +411,9 @@ def identify_new(
     return Several({name: identified}, {name: one}, mounted)
 
 
-def _apply_known_changes(rig: Rig, known: Model) -> Rig:
-    """Return the rig as the known gimbal stands: its encoders' offsets and its base; the bodies are as given."""
-    for change in known.changes:
+def apply_changes(rig: Rig, changes: Sequence[RigEffect]) -> Rig:
+    """Return a rig as it was found to stand: its encoders' offsets and its base; the bodies are as given."""
+    for change in changes:
         rig = change.apply(rig).with_phi(rig.phi)
     return rig
 

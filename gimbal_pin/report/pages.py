@@ -12,7 +12,7 @@ from tqdm import tqdm
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.diagnosis import Diagnosis
-from gimbal_pin.identification import Identified, compare_payload
+from gimbal_pin.identification import Identified, PayloadStatement
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.outlook import outlook, shown
@@ -43,6 +43,7 @@ def full(
     found: Identified,
     tunings: Mapping[str, Tuning],
     result: Tracking,
+    payload: PayloadStatement,
     recording: str,
     head: Summary,
     wrong: Diagnosis | None = None,
@@ -60,6 +61,7 @@ def full(
         found: The model from them.
         tunings: The controllers; the recording shows the first.
         result: Steps with them.
+        payload: What the log says of the payload.
         recording: The page of the animation.
         head: What was found, what to do and what not to trust.
         wrong: What the model gets wrong, if that could be told; `undiagnosed` says why not.
@@ -75,7 +77,7 @@ def full(
         *([] if wrong is None else [partial(diagnosis, wrong)]),
         *([partial(Section, WRONG, paragraph(NOT_DIAGNOSED.format(undiagnosed)))] if undiagnosed else []),
         lambda: animation(recording, STEPS.format(controller_name(law))),
-        lambda: parameters(found, evaluated, compare_payload(found) if wrong is None else wrong.given),
+        lambda: parameters(found, evaluated, payload),
         lambda: torque(found, evaluated),
         lambda: margins(*tunings.values()),
         lambda: tracking(result, rig, plant),

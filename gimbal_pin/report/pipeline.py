@@ -25,7 +25,7 @@ from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.identification import (
     Identified,
-    PayloadDiscrepancy,
+    PayloadStatement,
     compare_payload,
     identify,
     refittable_effects,
@@ -88,6 +88,7 @@ class Auto:
         notes: What `write_run` says of files of an earlier run.
         beside: The identification with the causes that were found in the equations; None where there are none.
         seed: Repeats it as `rng`; None where a generator was given.
+        mass: Of the payload, kg, where it was weighed.
     """
 
     identified: Identified
@@ -105,6 +106,7 @@ class Auto:
     notes: tuple[str, ...] = ()
     beside: Identified | None = None
     seed: int | None = None
+    mass: float | None = None
 
     __repr__ = brief
 
@@ -114,9 +116,9 @@ class Auto:
         return next(iter(self.tunings.values()))
 
     @property
-    def apart(self) -> PayloadDiscrepancy | None:
-        """What sets the payload apart from its URDF: the diagnosis's answer where there is one, for it knows more."""
-        return compare_payload(self.identified) if self.diagnosis is None else self.diagnosis.given
+    def payload(self) -> PayloadStatement:
+        """What the log says of the payload: the diagnosis's answer where there is one, for it knows more."""
+        return compare_payload(self.identified, self.mass) if self.diagnosis is None else self.diagnosis.given
 
     @property
     def held_on(self) -> str:
@@ -127,7 +129,7 @@ class Auto:
         """Return the verbs' JSON side by side."""
         return {
             "schema": 1,
-            "identify": report_with_payload(self.identified, self.apart),
+            "identify": report_with_payload(self.identified, self.payload),
             "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
             "tune": self.tuning.to_dict(),
             "track": {**self.tracking.to_dict(), **({} if self.held is None else self.held.to_dict())},
@@ -149,6 +151,7 @@ def auto(
     wish: Wish | None = None,
     plant: Model | None = None,
     run: Mapping[str, object] | None = None,
+    mass: float | None = None,
 ) -> Auto:
     """Identify, diagnose, tune, verify, and write models, URDF, controller, report and animation into `folder`.
 
@@ -167,6 +170,7 @@ def auto(
             controller.
         plant: The plant that the steps are verified on; None: the model that the controllers were made for.
         run: What the folder's ``run.json`` says of the run, see `write_run`.
+        mass: Of the payload, kg, where it was weighed.
 
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
@@ -174,7 +178,7 @@ def auto(
     logs = [log.ordered(rig) for log in logs]
     identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
     generator, seed = make_generator(rng)
-    wrong, undiagnosed = examined(rig, logs, generator, holdout)
+    wrong, undiagnosed = examined(rig, logs, generator, holdout, mass)
     extended = wrong is not None and wrong.is_extended
     model = wrong.model if wrong is not None and extended else identified.model
     asked = wish or Wish.sampled(find_interval(log.dt for log in logs))
@@ -191,7 +195,7 @@ def auto(
     beside = identify(rig, logs, causes, estimator=estimator, holdout=holdout, filtering=filtering) if causes else None
     steps = identified, wrong, model, tunings, tracking, animated
     head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed)
-    found = Auto(*steps, files, stood, head, held, why, undiagnosed, beside=beside, seed=seed)
+    found = Auto(*steps, files, stood, head, held, why, undiagnosed, beside=beside, seed=seed, mass=mass)
     return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
 
 
@@ -209,11 +213,11 @@ def alike(tuning: Tuning) -> dict[str, Any]:
 
 
 def examined(
-    rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None
+    rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None, mass: float | None
 ) -> tuple[Diagnosis | None, str]:
     """Diagnose logs, and plan the next experiment where they leave a choice; return it, or why they cannot answer."""
     try:
-        found = diagnose(rig, logs, rng=rng, holdout=holdout)
+        found = diagnose(rig, logs, rng=rng, holdout=holdout, mass=mass)
     except DataError as error:
         return None, str(error)
     return planned(found, rng=rng), ""
@@ -255,6 +259,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
         identified,
         found.tunings,
         found.tracking,
+        found.payload,
         animation,
         found.summary,
         wrong,

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.excitation import Excitation
     from gimbal_pin.export import Exported
-    from gimbal_pin.identification import Identified, PayloadDiscrepancy, Progress
+    from gimbal_pin.identification import Identified, PayloadStatement, Progress
     from gimbal_pin.identification.bodies import Figure
     from gimbal_pin.identification.payloads import Several
     from gimbal_pin.log.io.inspection import Inspected
@@ -142,20 +142,15 @@ def inspected(found: Inspected, altered: Sequence[Alteration] = ()) -> str:
 # -- identification ----------------------------------------------------------------------------------------------------
 
 
-def identified(found: Identified, apart: PayloadDiscrepancy | None = None) -> str:
+def identified(found: Identified, payload: PayloadStatement) -> str:
     """Parameters with uncertainty, accuracy, the payload's place and mass, and how to balance it."""
-    from gimbal_pin.identification.balance import compute_balance
-
-    aims = found.model.rig.aims
-    # Advice from the parameters of neither rig would lead astray.
-    balanced = (
-        compute_balance(found, *(() if apart is None else apart.found_mass))
-        if aims and not found.is_of_two_rigs
-        else None
-    )
-    against = (f"given model: {line}" for line in apart.lines) if apart is not None and aims else ()
     warned = (f"warning: {said}" for said in found.warnings)
-    return "\n".join([*warned, *described(found), *against, *(() if balanced is None else balanced.sentences)])
+    return "\n".join([*warned, *described(found), *(describe_payload(payload) if found.model.rig.aims else [])])
+
+
+def describe_payload(payload: PayloadStatement, caveats: str = "") -> list[str]:
+    """Where the payload sits, what it weighs, and how to balance it."""
+    return [*(f"given model{caveats}: {line}" for line in payload.lines), *payload.advice]
 
 
 def described(found: Identified) -> list[str]:
@@ -227,12 +222,9 @@ def within(figure: Figure, factor: float = 1.0) -> str:
 
 def several(found: Several) -> str:
     """What is wrong; every camera's own parameters, the accuracy with it and its balance; then the gimbal's."""
-    from gimbal_pin.identification.balance import compute_balance
-
     parts = [f"warning: {said}" for said in found.warnings]
     for name, one in found.identified.items():
         camera = found.cameras[name]
-        balanced = compute_balance(one, camera.mass)
         rows = [
             (symbol, unit, figures(value, 4), figures(1.96 * std, 2) if std else "–", figures(given, 4))
             for symbol, unit, value, std, given in zip(
@@ -241,7 +233,7 @@ def several(found: Several) -> str:
         ]
         parts += [name, str(Table(("Parameter", "Unit", "Value", "± 95 %", "URDF"), rows, texts=2))]
         parts += [] if camera.std.all() else ["±: –: taken as its URDF says"]
-        parts += [accuracy(one), "" if balanced is None else "\n".join(balanced.sentences), ""]
+        parts += [accuracy(one), *describe_payload(found.payloads[name]), ""]
     return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", *described(found.first)])
 
 
@@ -284,8 +276,8 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
         lines += [f"({tables.ALONE[0].lower()}{tables.ALONE[1:]})"] if len(found.findings) > 1 else []
     lines += [found.unconfirmed] if found.unconfirmed else []
     lines += tracking_gain(found)
-    if found.given is not None and found.after.model.rig.aims:
-        lines += [f"given model{caveats(found)}: {line}" for line in found.given.lines]
+    if found.after.model.rig.aims:
+        lines += describe_payload(found.given, caveats(found))
     lines += [f"note: {note}" for note in found.notes] + list_altered(found.altered)
     for one in found.immaterial:
         lines.append(f"too small to matter: {one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)")
@@ -557,7 +549,7 @@ def auto(found: Auto, verbose: bool = False) -> str:
         lines.append(f"camera on a platform that moves, jitter rms, on {found.held_on}: {each}")
     if verbose:
         parts = [
-            identified(found.identified, found.apart),
+            identified(found.identified, found.payload),
             *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
             tuning(found.tuning, verbose),
             tracking(found.tracking, found.plant, found.model.rig),

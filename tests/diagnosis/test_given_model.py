@@ -29,7 +29,7 @@ from gimbal_pin.effects import (
     get_payload,
     parse_effect,
 )
-from gimbal_pin.identification import BaseDifference
+from gimbal_pin.identification import BaseDifference, compare_payload, identify, refittable_effects
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
@@ -126,6 +126,28 @@ def test_a_nominal_urdf_makes_no_finding_and_says_it_all_the_same() -> None:
     found = examine(load("turret", "nominal"), MOVED)
     assert not found.findings and found.verdict == "nothing"
     assert "sits 4.2" in found.to_dict()["given_model"]["camera"]["sentence"]
+
+
+@pytest.mark.parametrize("more", [(), ("cogging:tilt:amplitude=0.03,harmonic=12",)], ids=["alone", "beside teeth"])
+def test_the_diagnosis_says_of_the_payload_what_identify_says(more: tuple[str, ...]) -> None:
+    """Place, mass and balance are those of `identify` with the found causes, and true to three deviations."""
+    rig = load("handheld", "nominal")
+    log = record(rig, MOVED, *more, seed=1)
+    causes = {name: CAUSES[name] for name in ("cogging", "stribeck")}
+    found = diagnose(rig, [log], causes, rng=RNG(0))
+    assert [one.cause for one in found.findings] == ["cogging"] * len(more)
+    told = compare_payload(identify(rig, [log], refittable_effects(found.after.model)))
+    assert {key: found.to_dict()[key] for key in ("given_model", "balance")} == told.to_dict()
+    row = told.to_dict()["given_model"]["camera"]
+    np.testing.assert_array_less(np.abs(np.array(row["com_mm"]) - [4.2, 2.0, -1.0]), 3 * np.array(row["com_std_mm"]))
+    assert abs(row["mass"]) < 3 * row["mass_std"] and row["mass_std"] < 20.0
+
+
+def test_the_diagnosis_takes_a_mass_that_was_weighed() -> None:
+    rig = load("turret", "nominal")
+    found = diagnose(rig, [record(rig, MOVED)], {"stribeck": CAUSES["stribeck"]}, rng=RNG(0), mass=1.0)
+    assert found.given.balance is not None and found.given.balance.mass == pytest.approx(1.0)
+    assert found.given.apart is not None and found.given.apart.is_weighed
 
 
 def test_what_no_body_makes_is_not_laid_on_further_ones(clean: BaseDifference) -> None:

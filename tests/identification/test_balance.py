@@ -13,7 +13,6 @@ from gimbal_pin.dynamics import Model, compute_rnea, nominal
 from gimbal_pin.dynamics.checking import compute_gravity_load, spread_poses
 from gimbal_pin.effects import PayloadShift
 from gimbal_pin.identification import Balance, Identified, compare_payload, identify
-from gimbal_pin.identification.balance import compute_balance, report_with_balance
 from gimbal_pin.log import Array
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
@@ -37,7 +36,7 @@ def slid(rig: Rig, way: Array) -> Model:
 
 
 def told(name: str, shift: tuple[float, ...] = ()) -> Balance:
-    out = compute_balance(found(name, shift))
+    out = compare_payload(found(name, shift)).balance
     assert out is not None
     return out
 
@@ -85,17 +84,17 @@ def test_the_share_of_the_motor_is_gravity_over_its_torque() -> None:
 
 
 def test_the_json_holds_millimetres_and_nothing_where_nothing_is_mounted() -> None:
-    row = report_with_balance(found("turret"))["balance"]
+    row = compare_payload(found("turret")).to_dict()["balance"]
     np.testing.assert_allclose(row["slide_mm"], 1e3 * told("turret").way)
     assert row["slide_mm"][1] == 0.0
-    unnamed = report_with_balance(replace(found("turret"), swapped=True))["balance"]
+    unnamed = compare_payload(replace(found("turret"), swapped=True)).to_dict()["balance"]
     assert (
         unnamed["slide_mm"] is None and unnamed["stated_mass"] is None and "divided by its mass" in unnamed["sentence"]
     )
     np.testing.assert_allclose(unnamed["moment_kg_mm"], np.array(row["slide_mm"]) * row["stated_mass"] / 1e3)
     rig = Rig.load("turret", "none")
     log = prescribed(nominal(rig), 1, seconds=14.0, dt=0.004)
-    assert report_with_balance(identify(rig, [log], filtering=Filtering(alignment=0.0)))["balance"] is None
+    assert compare_payload(identify(rig, [log], filtering=Filtering(alignment=0.0))).balance is None
 
 
 def test_one_sentence_alone_says_how_to_slide_the_payload() -> None:
@@ -110,7 +109,7 @@ def test_one_sentence_alone_says_how_to_slide_the_payload() -> None:
 def test_no_way_that_brute_force_tries_is_better(name: str) -> None:
     """Least of what it says it minimises, over every way on a grid about it and many at random, on the fitted model."""
     one = found(name, (0.012, -0.006, 0.009))
-    said = compute_balance(one)
+    said = compare_payload(one).balance
     assert said is not None and any(MINIMISED in sentence for sentence in said.sentences)
     fitted = one.model.rig
     best = total(fitted, said.way)
@@ -124,8 +123,10 @@ def test_no_way_that_brute_force_tries_is_better(name: str) -> None:
 
 @pytest.mark.parametrize("mass", [0.4, 3.0])
 def test_twice_the_mass_is_slid_half_as_far(mass: float) -> None:
-    """Joint torques show mass times way: with a mass that was identified beside the URDF's the way alone changes."""
-    stated, weighed = told("turret"), compute_balance(found("turret"), mass)
-    assert weighed is not None and weighed.mass == mass
+    """Joint torques show mass times way: with a mass that was weighed beside the URDF's the way alone changes."""
+    stated, weighed = told("turret"), compare_payload(found("turret"), mass).balance
+    assert weighed is not None and weighed.mass == pytest.approx(mass) and weighed.source == "weighed"
     np.testing.assert_allclose(mass * weighed.way, stated.mass * stated.way, rtol=1e-9, atol=1e-12)
+    assert stated.source == "stated" and "in inverse proportion to its mass" in stated.how()
+    assert "that were weighed" in weighed.how() and "proportion" not in weighed.how()
     assert weighed.after == pytest.approx(stated.after)

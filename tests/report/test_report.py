@@ -127,7 +127,9 @@ def page(walk: Walk, animation: str) -> str:
 def whole(walk: Walk, animation: str, **more: str) -> str:
     """Return the report of a walk."""
     head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs, **more)
-    return pages.full(walk.rig, walk.logs, walk.found, walk.tunings, walk.result, animation, head, **more)
+    return pages.full(
+        walk.rig, walk.logs, walk.found, walk.tunings, walk.result, compare_payload(walk.found), animation, head, **more
+    )
 
 
 def test_what_could_not_be_diagnosed_says_why(walk: Walk, page: str) -> None:
@@ -486,7 +488,11 @@ def test_sliding_joints_are_shown_in_millimetres(slid: Walk) -> None:
     text = str(rig_section(rig).html + data(rig, slid.logs).html)
     assert "−200\u00a0mm … 200\u00a0mm" in text and "°" not in text and "position, mm" in text
     evaluated = evaluate(slid.found, slid.logs)
-    several = (parameters(slid.found, evaluated, None), torque(slid.found, evaluated), tracking(slid.result, rig))
+    several = (
+        parameters(slid.found, evaluated, compare_payload(slid.found)),
+        torque(slid.found, evaluated),
+        tracking(slid.result, rig),
+    )
     words = parsed(f"<div>{text}{join(one.html for one in several)}</div>").text_content().replace("\u00a0", " ")
     head = parsed(str(summary(rig, slid.found, None, slid.result, slid.logs).section.html)).text_content()
     for shown in (words, head):
@@ -501,7 +507,7 @@ def test_the_terminal_and_json_have_the_units_of_joints_that_slide(slid: Walk) -
     wrong = diagnose(rig, [log], rng=0)
     (spring,) = wrong.findings
     assert spring.cause == "cable-spring" and {p.unit for p in spring.parameters} == {"N/m", "m"}
-    shown = text.check(check(rig)), text.identified(slid.found), text.diagnosis(wrong, {})
+    shown = text.check(check(rig)), text.identified(slid.found, compare_payload(slid.found)), text.diagnosis(wrong, {})
     shown += tuple(text.tuning(one, verbose=True) for one in slid.tunings.values())
     files = to_json(slid.found.to_dict()), to_json(wrong.to_dict()), to_json(slid.tunings["pid"].to_dict())
     for said in (*shown, *files):
@@ -519,15 +525,15 @@ def test_no_cause_speaks_of_turns_where_a_joint_slides(cause: str) -> None:
 def test_a_rig_without_a_camera_hears_nothing_of_one(slid: Walk) -> None:
     """Nor of a payload and its balance; one that states a camera does."""
     assert not slid.rig.aims and Rig.load("turret").aims and Rig.load("turret", "none").aims
-    apart = compare_payload(slid.found)
-    assert apart is not None and apart.lines
+    payload = compare_payload(slid.found)
+    assert payload.lines
     head = summary(slid.rig, slid.found, None, slid.result, slid.logs)
     results = slid.rig, slid.logs, slid.found, slid.tunings, slid.result
-    shown = pages.full(*results, "", head, why="its joints cannot turn sledge to where it should look")
+    shown = pages.full(*results, payload, "", head, why="its joints cannot turn sledge to where it should look")
     words = parsed(shown).xpath("//main")[0].text_content() + str(
-        parameters(slid.found, evaluate(slid.found, slid.logs), apart).html
+        parameters(slid.found, evaluate(slid.found, slid.logs), payload).html
     )
-    words += text.identified(slid.found, apart)
+    words += text.identified(slid.found, payload)
     assert not re.search(r"camera|Camera|line of sight|balance|Balance|slide the|payload", words)
 
 

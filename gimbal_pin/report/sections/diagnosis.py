@@ -71,8 +71,11 @@ def diagnosis(found: Diagnosis) -> Section:
         parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
         parts.append(residuals(found, joints, found.held))
         parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings or found.is_extended else []
-    if found.given is not None and found.held is not None and found.held.rig.aims:
-        parts += [heading("The given model against the refitted one"), bullets(found.given.lines)]
+    if found.given.lines and found.after.model.rig.aims:
+        parts += [
+            heading("The given model against the refitted one"),
+            bullets((*found.given.lines, *found.given.advice)),
+        ]
     hidden = [f"{one.cause} at {one.joint or 'the rig'}" for one in found.untestable]
     small = [f"{one.cause} at {one.joint or 'the rig'} ({digits(100 * one.share, 2)} %)" for one in found.immaterial]
     notes = [*found.notes, *([f"Significant, and too small to matter: {listed(small)}."] if small else [])]

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.effects import Sample, Term
-from gimbal_pin.identification import Identified, PayloadDiscrepancy
-from gimbal_pin.identification.balance import compute_balance
+from gimbal_pin.identification import Identified, PayloadStatement
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
@@ -47,12 +46,11 @@ CLOUD = 900
 """Most dots in a cloud."""
 
 
-def parameters(found: Identified, evaluated: Evaluated, apart: PayloadDiscrepancy | None) -> Section:
+def parameters(found: Identified, evaluated: Evaluated, payload: PayloadStatement) -> Section:
     """Return base parameters and friction with 95 % intervals, the torque that each moves, and the payload's place."""
     every, width = known(found, evaluated), len(found.reduction.independent)
     force, aims = forces(joints_of(found.model.rig)), found.model.rig.aims
     bound = None if found.bound is None else found.bound.tolist()
-    payload = compute_balance(found, *(() if apart is None else apart.found_mass))
     caption = (
         "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
         "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."
@@ -66,8 +64,8 @@ def parameters(found: Identified, evaluated: Evaluated, apart: PayloadDiscrepanc
         heading("Base parameters"),
         paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
         tables.parameters(every[:width], bound and bound[:width], "Base parameters", force),
-        *([] if apart is None or not aims else [paragraph(f"Against the URDF: {line}.") for line in apart.lines]),
-        *([] if payload is None or not aims else [heading("Balance"), bullets(payload.sentences)]),
+        *(paragraph(f"Against the URDF: {line}.") for line in payload.lines if aims),
+        *([heading("Balance"), bullets(payload.advice)] if payload.advice and aims else []),
         heading("Friction and other effects"),
         tables.parameters(every[width:], bound and bound[width:], "Friction and other effects", force),
         plots.picture(partial(curves, found, evaluated), friction, bands),
