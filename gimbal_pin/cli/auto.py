@@ -18,6 +18,7 @@ from gimbal_pin.cli.options import (
     Json,
     Logs,
     Map,
+    Mass,
     Payload,
     RigName,
     Seed,
@@ -33,6 +34,7 @@ def auto(
     output: Folder,
     *,
     payload: Payload = None,
+    mass: Mass = None,
     map: Map = (),
     cutoff: Cutoff = None,
     alignment: Alignment = None,
@@ -64,6 +66,7 @@ def auto(
         filtering=filtering(cutoff, alignment),
         wish=gains.to_wish(find_interval(log.dt for log in read)),
         run=asked_for,
+        mass=mass,
     )
     noted(found.notes)
     present(text.auto(found, verbose), found.to_dict(), json)

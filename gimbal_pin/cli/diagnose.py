@@ -15,6 +15,7 @@ from gimbal_pin.cli.options import (
     Json,
     Logs,
     Map,
+    Mass,
     MaybeFolder,
     Payload,
     RigName,
@@ -37,6 +38,7 @@ def diagnose(
         optional("FILE", "write the rig's URDF with the bodies and friction of the extended model"),
     ] = None,
     payload: Payload = None,
+    mass: Mass = None,
     map: Map = (),
     cutoff: Annotated[
         float | None, BAND, optional(None, "highest frequency that is looked at", "12, more for teeth")
@@ -67,9 +69,8 @@ def diagnose(
 
     loaded, read = load_logs(rig, payload, logs, map, moving=True)
     band = usual(loaded, read) if cutoff is None else replace(BAND, cutoff=cutoff)
-    found = run(
-        loaded, read, rng=np.random.default_rng(seed), holdout=holdout, filtering=replace(band, alignment=alignment)
-    )
+    band, rng = replace(band, alignment=alignment), np.random.default_rng(seed)
+    found = run(loaded, read, rng=rng, holdout=holdout, filtering=band, mass=mass)
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
     if urdf is not None:

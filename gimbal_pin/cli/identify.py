@@ -21,6 +21,7 @@ from gimbal_pin.cli.options import (
     Json,
     Logs,
     Map,
+    Mass,
     MaybeYaml,
     Payload,
     RigName,
@@ -54,6 +55,7 @@ def identify(
         optional("FILE", "write the rig's URDF with the parameters in it"),
     ] = None,
     payload: Payload = None,
+    mass: Mass = None,
     map: Map = (),
     cutoff: Cutoff = None,
     alignment: Alignment = None,
@@ -106,6 +108,7 @@ def identify(
         "--holdout": holdout is not None,
         "--bias": bias,
         "--refit": refit,
+        "--mass": mass is not None,
     }
     online.check({**asked, "--trust": trust is not None, "--bootstrap": bootstrap > 0})
     if online.follow:
@@ -119,7 +122,9 @@ def identify(
     if known is not None or len(tags_of(logs)) > 1:
         if urdf is not None and known is None:
             raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
-        several = cameras(rig, payload, logs, map, known, extended, fit, refit)
+        if mass is not None and known is None:
+            raise UsageError("--mass", "is of one payload", "give it with that payload's logs alone")
+        several = replace(cameras(rig, payload, logs, map, known, extended, fit, refit), mass=mass)
         write(several.first, output, urdf, several.identified)
         present(text.several(several), several.to_dict(), json)
         return
@@ -128,7 +133,7 @@ def identify(
     causes = () if extended is None else refittable_effects(read_model(extended, loaded))
     found = identified(loaded, read, fit, bias, refit, trusted, causes)
     write(found, output, urdf)
-    about = compare_payload(found)
+    about = compare_payload(found, mass)
     present(text.identified(found, about), report_with_payload(found, about), json)
 
 

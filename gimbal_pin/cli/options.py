@@ -77,6 +77,11 @@ Logs = Annotated[
     ),
 ]
 Payload = Annotated[str | None, Reads(payloads), optional("NAME", "bundled payload or URDF", "the rig's own")]
+Mass = Annotated[
+    float | None,
+    between("--mass", 1e-4, 1e4, "kg"),
+    optional(None, "what the payload weighs on a scale: its place and balance then stand on that", "as the log shows"),
+]
 Page = Annotated[Path | None, Writes(suffixes=(".html",))]
 Plotted = Annotated[Path | None, Writes(chosen=plot_suffixes)]
 Json = Annotated[

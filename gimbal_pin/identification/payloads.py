@@ -85,11 +85,13 @@ class Several:
         identified: Payload → model of the gimbal with it; the gimbal's own parameters and friction are the same in all.
         cameras: Payload → its own parameters.
         reference: The payload whose URDF the cameras' parameters stand on: `BARE`, or the first.
+        mass: Of the payload, kg, where it is one and was weighed.
     """
 
     identified: Mapping[str, Identified]
     cameras: Mapping[str, Camera]
     reference: str
+    mass: float | None = None
 
     __repr__ = brief
 
@@ -105,7 +107,7 @@ class Several:
     @cached_property
     def payloads(self) -> Mapping[str, PayloadStatement]:
         """Payload → where it sits and what it weighs, against its own URDF, and how to balance it."""
-        return {name: compare_payload(one) for name, one in self.identified.items()}
+        return {name: compare_payload(one, self.mass) for name, one in self.identified.items()}
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -17,8 +17,8 @@ from gimbal_pin.cli import VERBS
 from gimbal_pin.cli.holding import Holding
 from gimbal_pin.control import HOLDING
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.dynamics import nominal
-from gimbal_pin.effects import CAUSES
+from gimbal_pin.dynamics import nominal, plant_with
+from gimbal_pin.effects import CAUSES, parse_effect
 from gimbal_pin.errors import LogError
 from gimbal_pin.log import read_log, write_log
 from gimbal_pin.rig import Rig, bundled_rigs
@@ -139,12 +139,23 @@ def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
 
 
 def test_auto_walks_from_a_log_to_a_report(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its diagnosis looks for two causes here, for all of them in README's, which `scripts/docs --run` runs."""
+    """Its diagnosis looks for two causes here, for all of them in README's, which `scripts/docs --run` runs.
+
+    Of a payload that sits 5 mm off and was weighed it states what `identify` does, in all its parts, and the truth.
+    """
     few = {name: CAUSES[name] for name in ("cogging", "stribeck")}
     monkeypatch.setattr("gimbal_pin.report.pipeline.diagnose", partial(diagnose, causes=few))
     log, out = tmp_path / "log.csv", tmp_path / "out"
-    write_log(prescribed(nominal(Rig.load("turret")), seconds=6.0, torque_noise=0.01, dt=4e-3), log)
-    found = result(run, "auto", "turret", log, "--kind", "pid", "--damping", "0.9", "-o", out)
+    rig, weighed = Rig.load("turret"), ("--mass", "2.197")
+    planted = [parse_effect(one, rig) for one in ("payload-shift:x=0.005", "payload-mass:extra=0.2")]
+    write_log(prescribed(plant_with(nominal(rig), planted).plant, seconds=6.0, torque_noise=0.01, dt=4e-3), log)
+    found = result(run, "auto", "turret", log, *weighed, "--kind", "pid", "--damping", "0.9", "-o", out)
+    alone = result(run, "identify", "turret", log, *weighed)
+    for key in ("given_model", "balance"):
+        assert found["identify"][key] == found["diagnose"][key] == alone[key]
+    row, std = alone["given_model"]["camera"], alone["given_model"]["camera"]["com_std_mm"]
+    assert row["com_mm"][0] == pytest.approx(5.0, abs=3 * std[0]) and std[0] < 0.1
+    refused(run("identify", "turret", log, "--mass", "-1"), 2, "--mass", "0.0001 to")
     assert (found["tune"]["controller"], found["tune"]["wish"]["damping"]) == ("pid", 0.9)
     whole(out)
 
