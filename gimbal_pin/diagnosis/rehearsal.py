@@ -13,6 +13,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import logit
+from scipy.stats import norm
 from tqdm import tqdm
 
 from gimbal_pin.diagnosis.band import alternate_blocks, usual
@@ -22,9 +24,9 @@ from gimbal_pin.diagnosis.engine.alignment import LATEST, project_slope
 from gimbal_pin.diagnosis.engine.criterion import compare_with_form_error, rows
 from gimbal_pin.diagnosis.engine.selection import PROMISE, TRIED, Search
 from gimbal_pin.diagnosis.evidence import gather
-from gimbal_pin.diagnosis.fit import CRITICAL_Z, Fit, project
+from gimbal_pin.diagnosis.fit import Fit, project
 from gimbal_pin.diagnosis.library import Library, list_candidates
-from gimbal_pin.diagnosis.parting import NAMED
+from gimbal_pin.diagnosis.result import SURE, moderate
 from gimbal_pin.diagnosis.score import HIDDEN, batches, fitting, products, share, visibility, weigh_together
 from gimbal_pin.diagnosis.shapes import form, free
 from gimbal_pin.diagnosis.state import Problem, State, resize, solved
@@ -42,6 +44,9 @@ from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
 WEAK = "the motion shows it only at sizes that no rig has, or that stop the motor within the joint's limits"
+
+LUCKY = float(norm.ppf(SURE))
+"""Deviations of the noise by which one log of twenty is less telling."""
 
 
 @dataclass(frozen=True)
@@ -229,9 +234,9 @@ def pick_forms(causes: Sequence[Cause], tones: int = 8) -> list[Cause]:
     return [cause for cause in causes if form(cause) == form(causes[0])]
 
 
-def compute_distance(fall: Array | float, z: float = 1.645) -> Array:
+def compute_distance(fall: Array) -> Array:
     """``D² - 2 z D = fall``: deviations of the noise from which a sum of squares falls by so much in 19 of 20 logs."""
-    return np.asarray(z + np.sqrt(z**2 + fall))
+    return np.asarray(LUCKY + np.sqrt(LUCKY**2 + fall))
 
 
 def plant_causes(search: Search, state: State, columns: Sequence[Columns]) -> tuple[list[_Planted], Array]:
@@ -321,7 +326,7 @@ def compare_causes(
             if places[k] != own:
                 best.setdefault(places[k], columns[k])
         needed = {
-            place: find_size_apart(now, torque, rival, search.threshold + cost * (free(cause) - free(rival.cause)))
+            place: find_size_apart(now, torque, rival, cost * (free(cause) - free(rival.cause)))
             for place, rival in best.items()
         }
         seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
@@ -333,17 +338,29 @@ def compare_causes(
 
 
 def find_size_apart(now: Fit, torque: Array, rival: Columns, fall: float) -> float:
-    """Return the size from which a torque, (rows n,), is told from a rival, as `selection.Rival.parted`.
+    """Return the size from which a torque, (rows n,), is told from a rival, with a probability of `SURE`.
 
-    What the rival leaves makes the criterion fall, so steadily that Vuong's ``z = Σ d/(√B std d)`` is critical: each of
-    B blocks of power p tells ``d = p/2 ± √p``.
+    Of size a it is more likely by ``δ = (a² Σp - fall)/2``, p the power of what the rival leaves in each of B blocks,
+    known to ``s² = a² Σp + a⁴ B var(p)/4``; in all but one of twenty logs δ is at least what the noise takes off.
     """
+    from scipy.optimize import brentq
+
     other = project(now, rival.own, rival.joint)
     left = torque - other @ np.linalg.lstsq(other, torque, rcond=1e-10)[0]
     power = now.by_block(left[:, None] ** 2)[:, 0]
-    steady = 1.0 - CRITICAL_Z**2 * len(power) * power.var(ddof=1) / max(power.sum() ** 2, 1e-300)
-    apart = max(float(compute_distance(max(fall, 0.0))) ** 2, NAMED**2 / max(steady, 1e-9))
-    return float(np.sqrt(apart / max(power.sum(), 1e-300)))
+    total = max(float(power.sum()), 1e-300)
+    uneven = len(power) * float(power.var(ddof=1)) / 4 / total**2
+
+    def compute_lack(far: float) -> float:
+        """Log odds short of `SURE` where it lies so many deviations of the noise from what the rival explains."""
+        delta = (far**2 - fall) / 2 - LUCKY * far
+        return float(logit(SURE)) - moderate(delta, far * np.sqrt(1 + far**2 * uneven))
+
+    nearest, farthest = 1e-3, 1e6
+    if compute_lack(farthest) > 0:
+        return float("inf")
+    apart = brentq(compute_lack, nearest, farthest) if compute_lack(nearest) > 0 else nearest
+    return float(apart / np.sqrt(total))
 
 
 def explain_planted(now: Fit, planted: Array, columns: Sequence[Columns]) -> Array:

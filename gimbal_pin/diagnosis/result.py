@@ -99,12 +99,17 @@ class Rival:
 
     @property
     def log_odds(self) -> float:
-        """``-δ/√(1 + π s²/8)``, s = δ/z: how likely it is beside the finding, nats.
+        """How likely it is beside the finding, nats."""
+        return -moderate(self.delta, self.delta / self.z) if self.z else 0.0
 
-        The logistic function averaged over a log likelihood that is known to a deviation of s (MacKay, Neural
-        Computation 4, 1992): no model is the truth, and a few blocks may tell most.
-        """
-        return -self.delta / sqrt(1 + pi / 8 * (self.delta / self.z) ** 2) if self.z else 0.0
+
+def moderate(delta: float, std: float) -> float:
+    """``δ/√(1 + π s²/8)``: log odds where a difference of log likelihoods is known to a deviation of s.
+
+    The logistic function averaged over it (MacKay, Neural Computation 4, 1992): no model is the truth, and a few blocks
+    may tell most.
+    """
+    return delta / sqrt(1 + pi / 8 * std**2)
 
 
 def find_credible(name: str, rivals: Sequence[Rival]) -> list[str]:
