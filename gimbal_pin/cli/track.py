@@ -68,7 +68,10 @@ def track(
     loaded = load_rig(rig, payload or mounted(controller))
     tuned = None if controller is None else read_controller(controller, loaded)
     machine = None if compiled is None else library(compiled, loaded)
-    late = delay_samples if delay_samples is not None else 1 if tuned is None else tuned.wish.samples
+    wish = None if tuned is None else tuned.wish
+    late, held_late = (1, 1) if wish is None else (wish.samples, wish.holding_samples)
+    if delay_samples is not None:
+        late = held_late = delay_samples
     stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
     log = held.taught(rig, loaded.payload) if held.moving else None
     steps = None if tuned is None else stepped(tuned, machine, plant_of(model, loaded), late, seed)
@@ -76,7 +79,7 @@ def track(
     if held.moving:
         plant = None if model is None else plant_of(model, loaded)
         known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
-        verified = held.verified(loaded, plant, known, law, log, late, pages.report is not None, machine)
+        verified = held.verified(loaded, plant, known, law, log, held_late, pages.report is not None, machine)
     pages.write(loaded, verified, steps, stood)
     told = [] if steps is None else [text.tracking(steps, stood, loaded if verbose else None)]
     told += [] if verified is None else [text.verified(verified, verbose)]

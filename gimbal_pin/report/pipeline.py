@@ -188,7 +188,7 @@ def auto(
     first = next(iter(tunings.values()))
     law = first.controller
     animated = simulate(model, law, tour(model, law.dt), rng=generator, name="all axes to and fro", delay=late)
-    held, why = (None, BARRED) if first.doubts else carried(rig, logs[0], model, law, plant, late)
+    held, why = (None, BARRED) if first.doubts else carried(rig, logs[0], model, law, plant, asked.holding_samples)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, Path(folder), wrong, held)
     causes = refittable_effects(model)

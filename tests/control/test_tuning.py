@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from gimbal_pin.control import ComputedTorque, JointPid, Pid, Tuning, inertia, margins, poses, stored, tune
+from gimbal_pin.control import ComputedTorque, JointPid, Pid, Tuning, inertia, margins, poses, stored, track, tune
 from gimbal_pin.dynamics import (
     Estimated,
     Model,
@@ -364,4 +364,8 @@ def test_the_rate_is_the_logs_unless_told_and_a_rate_that_nobody_knows_is_said(t
     assert not any("sampled at" in why for why in told.reasons)
     # All of a loop's times scale with its interval, and so does the bandwidth that a margin leaves.
     assert told.bandwidth_hz == pytest.approx([2 * hz for hz in found.bandwidth_hz], rel=0.02)
+    # Steps are simulated with the delay that was asked for, and not with a whole slow sample.
+    asked = tune(logged, delay=0.001, dt=0.01)
+    steps = track(thesis, {"own": asked.controller}, rng=0, delay=asked.wish.samples, one_by_one=False).experiments[0]
+    assert max(one.saturated for one in steps.joints.values()) < 0.2
     assert "not known" in tune(thesis).reasons[0] and tune(thesis).wish.dt == 0.001

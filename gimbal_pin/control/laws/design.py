@@ -70,8 +70,13 @@ class Wish:
 
     @property
     def samples(self) -> int:
-        """Samples from measurement to torque that `delay` is, at least one."""
-        return max(1, round(self.delay / self.dt))
+        """Whole samples that are nearest to `delay`: a simulation with more would not be of the loop that was tuned."""
+        return round(self.delay / self.dt)
+
+    @property
+    def holding_samples(self) -> int:
+        """The same of the controllers that hold a camera, which run at 1 kHz; at least one."""
+        return max(1, round(self.delay / Wish.dt))
 
     def __post_init__(self) -> None:
         """Refuse what no loop can be made of."""
