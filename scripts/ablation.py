@@ -83,7 +83,7 @@ ABLATIONS = {
     "misses": Ablation("what is left where a drive bites denies nothing", "engine.explained.misses", false),
     "one-pass": Ablation("one search", "engine.explained.PASSES", 1),
     "prior": Ablation("ten times the prior of the alignment", "engine.alignment.USUAL", 2.5e-2),
-    "vuong": Ablation("no Vuong test between rivals", "engine.selection.CRITICAL_Z", 0.0),
+    "blocks": Ablation("what a few blocks tell is as sure as what all do", "result.moderate", unchanged),
     "turns": Ablation("gate closed at swift turns", "diagnose.open_turns", unchanged),
     "swung": Ablation("no look for limit cycles", "diagnose.find_limit_cycle", nothing),
     "overdone": Ablation("causes of any torque", "score.OVERDONE", 1e9),

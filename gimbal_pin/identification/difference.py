@@ -14,6 +14,7 @@ from gimbal_pin.identification.fitting import given_beta
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import map_phi_to_base, project_rows
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 LEAST_KEPT = 1e-6
@@ -36,6 +37,10 @@ class ShownChange(NamedTuple):
     value: Array
     covariance: Array
     gain: Array
+
+    def __repr__(self) -> str:
+        """See `brief`."""
+        return brief(self)
 
     @property
     def change(self) -> Array:

@@ -9,7 +9,7 @@ import pytest
 
 from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.identification import ESTIMATORS, given_beta, identify, split_logs
+from gimbal_pin.identification import ESTIMATORS, compare_payload, given_beta, identify, split_logs
 from gimbal_pin.log import Log
 from gimbal_pin.regression import (
     Filtering,
@@ -163,7 +163,7 @@ def test_no_table_is_wider_than_a_terminal() -> None:
     """Every line that is laid out in columns fits 120; what a result prints is lines, not arrays."""
     rig = Rig.load("thesis")
     found = identify(rig, [prescribed(nominal(rig), 1, 10.0, torque_noise=0.02, dt=4e-3)])
-    told = text.identified(found).splitlines()
+    told = text.identified(found, compare_payload(found)).splitlines()
     tables = [line for line in told if "   " in line.strip() or line.startswith("body ")]
     assert len(tables) > len(found.names) and max(map(len, tables)) <= 120
     short = str(found)
@@ -177,7 +177,7 @@ def test_what_is_wrong_with_the_logs_and_the_parameters_is_said_first(turret: Ri
     bad = CORRUPTIONS["controller-formula"](log, np.random.default_rng(0))
     found = identify(turret, [bad], examined="noisy")
     assert "controller's formula" in found.warnings[0]
-    assert text.identified(found).startswith(f"warning: {found.warnings[0]}\n")
+    assert text.identified(found, compare_payload(found)).startswith(f"warning: {found.warnings[0]}\n")
     assert found.to_dict()["warnings"] == list(found.warnings)
     assert not identify(turret, [bad]).faults  # nobody asked
 

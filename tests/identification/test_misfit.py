@@ -16,7 +16,15 @@ from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import Cogging, parse_effect
 from gimbal_pin.errors import LogError
-from gimbal_pin.identification import Opinion, given_beta, identify, read_model, write_extended, write_model
+from gimbal_pin.identification import (
+    Opinion,
+    compare_payload,
+    given_beta,
+    identify,
+    read_model,
+    write_extended,
+    write_model,
+)
 from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, find_likeliest_bodies, fit_misfit, fit_weighted
 from gimbal_pin.report import text
@@ -101,7 +109,7 @@ def test_a_joint_that_is_not_explained_is_said_first(turret: Rig) -> None:
     found = identify(turret, [rippling(log, 1.0)], filtering=EXACT)
     first, fit = found.warnings[0], found.held_out.fit_percent["pan"]
     assert first.startswith("pan is not explained: ") and "run diagnose" in first and fit < 90
-    assert text.identified(found).startswith(f"warning: {first}\n")
+    assert text.identified(found, compare_payload(found)).startswith(f"warning: {first}\n")
     assert not any(said.startswith("tilt is not explained") for said in found.warnings)
     assert not any("not explained" in said for said in identify(turret, [log], filtering=EXACT).warnings)
     assert found.opinions == {"pan": Opinion.NOT_EXPLAINED, "tilt": Opinion.EXPLAINED}
