@@ -191,7 +191,15 @@ def rivals(finding: Finding) -> Table:
     for rival in finding.rivals[:MOST]:
         out = toned("no", "fair") if rival.cause in finding.alike else toned("yes", "good")
         chance = chances.get(rival.cause, 0.0)
-        rows.append([rival.cause, figures(rival.delta), f"{rival.z:.1f}", bar(chance, f"{100 * chance:.2g} %"), out])
+        rows.append(
+            [
+                rival.cause,
+                figures(rival.delta),
+                f"{rival.z:.1f}",
+                bar(chance, f"{figures(100 * chance, 2)} %" if chance >= 1e-3 else "under 0.1 %"),
+                out,
+            ]
+        )
     head = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Probability", "Ruled out by this log"]
     return Table(head, rows, label=f"Causes that were fitted in the place of {finding.cause}")
 
