@@ -162,9 +162,10 @@ def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> Ma
     alt = f"Held-out residual torque of {', '.join(joint.name for joint in shown)} over angle, rate, time and frequency"
     caption = (
         "Held-out residual torque: refitted model (grey), extended model (colour), over the joint's angle, rate and "
-        "time, and its amplitude over frequency. What is flat and small in colour has been explained. Black: what no "
-        "cause explains and the extended model carries, within two standard deviations."
+        "time, and its amplitude over frequency. What is flat and small in colour has been explained."
     )
+    if any(found.residual[joint.name].curve is not None for joint in shown):
+        caption += " Black: what no cause explains and the extended model carries, within two standard deviations."
     return plots.picture(partial(faces, found, joints, order, held), alt, caption)
 
 
