@@ -2,7 +2,8 @@
 
 Two causes lie ``d = min_x |f - A x|`` standard deviations of the noise apart: f is the finding's fitted torque, A the
 columns of the rival, of how its torque changes with its shape, and of all that is refitted beside it. A motion becomes
-evidence as a log does (same gate at standstill, same noise, same columns), in rows below those of the logs.
+evidence as a log does (same gate at standstill, same noise, same columns), in rows below those of the logs: of those
+two thirds that a diagnosis is fitted to. What of d² stands in each block of time says how probable the finding becomes.
 """
 
 from __future__ import annotations
@@ -14,14 +15,16 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy import fft
+from scipy.special import expit
 from tqdm import trange
 
 from gimbal_pin.diagnosis.band import BAND
-from gimbal_pin.diagnosis.evidence import Evidence, Part, compute_gate
+from gimbal_pin.diagnosis.evidence import Evidence, Part, compute_gate, measure_ranges, number_blocks
 from gimbal_pin.diagnosis.extended import extended
 from gimbal_pin.diagnosis.fit import project
-from gimbal_pin.diagnosis.parting import NAMED, Apart, NextExperiment, Parting
-from gimbal_pin.diagnosis.result import Diagnosis
+from gimbal_pin.diagnosis.parting import Apart, NextExperiment, Parting
+from gimbal_pin.diagnosis.probability import LUCKY, foresee_log_odds
+from gimbal_pin.diagnosis.result import Diagnosis, Rival
 from gimbal_pin.diagnosis.shapes import refined
 from gimbal_pin.diagnosis.state import Problem, State, width, without
 from gimbal_pin.diagnosis.uncertainty import tangent
@@ -62,6 +65,7 @@ class Contest:
         beta: Its fitted coefficients, (c,).
         rival: The other, in the form that comes nearest on the logs.
         weights: Its coefficients there.
+        told: What the logs so far tell of the two.
     """
 
     base: State
@@ -69,42 +73,61 @@ class Contest:
     beta: Array
     rival: Cause
     weights: Array
+    told: Rival
 
     def rows(self, state: State) -> Array:
-        """Triangular factor of ``[A f]`` on a state's evidence, A with what is refitted first, (k, k)."""
+        """``[A f]`` on a state's evidence, A with what is refitted first, (rows n, k)."""
         effects = [*state.problem.friction, *(cause for cause in state.causes if width(cause))]
         beside = [state.problem.rigid, *(state.columns(effect).values for effect in effects)]
         own = state.columns(self.cause).values @ self.beta
         columns = np.concatenate([*beside, tangent(state, self.rival, self.weights), own[..., None]], axis=2)
-        return np.asarray(np.linalg.qr(self.base.fit.stacked(columns), mode="r"))
+        return self.base.fit.stacked(columns)
 
     @cached_property
     def known(self) -> Array:
         """That of the logs so far."""
         return self.rows(self.base)
 
+    @cached_property
+    def now(self) -> Apart:
+        """How far apart the two are on the logs so far."""
+        chance = float(expit(-self.told.log_odds))
+        return Apart(*self.measure(self.known)[:2], chance, chance)
+
     def expected(self, problem: Problem, torque: Array) -> Apart:
         """How far apart the two will be with a motion: the problem that its log would be, and its torque, (m, n)."""
         state = replace(self.base, problem=problem, torque=[torque], acting=[torque], learned=self.base)
-        return self.apart(np.vstack([self.known, self.rows(state)]))
+        deviations, share, left = self.measure(np.vstack([self.known, self.rows(state)]))
+        logs = self.base.problem.evidence
+        block = number_blocks([*logs.parts, *problem.evidence.parts], logs.band)
+        power = np.asarray(np.bincount(np.repeat(block, logs.rig.n), left**2), dtype=float)
+        odds = [foresee_log_odds(power, self.told.delta, self.now.deviations**2, z) for z in (LUCKY, 0.0)]
+        return Apart(deviations, share, *expit([0.0, 0.0] if self.is_blurred(problem.evidence) else odds).tolist())
 
-    def apart(self, rows: Array) -> Apart:
-        """How far apart the two are on rows of ``[A f]``."""
-        beside, others, own = rows[:, : self.base.fit.stack.shape[1]], rows[:, :-1], rows[:, -1]
-        deviations = nearest(others, own)[1]
-        return Apart(deviations, deviations / max(nearest(beside, own)[1], 1e-300))
+    def is_blurred(self, evidence: Evidence) -> bool:
+        """Whether other forms of the rival look the same on a range, whichever pieces of the finding stay."""
+        some = [self.cause.without(piece) for piece in self.cause.pieces if len(self.cause.pieces) > 1]
+        seen = evidence.seen[evidence.rig.joint_index(self.cause.place) if self.cause.of_joint else 0]
+        return all(self.rival.name in one.blurred(seen) for one in (self.cause, *some))
+
+    def measure(self, rows: Array) -> tuple[float, float, Array]:
+        """How far apart the two are on rows of ``[A f]``: deviations, their share, and what A leaves of f."""
+        R = np.asarray(np.linalg.qr(rows, mode="r"))
+        x, deviations = nearest(R[:, :-1], R[:, -1])
+        whole = nearest(R[:, : self.base.fit.stack.shape[1]], R[:, -1])[1]
+        return deviations, deviations / max(whole, 1e-300), rows[:, -1] - rows[:, :-1] @ x
 
     def parting(self, expected: Apart | None) -> Parting:
         """Describe it, and what a next experiment will do to it."""
         joint = self.cause.place if self.cause.of_joint else None
         instead = (self.cause.experiment, self.rival.experiment)
-        return Parting(self.cause.name, joint, self.rival.name, self.apart(self.known), expected, instead)
+        return Parting(self.cause.name, joint, self.rival.name, self.now, expected, instead)
 
 
-def contest(state: State, cause: Cause, kind: type[Cause], known: Sequence[Cause] = ()) -> Contest | None:
+def contest(state: State, cause: Cause, kind: type[Cause], told: Rival, known: Sequence[Cause] = ()) -> Contest | None:
     """Return a cause's contest with that form of a kind which comes nearest on the logs; None where it has none.
 
-    Forms that a search has refined are `known`.
+    What the logs tell of the two is `told`, forms that a search has refined are `known`.
     """
     base, rig, seen = without(state, cause), state.problem.evidence.rig, state.problem.evidence.seen
     beta = state.coefficients(cause) if width(cause) else np.ones(1)
@@ -124,7 +147,7 @@ def contest(state: State, cause: Cause, kind: type[Cause], known: Sequence[Cause
     if not grid:
         return None
     best = refined(base, min(grid, key=lambda form: near(form)[1]), lambda _, form: -near(form)[1])
-    return Contest(base, cause, beta, best, near(best)[0])
+    return Contest(base, cause, beta, best, near(best)[0], told)
 
 
 def nearest(A: Array, b: Array) -> tuple[Array, float]:
@@ -138,10 +161,10 @@ def nearest(A: Array, b: Array) -> tuple[Array, float]:
 def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Array]:
     """Return the problem that a motion's log would be, with the noise of the longest so far, and its torque, (m, n).
 
-    The motion has the logs' interval and begins at zero; the model predicts its torque, N m.
+    The motion has the logs' interval and begins at zero, and its last third is held out; the model predicts its torque.
     """
     logs, like = known.evidence, max(known.evidence.parts, key=lambda part: part.rows)
-    dt, length, filtering = float(motion.t[1]), 2 * (len(motion) // 2), replace(BAND, cutoff=logs.band)
+    dt, length, filtering = float(motion.t[1]), 2 * (len(motion) // 3), replace(BAND, cutoff=logs.band)
     t, q, v, a = (values[:length] for values in (motion.t, motion.q, motion.v, motion.a))
     channels = Samples(t, q, v, a, model.inverse(q, v, a, t=t), v, like.channels.rate_std)
     rows, frequency = 2 * round(length * dt * logs.band), fft.rfftfreq(length, dt)
@@ -151,7 +174,13 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     part = Part(
         channels, none + AMBIENT, compute_gate(channels, filtering), gain, np.zeros_like(gain), 0.0, dt, rows, none
     )
-    evidence = Evidence(logs.rig, (part,), logs.band, np.zeros(rows, int), logs.seen)
+    evidence = Evidence(
+        logs.rig,
+        (part,),
+        logs.band,
+        number_blocks([part], logs.band),
+        measure_ranges(logs.rig, [*logs.parts, part], filtering),
+    )
     return Problem.of(evidence, known.reduction), channels.tau
 
 
@@ -164,8 +193,8 @@ class Tried(NamedTuple):
 
     @property
     def value(self) -> float:
-        """``Σ d/(d + NAMED)``, d deviations: what is parted already gains little more, what is hopeless nothing."""
-        return sum(one.deviations / (one.deviations + NAMED) for one in self.apart)
+        """``Σ p (1 + share)``, p the probability in half of the logs: where all are sure, how unlike the two are."""
+        return sum(one.median * (1 + one.share) for one in self.apart)
 
 
 @limit_to_one_thread()
@@ -196,11 +225,11 @@ def next_experiment(
     """
     state = found.state
     known = {(one.name, one.place): one for one in reversed(state.causes)} if state else {}
-    pairs = [(known.get((one.cause, one.joint or "rig")), name) for one in found.findings for name in one.alike[1:]]
     every = [
-        contest(state, cause, causes[name], found.instead)
-        for cause, name in pairs
-        if state and cause and name in causes
+        contest(state, cause, causes[name], one.tell_from(name), found.instead)
+        for one in found.findings
+        for name in one.alike[1:]
+        if state and name in causes and (cause := known.get((one.cause, one.joint or "rig")))
     ]
     contests = [one for one in every if one is not None]
     if state is None or not contests:

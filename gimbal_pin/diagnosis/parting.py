@@ -6,20 +6,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from gimbal_pin.diagnosis.fit import CRITICAL_Z
+from gimbal_pin.diagnosis.probability import SURE
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Motion
 from gimbal_pin.rig.brief import brief
 
-NAMED = 2 * CRITICAL_Z
-"""Standard deviations between two causes from which one is named: half of them is Vuong's z to be expected."""
-
 
 class Apart(NamedTuple):
-    """Standard deviations between two causes, and their share of what the found one adds to all that is refitted."""
+    """How far a finding and a rival are told apart.
+
+    Attributes:
+        deviations: Standard deviations of the noise between their torques.
+        share: The same as a share of what the finding adds to all that is refitted.
+        probability: That of the finding beside the rival; of logs to come, if it is there, what 19 of 20 give at least.
+        median: The same of half of them.
+    """
 
     deviations: float
     share: float
+    probability: float
+    median: float
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,7 @@ class Parting:
         """Whether the next experiment names the finding or leaves the two too near, or no motion parts them."""
         if self.expected is None:
             return "none"
-        return "named" if self.expected.deviations >= NAMED else "few"
+        return "named" if self.expected.probability >= SURE else "few"
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
@@ -56,6 +62,8 @@ class Parting:
             "cause": self.cause,
             "joint": self.joint,
             "rival": self.rival,
+            "probability_now": self.now.probability,
+            "probability_expected": None if after is None else after.probability,
             "deviations_now": self.now.deviations,
             "deviations_expected": None if after is None else after.deviations,
             "share_now": self.now.share,
@@ -67,18 +75,16 @@ class Parting:
 def together(partings: Sequence[Parting]) -> str:
     """What is to be said of a finding and some of its rivals that the next experiment does the same to."""
     first = partings[0]
-    who = f"{first.joint or 'rig'}: {first.cause} and {', '.join(one.rival for one in partings)}"
+    who, rivals = first.joint or "rig", ", ".join(one.rival for one in partings)
     instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
     if first.expected is None:
-        return f"{who} can be the same torque in every motion that was tried; what else may part them: {instead}"
-    after = ", ".join(digits(one.expected.deviations) for one in partings if one.expected is not None)
-    # A small share of a loud torque is many deviations, and no more than either formula may be off.
-    said = f"add nearly the same torque on these logs, {after} standard deviations apart"
-    if all(one.now.deviations < NAMED for one in partings):
-        now = ", ".join(digits(round(one.now.deviations, 2), 2) for one in partings)
-        said = f"lie {now} standard deviations apart so far, {after}"
-    said = f"{who} {said} with the next experiment"
-    return said if first.outcome == "named" else f"{said}: too few to name one; try also {instead}"
+        same = f"{who}: {first.cause} and {rivals} can be the same torque in every motion that was tried"
+        return f"{same}; what else may part them: {instead}"
+    now = ", ".join(digits(100 * one.now.probability, 2) for one in partings)
+    after = ", ".join(str(int(100 * one.expected.probability)) for one in partings if one.expected is not None)
+    said = f"{who}: beside {rivals}, the probability of {first.cause} is {now} % so far and, if it is there, at least "
+    said += f"{after} % with the next experiment, in 19 of 20 logs"
+    return said if first.outcome == "named" else f"{said}: too little to name it; try also {instead}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import logit
-from scipy.stats import norm
 from tqdm import tqdm
 
 from gimbal_pin.diagnosis.band import alternate_blocks, usual
@@ -26,7 +25,7 @@ from gimbal_pin.diagnosis.engine.selection import PROMISE, TRIED, Search
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.fit import Fit, project
 from gimbal_pin.diagnosis.library import Library, list_candidates
-from gimbal_pin.diagnosis.result import SURE, moderate
+from gimbal_pin.diagnosis.probability import LUCKY, SURE, foresee_log_odds
 from gimbal_pin.diagnosis.score import HIDDEN, batches, fitting, products, share, visibility, weigh_together
 from gimbal_pin.diagnosis.shapes import form, free
 from gimbal_pin.diagnosis.state import Problem, State, resize, solved
@@ -44,9 +43,6 @@ from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
 WEAK = "the motion shows it only at sizes that no rig has, or that stop the motor within the joint's limits"
-
-LUCKY = float(norm.ppf(SURE))
-"""Deviations of the noise by which one log of twenty is less telling."""
 
 
 @dataclass(frozen=True)
@@ -340,8 +336,7 @@ def compare_causes(
 def find_size_apart(now: Fit, torque: Array, rival: Columns, fall: float) -> float:
     """Return the size from which a torque, (rows n,), is told from a rival, with a probability of `SURE`.
 
-    Of size a it is more likely by ``δ = (a² Σp - fall)/2``, p the power of what the rival leaves in each of B blocks,
-    known to ``s² = a² Σp + a⁴ B var(p)/4``; in all but one of twenty logs δ is at least what the noise takes off.
+    `fall`: by how much the criterion is lower with the rival where both explain as much.
     """
     from scipy.optimize import brentq
 
@@ -349,12 +344,10 @@ def find_size_apart(now: Fit, torque: Array, rival: Columns, fall: float) -> flo
     left = torque - other @ np.linalg.lstsq(other, torque, rcond=1e-10)[0]
     power = now.by_block(left[:, None] ** 2)[:, 0]
     total = max(float(power.sum()), 1e-300)
-    uneven = len(power) * float(power.var(ddof=1)) / 4 / total**2
 
     def compute_lack(far: float) -> float:
         """Log odds short of `SURE` where it lies so many deviations of the noise from what the rival explains."""
-        delta = (far**2 - fall) / 2 - LUCKY * far
-        return float(logit(SURE)) - moderate(delta, far * np.sqrt(1 + far**2 * uneven))
+        return float(logit(SURE)) - foresee_log_odds(far**2 / total * power, -fall / 2)
 
     nearest, farthest = 1e-3, 1e6
     if compute_lack(farthest) > 0:

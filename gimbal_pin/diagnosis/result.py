@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from math import isfinite, pi, sqrt
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import Extended
 from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
+from gimbal_pin.diagnosis.probability import SURE, moderate
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.model import Doubt, Model
 from gimbal_pin.effects import Cause
@@ -28,8 +29,6 @@ MEASURED = "platform-motion"
 NOISY = 0.1
 """Share of a joint's torque from which it is told what may hide in the noise that is left: under it that has less than
 a hundredth of the torque's power."""
-SURE = 0.95
-"""Probability from which a cause is named."""
 IMPROBABLE = 0.01
 """Probability under which a cause is not listed."""
 TOGETHER = "only together; other sizes fit this log as well"
@@ -101,15 +100,6 @@ class Rival:
     def log_odds(self) -> float:
         """How likely it is beside the finding, nats."""
         return -moderate(self.delta, self.delta / self.z) if self.z else 0.0
-
-
-def moderate(delta: float, std: float) -> float:
-    """``δ/√(1 + π s²/8)``: log odds where a difference of log likelihoods is known to a deviation of s.
-
-    The logistic function averaged over it (MacKay, Neural Computation 4, 1992): no model is the truth, and a few blocks
-    may tell most.
-    """
-    return delta / sqrt(1 + pi / 8 * std**2)
 
 
 def find_credible(name: str, rivals: Sequence[Rival]) -> list[str]:
@@ -190,6 +180,11 @@ class Finding:
     def probability(self) -> float | None:
         """How probable it is that the cause is there; None where the reporting part speaks against it."""
         return self.probabilities[0][2] if self.probabilities else None
+
+    def tell_from(self, name: str) -> Rival:
+        """Return what the logs tell of it and a cause of its class: nothing where no log of their range can."""
+        likely = find_credible(self.cause, self.rivals)
+        return next((one for one in self.rivals if one.cause == name in likely), Rival(name, 0.0, 0.0))
 
     @property
     def open(self) -> str:
