@@ -47,7 +47,8 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
     The sensors' noise says whether the acceleration drowns. Whether that harms the fit, two tests say. At the given
     cutoff: do even and odd samples as each other's instruments (`repeated`) say something else than least squares
     (Durbin, Wu and Hausman)? Both halves saw the same motion, so a wrong model changes both alike, and only noise makes
-    the difference. And at twice the cutoff, which lets more of the noise in: do the parameters walk?
+    the difference. And at twice the cutoff, which lets more of the noise in: do the parameters walk? Both are asked of
+    the torque at the joints whose acceleration drowns, and beyond what the torque's own noise does.
     """
     drowned = compute_noise_share(log, filtering)
     if drowned is None or drowned.max() < DROWNED:
@@ -59,9 +60,10 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
     halves = [list(made.iterate_blocks(partial(take_half, first=first))) for first in (0, 1)]
     crossed = fit_repeated(*halves)
     middle = [a._replace(A=(a.A + b.A) / 2) for a, b in zip(*halves)]
-    bias = compute_change(rows, crossed, fit_weighted(middle))
     first = fit_weighted(rows)
-    near, far = (compute_change(rows, first, fit_weighted(list(widen_cutoff(made, factor)))) for factor in (NEAR, FAR))
+    wider = (fit_weighted(list(widen_cutoff(made, factor))) for factor in (NEAR, FAR))
+    pairs = ((crossed, fit_weighted(middle)), *((first, one) for one in wider))
+    bias, near, far = (float(compute_change(rows, *pair)[drowned >= DROWNED].max()) for pair in pairs)
     figures = (
         Parameter("noise_share", float(drowned.max()), "1"),
         Parameter("bias", bias, "1"),
@@ -110,11 +112,17 @@ def compute_noise_share(log: Log, filtering: Filtering) -> Array | None:
     return np.asarray(np.where(np.ptp(log.q, axis=0) > 0, angle.max(axis=0) / size, 0.0))
 
 
-def compute_change(rows: Sequence[Block], first: Estimate, second: Estimate) -> float:
-    """Return what the second parameters change in these rows' torque, as a share of its rms, in the worst joint."""
+def compute_change(rows: Sequence[Block], first: Estimate, second: Estimate) -> Array:
+    """Return what the second parameters change in each joint's torque in these rows, as a share of its rms, (n,).
+
+    ``√(max(‖A Δθ‖² - tr A C Aᵀ, 0)/‖b‖²)``, C the first's covariance: the torque's noise moves them by as much.
+    """
     A, b = np.concatenate([block.A for block in rows]), np.concatenate([block.b for block in rows])
+    known = np.where(np.isfinite(first.covariance), first.covariance, 0.0)
+    expected = np.mean(np.sum((A @ known) * A, axis=2), axis=0)
     moved, power = np.mean((A @ (second.theta - first.theta)) ** 2, axis=0), np.mean(b**2, axis=0)
-    return float(np.sqrt(moved / np.where(power > 1e-6 * power.max(), power, np.inf)).max())
+    felt = np.where(power > 1e-6 * power.max(), power, np.inf)
+    return np.asarray(np.sqrt(np.maximum(moved - expected, 0.0) / felt))
 
 
 def estimate_answer(log: Log, made: Design, rows: Sequence[Block], crossed: Estimate) -> tuple[Parameter, ...]:

@@ -103,7 +103,10 @@ def look_alikes(found: Explained, cause: Cause, rivals: Sequence[Told]) -> tuple
 def nearest(cause: Cause, rivals: Sequence[Rival]) -> tuple[Told, ...]:
     """Return the most probable rival of each name but the cause's own, in that order."""
     every = [
-        Told(one.cause.name, one.worse / 2, one.z, one.cause.place if one.cause.of_joint else None) for one in rivals
+        Told(
+            one.cause.name, one.delta, one.delta / max(one.std, 1e-12), one.cause.place if one.cause.of_joint else None
+        )
+        for one in rivals
     ]
     best: dict[str, Told] = {}
     for one in sorted(every, key=lambda one: -one.log_odds):

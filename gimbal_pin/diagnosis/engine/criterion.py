@@ -46,9 +46,12 @@ def rows(state: State) -> Array:
 
 def criterion(state: State) -> float:
     """Return ``Σ_j N_j log φ_j + k log N``."""
-    count = rows(state)
-    freedom = sum(free(cause) for cause in state.causes)
-    return float(count @ np.log(dispersion(state)) + np.log(count.max()) * freedom)
+    return float(rows(state) @ np.log(dispersion(state)) + penalty(state))
+
+
+def penalty(state: State) -> float:
+    """Return ``k log N``."""
+    return float(np.log(rows(state).max())) * sum(free(cause) for cause in state.causes)
 
 
 def dispersion(state: State) -> Array:
@@ -126,6 +129,15 @@ def by_block(state: State, other: State) -> Array:
     count = len(state.fit.residual) // len(known)
     difference = (np.tile(than, count) * other.fit.residual) ** 2 - (np.tile(size, count) * state.fit.residual) ** 2
     return state.fit.by_block(difference[:, None])[:, 0] / 2
+
+
+def compare_models(state: State, other: State) -> tuple[float, float]:
+    """Return ``log p(y|M)/p(y|M')`` of two models under the noise that the first leaves, and its deviation by blocks.
+
+    ``δ = Σ_b d_b + (k' - k) log(N)/2``, ``s² = B var d``. A few blocks may tell most, and then s is large.
+    """
+    told = by_block(state, other)
+    return float(told.sum()) + (penalty(other) - penalty(state)) / 2, float(np.sqrt(len(told)) * told.std(ddof=1))
 
 
 def fitted(problem: Problem, causes: Sequence[Cause], before: State) -> State:

@@ -11,6 +11,7 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.criterion import (
     by_block,
+    compare_models,
     criterion,
     dispersion,
     fitted,
@@ -258,29 +259,26 @@ class Rival:
     Attributes:
         cause: It, refined.
         state: The model with it.
-        worse: How much higher the criterion is with it.
-        z: Half of that over its deviation by blocks (Vuong, Econometrica 57, 1989).
+        delta: By how much the log likelihood of the model with the finding is higher, less what its parameters cost.
+        std: Standard deviation of that by blocks (Vuong, Econometrica 57, 1989).
     """
 
     cause: Cause
     state: State
-    worse: float
-    z: float
+    delta: float
+    std: float
 
 
 def rivals(state: State, cause: Cause, search: Search) -> tuple[Rival, ...]:
-    """Return what else explains what a chosen cause explains, the best first."""
+    """Return what else explains what a chosen cause explains, the nearest first."""
     less = without(state, cause)
     found = []
     for other in promising(less, search):
         if (other.name, other.place) != (cause.name, cause.place):
             new = fitted(less.problem, together(less.causes, other), less)
             if not unsupported(new):
-                worse = criterion(new) - criterion(state)
-                told = state.fit.by_block((new.fit.residual**2 - state.fit.residual**2)[:, None])[:, 0]
-                std = np.sqrt(len(told)) * float(told.std(ddof=1))
-                found.append(Rival(new.causes[-1], new, worse, worse / max(std, 1e-12)))
-    return tuple(sorted(found, key=lambda one: one.worse))
+                found.append(Rival(new.causes[-1], new, *compare_models(state, new)))
+    return tuple(sorted(found, key=lambda one: one.delta))
 
 
 def contested(state: State, search: Search) -> tuple[State, tuple[tuple[Rival, ...], ...]]:
@@ -290,8 +288,8 @@ def contested(state: State, search: Search) -> tuple[State, tuple[tuple[Rival, .
     """
     for swaps in range(MOST + 1):
         others = tuple(rivals(state, cause, search) for cause in state.causes)
-        best = min((rival for each in others for rival in each), key=lambda one: one.worse, default=None)
-        if best is None or best.worse > -search.threshold or swaps == MOST:
+        best = min((one.state for each in others for one in each), key=criterion, default=state)
+        if criterion(best) - criterion(state) > -search.threshold or swaps == MOST:
             break
-        state = best.state
+        state = best
     return state, others
