@@ -25,9 +25,6 @@ ALIKE = (0.3, 3.0)
 
 BENT = 1e-5
 """Share of a friction's power under which how it bends shows on no log: three thousandths of its size."""
-KNOWN = 100.0
-"""Power of a turn over that of what sets it apart from other masses, where the rig is known to be turned so: a base
-that leans by much leans about any axis, and the refitted masses take most of one axis up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,8 +208,7 @@ def build_columns(
     else:
         raise TypeError(f"{cause.name} is no torque effect, signal or rig effect")
     lower, upper = np.array(bounds).T
-    known = any((one.name, one.place) == (cause.name, cause.place) for one in stand.changes)
-    found = Columns(cause, evidence.rig.n, joint, own, lower, upper, KNOWN if known else 1.0)
+    found = Columns(cause, evidence.rig.n, joint, own, lower, upper)
     return part_from_friction(evidence, found)
 
 
