@@ -65,6 +65,7 @@ class Residual:
         discrepancy: Structured power left over that before any finding, 0 for noise.
         where: Where the structure is, or "".
         curve: What of it the extended model carries as a table; None: nothing.
+        probability: How probable it is that a structure is left.
     """
 
     state: str
@@ -73,6 +74,7 @@ class Residual:
     discrepancy: float = 0.0
     where: str = ""
     curve: Curve | None = None
+    probability: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -169,11 +171,13 @@ class Finding:
         """
         if self.status == "unconfirmed":
             return ()
-        untried = [name for name in self.alike[1:] if name not in [one.cause for one in self.rivals]]
-        odds = np.array([*np.ones(1 + len(untried)) / (1 + len(untried)), *(np.exp(x.log_odds) for x in self.rivals)])
-        names = [(self.cause, self.joint), *((name, self.joint) for name in untried)]
+        credible = find_credible(self.cause, self.rivals)
+        hidden = [name for name in self.alike if name not in credible]
+        apart = [one for one in self.rivals if one.cause not in hidden]
+        odds = np.array([*np.ones(1 + len(hidden)) / (1 + len(hidden)), *(np.exp(one.log_odds) for one in apart)])
+        names = [(self.cause, self.joint), *((name, self.joint) for name in hidden)]
         chances = (1.0 - self.p_value) * odds / odds.sum()
-        places = [*names, *((one.cause, one.joint) for one in self.rivals)]
+        places = [*names, *((one.cause, one.joint) for one in apart)]
         return tuple((name, joint, chance) for (name, joint), chance in zip(places, chances.tolist()))
 
     @property
@@ -365,8 +369,10 @@ class Diagnosis:
         return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
 
     def list_causes(self) -> list[dict[str, Any]]:
-        """Return every cause that is not improbable, with its joint and probability, as JSON holds it."""
-        every = (one for finding in self.findings for one in finding.probabilities)
+        """Return every cause that is not improbable, and *unknown* where a structure is left, as JSON holds it."""
+        every = [one for finding in self.findings for one in finding.probabilities]
+        left = (item for item in self.residual.items() if item[1].state == "structured")
+        every += [("unknown", joint, one.probability) for joint, one in left]
         likely = sorted((one for one in every if one[2] >= IMPROBABLE), key=lambda one: -one[2])
         return [dict(zip(("cause", "joint", "probability"), one)) for one in likely]
 
