@@ -9,6 +9,7 @@ from .evidence import Evidence as Evidence
 from .evidence import gather as gather
 from .extended import Extended as Extended
 from .file import write_diagnosis as write_diagnosis
+from .findings import confirm_causes as confirm_causes
 from .findings import measure_gain as measure_gain
 from .fit import Fit as Fit
 from .fit import fit as fit

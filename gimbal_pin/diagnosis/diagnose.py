@@ -169,9 +169,11 @@ def searched(
     held = retimed(held, found.alignment)
     said = reported(found, held, checked, hold(logs[0], filtering), rng)
     said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
+    state = said.state
+    assert state is not None
     encoders = {one.log.name: one.encoders for one in checked}
-    said = add_sensor_findings(said, SensorContext(found.final, held, train, test, wholes, filtering), encoders)
-    return compare_given_model(said, found.final, causes)
+    said = add_sensor_findings(said, SensorContext(state, held, train, test, wholes, filtering), encoders)
+    return compare_given_model(said, state, causes)
 
 
 def of_refitted(causes: Mapping[str, type[Cause]]) -> dict[str, type[Cause]]:

@@ -15,7 +15,7 @@ from gimbal_pin.diagnosis.engine.explained import Explained
 from gimbal_pin.diagnosis.engine.selection import better, promising, together
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import Extended, extended
-from gimbal_pin.diagnosis.findings import findings, untestable
+from gimbal_pin.diagnosis.findings import confirm_causes, findings, untestable
 from gimbal_pin.diagnosis.gain import Figures, followed, measured
 from gimbal_pin.diagnosis.likeness import likeness
 from gimbal_pin.diagnosis.result import Curve, Diagnosis, Residual, Slight, overall
@@ -41,15 +41,15 @@ def reported(
         rng: For simulated sensors.
     """
     before = extended(found.first)
-    baseline, best = measured(held, before), measured(held, extended(found.final))
-    each = findings(found, held, baseline, best)
-    state, best, curves = add_tables(found, held, baseline, best)
+    model = confirm_causes(found, held)
+    found, each = model.found, findings(model, held)
+    state, best, curves = add_tables(found, held, model.baseline, model.figures)
     after, residual = extended(state), residuals(found, curves)
     return Diagnosis(
         rig=held.rig.name,
         logs=tuple(one.log.name for one in checked),
         faults=tuple(fault for one in checked for fault in one.faults),
-        notes=tuple(note for one in checked for note in one.notes),
+        notes=(*model.denied, *(note for one in checked for note in one.notes)),
         altered=collect_alterations(checked),
         verdict=overall([one.status for one in each], tuple(residual.values())),
         findings=each,
@@ -58,7 +58,7 @@ def reported(
         untestable=untestable(found.first, found.search.shelf, each),
         detection_limit=dict(zip(held.rig.joints, limits(found).tolist())),
         alignment=hold + float(np.mean(found.alignment)),
-        baseline=baseline,
+        baseline=model.baseline,
         extended=best,
         before=before,
         after=after,

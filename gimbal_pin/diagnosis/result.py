@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from math import isfinite
 from typing import Any
 
@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.probability import SURE, moderate
 from gimbal_pin.diagnosis.state import State
-from gimbal_pin.dynamics.model import Doubt, Model
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
@@ -123,8 +123,7 @@ class Finding:
     Attributes:
         cause: Its name.
         joint: Where it sits; None for a cause of the whole rig.
-        status: "named", "ambiguous", "data", or "unconfirmed": on the reporting part the error grew with
-            it, at its joint or in the whole rig.
+        status: "named", "ambiguous" or "data".
         alike: Every cause that this log cannot tell from it, itself first.
         parameters: Its figures with standard deviations.
         gain: Held-out torque and rollout errors without and with it, at its joint.
@@ -166,11 +165,8 @@ class Finding:
     def probabilities(self) -> tuple[tuple[str, str | None, float], ...]:
         """How probable it is that each cause is there: cause, joint and probability, the finding's own first.
 
-        Of all that were fitted in its place; what no log of this range tells from it shares its probability. Nothing
-        where the reporting part speaks against it.
+        Of all that were fitted in its place; what no log of this range tells from it shares its probability.
         """
-        if self.status == "unconfirmed":
-            return ()
         credible = find_credible(self.cause, self.rivals)
         hidden = [name for name in self.alike if name not in credible]
         apart = [one for one in self.rivals if one.cause not in hidden]
@@ -181,9 +177,9 @@ class Finding:
         return tuple((name, joint, chance) for (name, joint), chance in zip(places, chances.tolist()))
 
     @property
-    def probability(self) -> float | None:
-        """How probable it is that the cause is there; None where the reporting part speaks against it."""
-        return self.probabilities[0][2] if self.probabilities else None
+    def probability(self) -> float:
+        """How probable it is that the cause is there."""
+        return self.probabilities[0][2]
 
     def tell_from(self, name: str) -> Rival:
         """Return what the logs tell of it and a cause of its class: nothing where no log of their range can."""
@@ -331,25 +327,9 @@ class Diagnosis:
         return overall(statuses, tuple(self.residual.values())) if self.lacking != self.findings else self.verdict
 
     @property
-    def unconfirmed(self) -> str:
-        """Which findings the held-out part speaks against, in a sentence; nothing where it does against none."""
-        against = [f"{one.cause} at {one.joint or 'the rig'}" for one in self.findings if one.status == "unconfirmed"]
-        return f"not confirmed: where no choice has seen the log, the error grew with {', '.join(against)}" * bool(
-            against
-        )
-
-    @property
     def model(self) -> Model:
-        """The extended model, with what the held-out part speaks against."""
-        said = []
-        for one in self.findings:
-            before, after = (one.gain[f"torque_rmse_{when}"] for when in ("before", "after"))
-            why = (
-                f"{one.cause} is unconfirmed: the held-out torque error goes from {digits(before, 3)} to "
-                f"{digits(after, 3)} N m with it{'' if after > before else ', and that of the whole rig grows'}"
-            )
-            said += [Doubt(one.joint or "the rig", why, False)] if one.status == "unconfirmed" else []
-        return replace(self.after.model, doubts=tuple(said))
+        """The extended model."""
+        return self.after.model
 
     @property
     def noisy(self) -> dict[str, float]:
@@ -407,9 +387,9 @@ class Diagnosis:
 
 
 def overall(statuses: Sequence[str], residual: Sequence[Residual]) -> str:
-    """The verdict on the physics: named before ambiguous, unknown before nothing; what is unconfirmed names nothing."""
+    """The verdict on the physics: named before ambiguous, unknown before nothing."""
     if "named" in statuses:
         return "named"
     if "ambiguous" in statuses:
         return "ambiguous"
-    return "unknown" if "unconfirmed" in statuses or any(left.state == "structured" for left in residual) else "nothing"
+    return "unknown" if any(left.state == "structured" for left in residual) else "nothing"

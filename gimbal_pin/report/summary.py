@@ -141,13 +141,7 @@ def missed(wrong: Diagnosis | None) -> str:
     found = listed(named(finding) for finding in wrong.lacking) if wrong.lacking else ""
     rest = structured(wrong)
     foreign = f"something at {listed(rest)} that no known cause explains" if rest else ""
-    misses = f"The rigid model misses {', and '.join(part for part in (found, foreign) if part)}"
-    return f"Nothing is confirmed of what was found: {found}" if unconfirmed(wrong) and not foreign else misses
-
-
-def unconfirmed(wrong: Diagnosis) -> bool:
-    """Whether the part that no choice has seen speaks against everything that was found."""
-    return bool(wrong.lacking) and all(finding.status == "unconfirmed" for finding in wrong.lacking)
+    return f"The rigid model misses {', and '.join(part for part in (found, foreign) if part)}"
 
 
 def structured(wrong: Diagnosis) -> list[str]:
@@ -196,7 +190,7 @@ def unexplained(wrong: Diagnosis | None) -> list[str]:
         return []
     rest = structured(wrong)
     found = [f"More than noise is left at {listed(rest)}, and no known cause explains it."] if rest else []
-    return [*found, *(f"{said[:1].upper()}{said[1:]}." for said in (wrong.unconfirmed, wrong.hidden) if said)]
+    return [*found, f"{wrong.hidden[:1].upper()}{wrong.hidden[1:]}."] if wrong.hidden else found
 
 
 def cautions(tuning: Tuning | None, result: Tracking | None) -> list[str]:

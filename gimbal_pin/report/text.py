@@ -274,7 +274,6 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
         lines += ["", str(tables.residual(found)), *([f"({found.hidden})"] if found.hidden else [])]
         lines += tables.list_curves(found)
         lines += [f"({tables.ALONE[0].lower()}{tables.ALONE[1:]})"] if len(found.findings) > 1 else []
-    lines += [found.unconfirmed] if found.unconfirmed else []
     lines += tracking_gain(found)
     if found.after.model.rig.aims:
         lines += describe_payload(found.given, caveats(found))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -17,17 +16,12 @@ from gimbal_pin.diagnosis import (
     Residual,
     Rival,
     find_credible,
-    is_size_known,
-    measure_gain,
-    overall,
-    solved,
 )
-from gimbal_pin.effects import CAUSES, Cause, Cogging, FrictionDrift, Term, TorqueRipple
+from gimbal_pin.effects import CAUSES, TorqueRipple
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
 from tests.command_line import Run
 from tests.diagnosis.test_forms import SEEN
-from tests.refitted import RIG, first
 
 
 def test_the_help_lists_every_cause(run: Run) -> None:
@@ -72,11 +66,9 @@ def test_the_class_is_the_smallest_that_holds_the_probability() -> None:
     assert find_credible("delay", [Rival("b", 3.0, 1e6)]) == ["delay"]
 
 
-def test_what_no_log_tells_apart_shares_a_probability_and_what_is_refuted_has_none() -> None:
+def test_what_no_log_tells_apart_shares_a_probability() -> None:
     shared = find(Rival("cogging", np.log(3.0), 1e6), untried=("armature",))
     assert [round(chance, 3) for _, _, chance in shared.probabilities] == [0.375, 0.375, 0.25]
-    refuted = replace(shared, status="unconfirmed")
-    assert refuted.probability is None and refuted.probabilities == ()
 
 
 @pytest.mark.parametrize(("harmonic", "bent"), [((1.0,), True), ((1.0, 2.0), True), ((1.0, 84.0), False)])
@@ -113,36 +105,3 @@ def test_two_deviations_of_one_shift_are_said_to_be_two(cause: str, told: bool) 
     """The payload's figures beside a finding about it are taken with its inertias open."""
     found = SimpleNamespace(findings=[SimpleNamespace(cause=cause)], residual={})
     assert ("inertias left open" in text.caveats(cast(Diagnosis, found))) == told
-
-
-def test_what_is_unconfirmed_names_nothing() -> None:
-    noise = [Residual("noise", 1e-3, 1.0)]
-    assert overall(["unconfirmed"], noise) == "unknown"
-    assert overall(["unconfirmed", "ambiguous"], noise) == "ambiguous"
-    assert overall(["unconfirmed", "named"], noise) == "named"
-    assert overall([], noise) == "nothing"
-
-
-def test_the_size_of_what_is_there_is_known_and_of_what_is_not_is_not() -> None:
-    """Harmonics of a motor that has one of them, and friction that drifts where none does."""
-    place = RIG.joints[1]
-    state = first(Term(Cogging(place, (9.0,)), (0.03, 0.04)))
-
-    def is_known(cause: Cause) -> bool:
-        return is_size_known(solved(state.problem, (Cogging(place, (9.0,)), cause), state), cause)
-
-    there = solved(state.problem, (Cogging(place, (9.0,)),), state)
-    assert is_size_known(there, there.causes[0])
-    assert sum(is_known(Cogging(place, (float(k),))) for k in range(20, 32)) <= 5
-    assert not is_known(FrictionDrift(place, span=5.0))
-
-
-def test_the_whole_rigs_gain_counts_joints_by_the_samples_that_tell() -> None:
-    def figures(*rmse: float) -> dict[str, dict[str, float]]:
-        return {"torque_rmse": dict(zip(("pan", "tilt"), rmse))}
-
-    before, used = figures(1.0, 1.0), np.array([0.6, 0.3])
-    assert measure_gain(before, figures(0.5, 2.0), used) == pytest.approx(0.3 * np.log(2))
-    assert measure_gain(before, before, used) == 0.0
-    assert measure_gain(before, figures(2.0, 0.5), used) < 0
-    assert measure_gain(before, figures(0.5, 1e9), np.array([0.6, 0.0])) > 0, "a joint that stands says nothing"

@@ -22,7 +22,6 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import DASH, Joint, figures, forces, joints_of, list_altered, listed, torque_unit, units
 from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph, toned
-from gimbal_pin.report.summary import unconfirmed
 from gimbal_pin.report.table import Content, join
 
 WRONG = "What the simulation gets wrong"
@@ -33,7 +32,6 @@ VERDICTS = {
     "nothing": "The refitted model is as good as the data: nothing more can be found in this log.",
     "data": "The log itself is at fault: nothing that it seems to say about the rig should be believed.",
 }
-UNCONFIRMED = "Something seems to be missing from the model, and nothing of what this log suggests is confirmed."
 MOVED = "The platform's motion is in it, as the IMU tells it: below stands what that is worth."
 SPOILT = "What a fit of the log finds all the same, and what is not to be acted on:"
 ALIKE = 0.95
@@ -91,9 +89,7 @@ def verdict(found: Diagnosis) -> str:
     open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
     moved = "" if found.lacking == found.findings else f" {MOVED}"
-    against = f" {found.unconfirmed[:1].upper()}{found.unconfirmed[1:]}." if found.unconfirmed else ""
-    said = UNCONFIRMED if found.beside == "unknown" and unconfirmed(found) else VERDICTS[found.beside]
-    return f"{said}{more}{moved}{against}"
+    return f"{VERDICTS[found.beside]}{more}{moved}"
 
 
 def described(finding: Finding, likest: Sequence[Likeness], colour: str, believed: bool = True) -> list[object]:
