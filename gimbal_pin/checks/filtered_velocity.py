@@ -33,7 +33,7 @@ A rate that mostly repeats itself makes a recursion with a pole on the unit circ
 BETTER = 0.5
 """Where no recursion fits, a low-pass must leave less than this share of the power that the best pure delay leaves, and
 a delay of what the derivative itself leaves."""
-SURE = 10.0
+OVER_NOISE = 10.0
 """And differ from it by so many times the power of the angle's noise."""
 VISIBLE = 0.005
 """And change the rate by more than this share of its rms."""
@@ -176,18 +176,18 @@ def find_low_pass_or_delay(
     best = min(range(len(tried)), key=lambda k: tried[k].left)
     delayed, delay = tried[best], float(shifts[best]) + tried[best].delay
     # |lagged - delayed| is at most the sum of what the two leave: where that cannot be visible, no lag need be tried.
-    if delayed.left * (1.0 + np.sqrt(BETTER)) ** 2 > SURE * noise**2:
+    if delayed.left * (1.0 + np.sqrt(BETTER)) ** 2 > OVER_NOISE * noise**2:
         shapes = [LowPass(float(f), order) for order in (1, 2) for f in CORNERS]
         lags = {shape: fit_shape(apply_low_pass(d, shape.corner, shape.order, dt), r, dt, settled) for shape in shapes}
         low_pass = min(lags, key=lambda shape: lags[shape].left)
         lag = lags[low_pass]
-        visible = float(np.mean((lag.fit - delayed.fit) ** 2)) > SURE * noise**2
+        visible = float(np.mean((lag.fit - delayed.fit) ** 2)) > OVER_NOISE * noise**2
         if visible and lag.left < BETTER * delayed.left and low_pass.corner < FLAT / sample:
             return low_pass
     gain = float(d[settled] @ r[settled] / (d[settled] @ d[settled]))
     moved = float(np.mean((delayed.fit - gain * d[settled]) ** 2))
     undelayed = float(np.mean((r[settled] - gain * d[settled]) ** 2))
-    is_late = delay > sample and moved > SURE * noise**2 and delayed.left < BETTER * undelayed
+    is_late = delay > sample and moved > OVER_NOISE * noise**2 and delayed.left < BETTER * undelayed
     return delay if is_late else None
 
 

@@ -23,7 +23,7 @@ ALIKE = (0.3, 3.0)
 """A drive's column fits if its coefficient, which is one, is found within these."""
 
 
-BENT = 1e-5
+LEAST_BENT = 1e-5
 """Share of a friction's power under which how it bends shows on no log: three thousandths of its size."""
 
 
@@ -230,7 +230,7 @@ def compute_bulk(evidence: Evidence, effect: Effect, own: Array) -> float:
     apart = own.copy()
     apart[:, 0] -= evidence.sliding[evidence.rig.joint_index(effect.joint)]
     power, whole = float(np.sum(apart**2)), float(np.sum(own**2))
-    return whole / power if power > BENT * whole else 1.0
+    return whole / power if power > LEAST_BENT * whole else 1.0
 
 
 def get_size_bounds(cause: RigEffect) -> tuple[float, float]:

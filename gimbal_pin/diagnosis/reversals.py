@@ -29,7 +29,7 @@ from gimbal_pin.regression import (
 SMEAR = 2.0 / 3.0
 """``2π f_c ∫ h(s) |s| ds`` of the zero-phase Butterworth low-pass of third order, which rounds the rate's corners: to
 ``SMEAR Δa/(4π f_c)`` a corner at zero, where the acceleration jumps by Δa."""
-SURE = 4.0
+LATE_DEVIATIONS = 4.0
 """Standard deviations from which a torque is taken to act at another time."""
 NOISY = 40.0
 """Dispersion from which it is not known when a joint turns round."""
@@ -113,7 +113,7 @@ def find_shifts(state: State) -> Array:
         alone = column - basis @ (basis.T @ column)
         delay = float(column @ left) / max(float(column @ alone), 1e-300)
         scores = np.add.reduceat(alone * (left - delay * alone), now.starts // n)
-        sure = abs(float(column @ left)) > SURE * float(np.linalg.norm(scores))
+        sure = abs(float(column @ left)) > LATE_DEVIATIONS * float(np.linalg.norm(scores))
         out[j] = abs(delay) if sure else 0.0
     return out
 

@@ -29,7 +29,7 @@ EXPLAINED = 90.0
 bodies with dry and viscous friction leave of a real arm (double pendulum: 0.18 of 1.8 N m)."""
 HALF = 0.5
 """Share of what is left, as power, from which a poor fit is for want of a formula, not for noise."""
-SURE = 0.99
+CERTAINTY = 0.99
 """Certainty with which an error is called greater than another."""
 OVERFITTED = 2.0
 """Held-out error over the training part's: ``√((1 + x)/(1 - x))`` of a fit with x coefficients per row, x = 0.6."""
@@ -88,7 +88,7 @@ class Accuracy:
     def exceeds(self, other: Accuracy, joint: str, ratio: float = 1.0) -> bool:
         """Whether the error at a joint is surely more than so many times the other's."""
         mine, others = (max(one.effective_rows[joint], 1.0) for one in (self, other))
-        least = ratio * other.torque_rmse[joint] * np.sqrt(fdtri(mine, others, SURE))
+        least = ratio * other.torque_rmse[joint] * np.sqrt(fdtri(mine, others, CERTAINTY))
         return bool(self.torque_rmse[joint] > least)
 
 

@@ -22,11 +22,11 @@ from gimbal_pin.rig.brief import brief
 exp3, log3 = pin.exp3, pin.log3
 SPAN = 1 / (2 * pi * SLOW)
 """Time over which gaps are looked at, s: what changes them slower than `SLOW` is drift."""
-SURE = 5.0
+GAP_DEVIATIONS = 5.0
 """Deviations of the sensors' noise beyond which a gap is none of it: by chance once in 43 h on nine channels, whose
 values are independent after `SPAN`."""
 FAINT = 1e-5
-"""Least deviation, rad: `SURE` times that is 0.003°, below which no gap harms."""
+"""Least deviation, rad: `GAP_DEVIATIONS` times that is 0.003°, below which no gap harms."""
 
 
 class Fused(NamedTuple):
@@ -100,7 +100,7 @@ class Fusion:
 
         Two gyros' walks gain ``gyro²`` a second, of which a high-pass of that time leaves half; three encoders round.
         """
-        return SURE * max(sqrt(self.gyro**2 * SPAN / 2 + 3 * self.step**2 / 12), FAINT)
+        return GAP_DEVIATIONS * max(sqrt(self.gyro**2 * SPAN / 2 + 3 * self.step**2 / 12), FAINT)
 
     def compared(self, memory: Fused, camera: Array, between: Sequence[Array]) -> Fused:
         """Return the memory after a comparison.

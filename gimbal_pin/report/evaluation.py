@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin.identification import Identified, split_logs
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, Design, compute_blocks
-from gimbal_pin.report.format import SURE, figures, joints_of
+from gimbal_pin.report.format import NORMAL_95, figures, joints_of
 from gimbal_pin.report.html import toned
 from gimbal_pin.report.table import Content
 
@@ -160,7 +160,7 @@ class Known:
     @property
     def half(self) -> float:
         """Half the 95 % interval."""
-        return SURE * self.std
+        return NORMAL_95 * self.std
 
     @property
     def moved(self) -> float:

@@ -13,7 +13,7 @@ from gimbal_pin.diagnosis.result import MEASURED
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD
 from gimbal_pin.report.format import (
-    SURE,
+    NORMAL_95,
     between,
     controller_name,
     figures,
@@ -256,7 +256,7 @@ def about_gain(wrong: Diagnosis, band: float) -> str:
 
 def about_parameters(found: Identified) -> str:
     """Say how many parameters the log tells from zero."""
-    blind, count = int(np.sum(np.abs(found.estimate.theta) <= SURE * found.estimate.std)), len(found.names)
+    blind, count = int(np.sum(np.abs(found.estimate.theta) <= NORMAL_95 * found.estimate.std)), len(found.names)
     if not blind:
         return f"All {count} parameters differ significantly from zero."
     seen, hidden = count - blind, f"{blind} {'is' if blind == 1 else 'are'} too small for this log to show"

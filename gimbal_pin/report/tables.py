@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from gimbal_pin.report.format import (
     DASH,
-    SURE,
+    NORMAL_95,
     angle,
     controller_name,
     figures,
@@ -83,7 +83,7 @@ def parameters(
         away = "0" if abs(one.away) < 0.05 else f"{one.away:+.1f}" if abs(one.away) < 1e4 else f"{one.away:+.0e}"
         row: list[Content] = [regrouping(one.name), unit(one.unit), value, half.removeprefix("± "), one.deviation]
         row += [figures(one.given, 4), DASH if isnan(one.away) else away.replace("-", "−")]
-        row += [] if bound is None else [figures(SURE * bound[k], 2)]
+        row += [] if bound is None else [figures(NORMAL_95 * bound[k], 2)]
         row += [bar(one.moved / most if most else 0.0, figures(one.moved, 2))] if reach else []
         body.append(row)
     return Table(head, body, texts=2, label=label)

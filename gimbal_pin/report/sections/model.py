@@ -16,7 +16,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.evaluation import Evaluated, Known, Part, known
 from gimbal_pin.report.format import (
-    SURE,
+    NORMAL_95,
     Joint,
     figures,
     file_name,
@@ -160,7 +160,7 @@ def band(found: Identified, j: int, v: Array, slide: Array) -> tuple[Array, Arra
     places = [one.place for one in own]
     covariance = found.estimate.covariance[np.ix_(places, places)]
     variance = np.einsum("mk,kl,ml->m", A, covariance, A)
-    return A @ found.estimate.theta[places], SURE * np.sqrt(np.maximum(variance, 0.0))
+    return A @ found.estimate.theta[places], NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
 
 
 def torque(found: Identified, evaluated: Evaluated) -> Section:
