@@ -22,9 +22,6 @@ if TYPE_CHECKING:
     from gimbal_pin.effects import Effect
     from gimbal_pin.rig.rig import Rig
 
-FIRST = 0.1
-"""Share of the rate and acceleration limits that a first motion uses: a hundredth of the kinetic energy."""
-
 
 def excite(
     rig: RigName,
@@ -69,7 +66,7 @@ def excite(
             "rad/s, acceleration rad/s^2, effort N m, lower and upper rad",
         ),
     ] = (),
-    first: Annotated[bool, arg(help="a first, slow motion: a tenth of every rate and acceleration limit")] = False,
+    first: Annotated[bool, arg(help="the same motion to run first: at a tenth of its amplitude, and slow")] = False,
     margin: Annotated[float, between("--margin", 0, 0.95), arg(help="share of every limit that is left free")] = 0.05,
     clearance: Annotated[
         float, between("--clearance", 0, 1, "m"), arg(help="distance that parts keep which can hit each other")
@@ -78,6 +75,22 @@ def excite(
         float, between("--speed", 0, 0.95), arg(help="rms rate that shows friction, share of the rate limit")
     ] = 0.3,
     rate: Annotated[float, between("--rate", 1, 20000, "Hz"), arg(help="samples per second of the file")] = 1000.0,
+    log_rate: Annotated[
+        float | None,
+        between("--log-rate", 1, 20000, "Hz"),
+        arg(help="samples per second of the log to come", help_behavior_hint="(default: --rate)"),
+    ] = None,
+    torque_noise: Annotated[
+        float, between("--torque-noise", 0, 10), arg(help="noise on the torque of the log to come, share of its rms")
+    ] = 0.01,
+    lag: Annotated[
+        float | None,
+        between("--lag", 0, 1, "s"),
+        arg(
+            help="time by which the torque may act later than its stamp",
+            help_behavior_hint="(default: half a sample of the log)",
+        ),
+    ] = None,
     seed: Seed = 0,
     yes: Yes = False,
     json: Json = None,
@@ -85,7 +98,7 @@ def excite(
     """Design an excitation trajectory under the rig's limits."""
     import numpy as np
 
-    from gimbal_pin.excitation import build_sequential_criterion, count_periods
+    from gimbal_pin.excitation import build_sequential_criterion, count_periods, predict_estimate
     from gimbal_pin.excitation import excite as run
     from gimbal_pin.log.io import write_motion
 
@@ -106,14 +119,20 @@ def excite(
         effects=shown,
         torque_model=plant,
         margin=margin,
-        share=FIRST if first else 1.0,
+        first=first,
         clearance=clearance,
         speed=speed,
         dt=1 / rate,
         rng=np.random.default_rng(seed),
     )
     write_motion(found.motion, found.joints, output)
-    present(f"{text.excitation(found)}\n{next_step(rig, output, first, bool(read))}".rstrip(), found.to_dict(), json)
+    motion = found.motion
+    if log_rate is not None:
+        times = np.arange(0.0, found.seconds * (1 + 1e-12), 1 / log_rate)
+        motion = found.series.motion(found.coefficients, times)
+    told = predict_estimate(plant, motion, effects=shown, torque_noise=torque_noise, lag=lag, rng=seed)
+    said = [text.excitation(found), text.expectation(told), next_step(rig, output, first, bool(read))]
+    present("\n".join(said).rstrip(), {**found.to_dict(), "expected": told.to_dict()}, json)
 
 
 def with_limits(rig: Rig, texts: Sequence[str]) -> Rig:
@@ -145,10 +164,10 @@ def next_step(rig: str, output: Path, first: bool, later: bool) -> str:
     if first:
         log = f"{output.stem}_log.csv"
         return (
-            f"a tenth of the rate and acceleration limits: record it as {log}, 'identify {rig} {log} -o model.yaml', "
-            f"then 'excite {rig} --model model.yaml --after {log}' at the full limits"
+            "a tenth of the amplitude, and at most a tenth of each torque limit beyond gravity and friction: record it "
+            f"as {log}; 'diagnose {rig} {log}' tells wrong signs, units and order of joints before the full motion runs"
         )
-    return "" if later else "never moved this machine? --first designs a motion at a tenth of the limits"
+    return "" if later else "never moved this machine? --first writes this motion at a tenth, to be run before it"
 
 
 def to_show(model: Model, texts: Sequence[str]) -> list[Effect]:

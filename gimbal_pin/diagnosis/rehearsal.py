@@ -31,12 +31,12 @@ from gimbal_pin.diagnosis.shapes import form, free
 from gimbal_pin.diagnosis.state import Problem, State, resize, solved
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
-from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES, Cause, Effect, RigEffect, Sample, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.excitation import record_log
+from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import FORM_ERROR, subsample_log
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -183,7 +183,7 @@ def rehearse(
     Raises:
         DataError: The motion is too short to judge, or does not move a joint.
     """
-    log = subsample_log(record_log(rig, motion, torque_noise, make_generator(rng)[0])).log
+    log = subsample_log(record_log(nominal(rig), motion, torque_noise, make_generator(rng)[0])).log
     band = replace(usual(rig, [log]), alignment=0.0)
     evidence = alternate_blocks(gather(rig, [log], band), band)[0]
     check_moved(evidence, "the motion")
@@ -205,15 +205,6 @@ def rehearse(
     idle = "the motion holds the joint still"
     found += [Rehearsed(name, at, why=idle) for at in still for name, kind in kinds.items() if kind.of_joint]
     return Rehearsal(rig.name, float(motion.t[-1] - motion.t[0]), tuple(found))
-
-
-def record_log(rig: Rig, motion: Motion, torque_noise: float, rng: np.random.Generator) -> Log:
-    """Return the log of a motion that is followed exactly, with its torque at the sample and the sensors' noise."""
-    sensors, shape = Sensors.of(rig, float(np.median(np.diff(motion.t)))), motion.q.shape
-    tau = nominal(rig).inverse(motion.q, motion.v, motion.a, t=motion.t)
-    tau = tau + torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(shape)
-    q = np.stack([sensors.angle(one) for one in motion.q])
-    return Log("rehearsal", rig.joints, motion.t, q, motion.v + sensors.rate_std * rng.standard_normal(shape), tau)
 
 
 def get_place(cause: Cause) -> CauseAt:

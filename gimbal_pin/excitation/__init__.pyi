@@ -9,8 +9,14 @@ from .criteria import Determinant as Determinant
 from .design import Excitation as Excitation
 from .design import enforce_clearance as enforce_clearance
 from .design import excite as excite
+from .expected import ExpectedEstimate as ExpectedEstimate
+from .expected import predict_estimate as predict_estimate
+from .expected import record_log as record_log
 from .fourier import Series as Series
 from .fourier import count_periods as count_periods
+from .limits import AssumedLimit as AssumedLimit
 from .limits import Envelope as Envelope
+from .limits import assume_limits as assume_limits
+from .limits import compute_joint_reach as compute_joint_reach
 from .limits import find_crest as find_crest
 from .problem import ExcitationProblem as ExcitationProblem

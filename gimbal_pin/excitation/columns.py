@@ -20,7 +20,7 @@ from gimbal_pin.excitation.adjoint import (
     differentiate_samples,
 )
 from gimbal_pin.excitation.criteria import Determinant
-from gimbal_pin.excitation.limits import Envelope
+from gimbal_pin.excitation.limits import Envelope, assume_limits
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.regression import (
     Design,
@@ -151,7 +151,7 @@ def build_sequential_criterion(
 
     `prior`: what is known of every parameter before any log, s.
     """
-    known = ExcitationColumns.of(rig, effects).compute_information([log.ordered(rig) for log in logs])
+    known = ExcitationColumns.of(assume_limits(rig)[0], effects).compute_information([log.ordered(rig) for log in logs])
     return Determinant(known + prior * np.eye(len(known)), seconds * rig.n, "sequential")
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import ceil, isinf
 from typing import Any
 
 import numpy as np
 from tqdm import trange
 
 from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.regressor import compute_gravity, compute_rnea
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
@@ -17,7 +19,7 @@ from gimbal_pin.excitation.clearance import Clearance, Gap
 from gimbal_pin.excitation.columns import ExcitationColumns
 from gimbal_pin.excitation.criteria import Criterion, Determinant, find_criterion
 from gimbal_pin.excitation.fourier import Series
-from gimbal_pin.excitation.limits import QUANTITIES, Envelope, check_stated_limits
+from gimbal_pin.excitation.limits import QUANTITIES, AssumedLimit, Envelope, assume_limits
 from gimbal_pin.excitation.problem import ExcitationProblem
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.brief import brief
@@ -26,6 +28,9 @@ from gimbal_pin.rig.types import Rng, make_generator
 
 CLEARANCE = 0.005
 """Distance that parts keep which can hit each other, m."""
+FIRST = 0.1
+"""Amplitude of a first motion as a share of the full one's, and share of each torque limit that it takes beyond gravity
+and friction at most: a wrong sign then pushes with a tenth of the motor, for a tenth of the way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +54,7 @@ class Excitation:
         seed: Repeats it as `rng`; None where a generator was given.
         narrowed: Standard deviations of base parameters and friction with this motion over those of the earlier logs
             alone, (p,); None where no earlier logs were given.
+        assumed: Limits that nobody states, and that it keeps to all the same.
     """
 
     rig: str
@@ -66,6 +72,7 @@ class Excitation:
     clearance: Gap | None = None
     unchecked: tuple[str, ...] = ()
     seed: int | None = None
+    assumed: tuple[AssumedLimit, ...] = ()
 
     __repr__ = brief
 
@@ -114,6 +121,7 @@ class Excitation:
             "speed": dict(self.speed),
             "clearance": None if self.clearance is None else self.clearance._asdict(),
             "unchecked": list(self.unchecked),
+            "assumed": [{**one._asdict(), "stated": None if isinf(one.stated) else one.stated} for one in self.assumed],
             "limits_used": {joint: dict(shares) for joint, shares in self.limits_used.items()},
         }
 
@@ -130,7 +138,7 @@ def excite(
     criterion: str | Criterion = "condition",
     effects: Sequence[Effect] = (),
     margin: float = 0.05,
-    share: float = 1.0,
+    first: bool = False,
     clearance: float = CLEARANCE,
     speed: float = 0.3,
     torque_model: Model | None = None,
@@ -144,7 +152,8 @@ def excite(
 
     Args:
         rig: The rig and its limits. A revolute joint without angle limits is moved by at most half a turn either
-            way; an acceleration without a limit is bounded by the motor's torque.
+            way; an acceleration without a limit is bounded by the motor's torque. Where neither is stated,
+            limits are assumed, see `limits.assume_limits`.
         seconds: Length, s.
         periods: Periods in it, one or more: what differs between them is noise, see `fourier.count_periods`.
         harmonics: Harmonics of one over the period, two or more; None: up to half a hertz, at least five, a period of
@@ -154,7 +163,7 @@ def excite(
         criterion: "condition", "determinant", or a criterion of your own.
         effects: Effects to be shown on top of Coulomb and viscous friction.
         margin: Share of every limit that is left free.
-        share: Share of the rate and acceleration limits that the motion may use: a tenth for the first on a machine.
+        first: Return the motion as it is to be run first on a machine, see `slow_down`.
         clearance: Distance that parts keep which can hit each other, by the URDF's collision geometry, m.
         speed: Rms rate that every joint should reach so that friction shows, as a share of its rate limit (without one:
             of what half a hertz over its travel takes), under one; limits go first.
@@ -165,7 +174,7 @@ def excite(
         The motion, its condition number, and what it uses of the limits.
 
     Raises:
-        UsageError: An argument is out of range, the rig cannot move within its limits, or states no limit.
+        UsageError: An argument is out of range, or the rig cannot move within its limits.
     """
     if not seconds >= 0.5 * max(periods, 1):
         raise UsageError("seconds", f"is {seconds:g}", "give at least 0.5 for each period: no rig shows itself in less")
@@ -174,13 +183,13 @@ def excite(
         raise UsageError("dt", f"is {dt:g}", f"give an interval of which {seconds:g} s is a whole number")
     if starts < 1:
         raise UsageError("starts", f"is {starts}", "give one or more")
+    rig, assumed = assume_limits(rig)
     model = nominal(rig) if torque_model is None else torque_model
     if not clearance >= 0:
         raise UsageError("clearance", f"is {clearance:g}", "give a distance in metres, zero or more")
     if not 0 <= speed < 1:
         raise UsageError("speed", f"is {speed:g}", "give a share of the rate limits from 0 up to under 1")
-    envelope = Envelope.of(rig, margin, share)
-    check_stated_limits(rig)
+    envelope = Envelope.of(rig, margin)
     problem = ExcitationProblem(
         model,
         Series.of(seconds, harmonics, periods),
@@ -192,9 +201,30 @@ def excite(
     )
     generator, seed = make_generator(rng)
     x, finished = optimise(problem, starts, generator)
+    if first:
+        problem, x, samples = slow_down(problem, x, samples)
     x, gap = enforce_clearance(problem, x)
-    motion = problem.series.motion(problem.coefficients(x), np.linspace(0.0, seconds, samples + 1))
-    return replace(describe(problem, x, motion, finished), clearance=gap, seed=seed)
+    motion = problem.series.motion(problem.coefficients(x), dt * np.arange(samples + 1))
+    return replace(describe(problem, x, motion, finished), clearance=gap, seed=seed, assumed=assumed)
+
+
+def slow_down(problem: ExcitationProblem, x: Array, samples: int) -> tuple[ExcitationProblem, Array, int]:
+    """Return a motion at a tenth of its amplitude about the same middle, so slow that its torque is small.
+
+    With the amplitude every rate and acceleration fall to a tenth. What moves the bodies and rotors, ``M a + C v``,
+    falls with the square of the time that the path takes: it is stretched until that is under `FIRST` of every limit.
+    Gravity and dry friction no motion can lower.
+    """
+    repaired = problem.repair(problem.scale(x, FIRST))
+    if repaired is None:
+        raise problem.explain_infeasibility()
+    rig, motion = problem.model.rig, problem.motion(repaired, problem.dense)
+    push = compute_rnea(rig, motion.q, motion.v, motion.a) - compute_gravity(rig, motion.q)
+    push += motion.a * np.array([motor.armature for motor in rig.motors])
+    slower = np.sqrt(max(1.0, float((np.abs(push) / (FIRST * problem.envelope.torque)).max())))
+    longer = ceil(samples * slower - 1e-9)
+    series = replace(problem.series, seconds=problem.series.seconds * longer / samples)
+    return replace(problem, series=series), problem.scale(repaired, samples / longer), longer
 
 
 def enforce_clearance(problem: ExcitationProblem, x: Array) -> tuple[Array, Gap | None]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import inf, isfinite, pi
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.rig import Rig
 
 QUANTITIES = ("q", "dq", "ddq", "tau")
+LARGEST_RATE, LARGEST_TORQUE, LARGEST_TRAVEL = 100.0, 1000.0, 4 * pi
+"""A rate, rad/s, a torque, N m, and a travel to either side, rad, that no camera gimbal has: who writes more fills in
+a form."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,23 +36,21 @@ class Envelope:
     torque: Array
 
     @staticmethod
-    def of(rig: Rig, margin: float = 0.0, share: float = 1.0) -> Envelope:
-        """The rig's limits, each but for the share `margin`; of rate and acceleration the given share of that.
+    def of(rig: Rig, margin: float = 0.0) -> Envelope:
+        """The rig's limits, each but for the share `margin`.
 
         Angle limits that are not stated are those of `fill_angle_limits`.
 
         Raises:
-            UsageError: The margin is not in [0, 1), the share not in (0, 1], or a joint is left with no room to move.
+            UsageError: The margin is not in [0, 1), or a joint is left with no room to move.
         """
         if not 0 <= margin < 1:
             raise UsageError("margin", f"is {margin}", "give a share of the limits from 0 up to under 1")
-        if not 0 < share <= 1:
-            raise UsageError("share", f"is {share}", "give a share of the rate and acceleration limits, over 0 up to 1")
         ends = np.array([fill_angle_limits(rig, j, limit) for j, limit in enumerate(rig.limits)])
         limits = {
             "travel": (ends[:, 1] - ends[:, 0]) / 2,
-            "velocity limit": share * np.array([limit.velocity for limit in rig.limits]),
-            "acceleration limit": share * np.array([limit.acceleration for limit in rig.limits]),
+            "velocity limit": np.array([limit.velocity for limit in rig.limits]),
+            "acceleration limit": np.array([limit.acceleration for limit in rig.limits]),
             "torque limit": rig.tau_max,
         }
         for name, values in limits.items():
@@ -128,15 +130,74 @@ def find_crest(x: Array) -> Array:
     return np.asarray(np.concatenate([x, vertex]).max(axis=0))
 
 
-def check_stated_limits(rig: Rig) -> None:
-    """Raise `UsageError` where nothing bounds a joint's rate or torque: a motion must not be designed on a guess.
+class AssumedLimit(NamedTuple):
+    """A limit that a motion keeps to though nobody states it.
 
-    An acceleration that is not stated is bounded by the motor's torque limit.
+    Attributes:
+        joint: The joint.
+        quantity: As `--limit` and a YAML name it: velocity, acceleration, lower or upper.
+        value: What is assumed.
+        unit: Its unit.
+        stated: What the rig states instead: infinite, or more than any gimbal has.
     """
-    missing = []
-    for joint, limit, torque in zip(rig.joints, rig.limits, rig.tau_max):
-        missing += [f"{joint}.velocity"] * (not isfinite(limit.velocity))
-        missing += [f"{joint}.effort"] * (not isfinite(torque) and not isfinite(limit.acceleration))
-    if missing:
-        mend = f"give --limit {missing[0]}=NUMBER (rad/s, N m) for each, or state them in its YAML under limits"
-        raise UsageError(f"rig {rig.name}", f"states no limit for {', '.join(missing)}", mend)
+
+    joint: str
+    quantity: str
+    value: float
+    unit: str
+    stated: float
+
+
+def assume_limits(rig: Rig, speed: float = 0.25, travel: float = 0.25) -> tuple[Rig, tuple[AssumedLimit, ...]]:
+    """Return the rig with safe limits where nothing, or nothing plausible, bounds a joint's rate or torque.
+
+    Rate: no point of the rig passes `speed`, with all joints turning at once. Acceleration, where no torque limit
+    bounds it: that of half a hertz at the rate limit. Such a joint is moved by `travel` about its zero, or what of its
+    own travel is nearest to that. One of over two turns either way counts as none.
+
+    Args:
+        rig: The rig.
+        speed: Of a machine with people within its reach, m/s: the manual reduced speed of ISO 10218-1.
+        travel: To either side, rad, 14°; a tenth of that in metres for a slide.
+    """
+    reach, limits, assumed = compute_joint_reach(rig), [], list[AssumedLimit]()
+    for j, (joint, limit) in enumerate(zip(rig.joints, rig.limits)):
+        safe = replace(limit)
+        if not rig.slides[j] and max(-limit.lower, limit.upper) > LARGEST_TRAVEL:
+            safe = replace(safe, lower=-inf, upper=inf)
+        if limit.velocity > LARGEST_RATE:
+            safe = replace(safe, velocity=speed / (rig.n * (1.0 if rig.slides[j] else reach[j])))
+        if rig.tau_max[j] > LARGEST_TORQUE and not isfinite(limit.acceleration):
+            safe = replace(safe, acceleration=pi * safe.velocity)
+        if safe.velocity != limit.velocity or safe.acceleration != limit.acceleration:
+            lower, upper = fill_angle_limits(rig, j, safe)
+            half = min(travel * (0.1 if rig.slides[j] else 1.0), (upper - lower) / 2)
+            middle = min(max(0.0, lower + half), upper - half)
+            safe = replace(safe, lower=middle - half, upper=middle + half)
+            for quantity, unit in (
+                ("velocity", "rad/s"),
+                ("acceleration", "rad/s²"),
+                ("lower", "rad"),
+                ("upper", "rad"),
+            ):
+                value, stated = getattr(safe, quantity), getattr(limit, quantity)
+                if value != stated:
+                    assumed.append(AssumedLimit(joint, quantity, value, rig.in_units(joint, unit), stated))
+        limits.append(safe)
+    return (replace(rig, limits=tuple(limits)) if assumed else rig), tuple(assumed)
+
+
+def compute_joint_reach(rig: Rig) -> Array:
+    """Farthest that what a joint carries can be from its axis, m, (n,): outwards along the chain, in whatever pose.
+
+    A body reaches as far from its centre of mass as a rod of its radius of gyration: √3 of that.
+    """
+    model, reach = rig.model, np.zeros(rig.n + 1)
+    for j in range(rig.n, 0, -1):
+        body = model.inertias[j]
+        radius = np.sqrt(1.5 * np.trace(body.inertia) / body.mass)
+        slid = max(map(abs, (rig.limits[j - 1].lower, rig.limits[j - 1].upper))) if rig.slides[j - 1] else 0.0
+        reach[j] = max(reach[j], np.linalg.norm(body.lever) + radius) + (slid if isfinite(slid) else 0.0)
+        parent = model.parents[j]
+        reach[parent] = max(reach[parent], np.linalg.norm(model.jointPlacements[j].translation) + reach[j])
+    return reach[1:]

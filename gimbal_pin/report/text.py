@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import degrees, floor, inf, isnan, log10
+from math import degrees, floor, inf, isfinite, isinf, isnan, log10
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
     from gimbal_pin.effects.parameter import Parameter
-    from gimbal_pin.excitation import Excitation
+    from gimbal_pin.excitation import AssumedLimit, Excitation, ExpectedEstimate
     from gimbal_pin.export import Exported
     from gimbal_pin.identification import Identified, PayloadStatement, Progress
     from gimbal_pin.identification.bodies import Figure
@@ -125,7 +125,46 @@ def excitation(found: Excitation) -> str:
         lines.append(f"smallest clearance: {1000 * found.clearance.distance:.3g} mm, between {first} and {second}")
     if found.unchecked:
         lines.append(f"not kept from hitting anything, as its mesh is not there: {', '.join(found.unchecked)}")
+    for one in found.assumed:
+        lines.append(f"assumed  {one.joint}.{one.quantity} = {figures(one.value)} {one.unit}: {_explain_assumed(one)}")
+    if found.assumed:
+        one = found.assumed[0]
+        lines.append(
+            "start it near the zero of these joints; state real limits in the rig's YAML under limits, or as "
+            f"--limit {one.joint}.{one.quantity}=NUMBER"
+        )
     return "\n".join(lines if found.finished else [*lines, "interrupted: this is the best it had found"])
+
+
+def _explain_assumed(one: AssumedLimit) -> str:
+    """Say what is stated in place of an assumed limit, and what that is derived from."""
+    why = {
+        "velocity": "0.25 m/s at the farthest point with all joints turning, the reduced speed of ISO 10218-1",
+        "acceleration": "half a hertz at its rate limit, as no torque limit bounds it",
+    }
+    stated = "nothing is stated" if isinf(one.stated) else f"{figures(one.stated)} is stated"
+    return f"{stated}; {why.get(one.quantity, 'a small range, as its rate or torque is assumed')}"
+
+
+def expectation(found: ExpectedEstimate) -> str:
+    """What a log of a motion will tell of each parameter, and what to change before it is run."""
+    rows = [
+        (name, None if isnan(x) else figures(x), figures(std) if isfinite(std) else None, unit, known)
+        for name, x, std, unit, known in zip(
+            found.names, found.values.tolist(), found.std.tolist(), found.units, found.known
+        )
+    ]
+    table = Table(("Parameter", "Value", "Will be known to ±", "Unit", "Known"), rows)
+    head = (
+        f"a log of {found.rate:g} samples per second, torque noise of {100 * found.torque_noise:.3g} % of its rms, and"
+    )
+    lines = [f"{head} the rig's encoders and gyros (exact where it states none) {DEVIATIONS}", str(table)]
+    lag, name = found.longest_lag
+    if isfinite(lag):
+        lines.append(
+            f"a lag of {figures(1000 * lag, 2)} ms between angles and torque moves {name} by half of its value"
+        )
+    return "\n".join([*lines, *(f"warning: {said}" for said in found.warnings)])
 
 
 def inspected(found: Inspected, altered: Sequence[Alteration] = ()) -> str:

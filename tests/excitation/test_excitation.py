@@ -24,7 +24,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.cli.excite import to_show
-from gimbal_pin.dynamics import Model, compute_regressor, nominal
+from gimbal_pin.dynamics import Model, compute_gravity, compute_regressor, compute_rnea, nominal
 from gimbal_pin.effects import CAUSES, Coulomb, Effect, LoadDependentFriction, Stribeck, Term
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation import (
@@ -35,8 +35,10 @@ from gimbal_pin.excitation import (
     Excitation,
     ExcitationColumns,
     Series,
+    assume_limits,
     build_links,
     build_sequential_criterion,
+    compute_joint_reach,
     compute_regressor_gradient,
     count_periods,
     excite,
@@ -211,19 +213,49 @@ def test_joint_without_angle_limits_turns_at_most_half_a_turn_either_way() -> No
     assert all(used["dq"] > 0.2 and used["ddq"] == 0 for used in found.limits_used.values())
 
 
-def test_no_motion_is_designed_on_a_limit_that_nobody_states(run: Run, tmp_path: Path) -> None:
-    """A rate without a limit is asked for; an acceleration without one is bounded by the motor's torque."""
+@pytest.mark.parametrize("stated", [0, 5e4])
+def test_limits_that_nobody_states_are_assumed_and_said(run: Run, tmp_path: Path, stated: float) -> None:
+    """No point then moves faster than people may stand beside; with one's own limits nothing is assumed."""
     source = Rig.load("turret").urdf
-    (tmp_path / "turret.urdf").write_text(re.sub(r'velocity="[^"]*"', 'velocity="0"', source))
+    (tmp_path / "turret.urdf").write_text(re.sub(r'(velocity|effort)="[^"]*"', rf'\1="{stated:g}"', source))
     excited = ("excite", tmp_path / "turret.urdf", "--starts", 1, "-o")
-    refused(
-        run(*excited, tmp_path / "out.csv"), 2, "states no limit for pan.velocity, tilt.velocity", "--limit pan.velo"
-    )
-    limits = ("--limit=pan.velocity=1.5", "--limit=tilt.velocity=1.5")
-    full = result(run, *excited, tmp_path / "full.csv", *limits)["limits_used"]
-    slow = result(run, *excited, tmp_path / "slow.csv", *limits, "--first")["limits_used"]
-    assert max(used["dq"] for used in full.values()) == pytest.approx(0.95, abs=0.05)
-    assert max(used["dq"] for used in slow.values()) == pytest.approx(0.095, abs=0.005)
+    guessed = result(run, *excited, tmp_path / "out.csv")["assumed"]
+    rates = {one["joint"]: one["value"] for one in guessed if one["quantity"] == "velocity"}
+    assert {one["quantity"] for one in guessed} == {"velocity", "acceleration", "lower", "upper"}
+    assert {one["stated"] for one in guessed if one["quantity"] == "velocity"} == {stated or None}
+    rig = Rig.load(tmp_path / "turret.urdf")
+    assert rates.keys() == set(rig.joints)
+    assert np.array(list(rates.values())) @ compute_joint_reach(rig) == pytest.approx(0.25)
+    motion = read_motion(tmp_path / "out.csv", rig)
+    assert np.abs(motion.q).max() <= 0.25 and (np.abs(motion.v).max(axis=0) <= list(rates.values())).all()
+    said = run(*excited, tmp_path / "out.csv")[1]
+    assert "assumed  pan.velocity" in said and "--limit pan.velocity=NUMBER" in said
+    limits = [f"--limit={joint}.{limit}" for joint in rig.joints for limit in ("velocity=1.5", "effort=4")]
+    assert not result(run, *excited, tmp_path / "out.csv", *limits)["assumed"]
+
+
+def test_assuming_limits_twice_changes_nothing_and_stated_ones_stay() -> None:
+    for name in RIGS:
+        assert assume_limits(Rig.load(name)) == (Rig.load(name), ()) or not assume_limits(Rig.load(name))[1]
+    assumed, said = assume_limits(moved(Rig.load("thesis"), velocity=inf))
+    assert len(said) > 2 and not assume_limits(assumed)[1]
+
+
+@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("effort", [None, 0.5])
+def test_a_first_motion_is_the_same_at_a_tenth_and_pushes_with_a_tenth(name: str, effort: float | None) -> None:
+    rig = Rig.load(name)
+    if effort is not None:  # a motor that the motion alone takes half of
+        rig = moved(rig, effort=2.0, acceleration=inf, velocity=50.0)
+    full, first = (excite(rig, starts=1, rng=1, first=first) for first in (False, True))
+    swing = np.ptp(first.motion.q, axis=0) / np.ptp(full.motion.q, axis=0)
+    assert swing == pytest.approx(np.full(rig.n, 0.1), rel=1e-3)
+    assert first.coefficients[0] == pytest.approx(full.coefficients[0])
+    assert first.seconds >= full.seconds
+    motion = first.motion
+    push = compute_rnea(rig, motion.q, motion.v, motion.a) - compute_gravity(rig, motion.q)
+    push += motion.a * np.array([motor.armature for motor in rig.motors])
+    assert (np.abs(push).max(axis=0) <= 0.1 * rig.tau_max).all()
 
 
 @pytest.mark.parametrize("limit", ["pan.velocity", "pan=2", "pan.speed=2", "roll.velocity=2", "pan.velocity=-1"])

@@ -1,0 +1,181 @@
+"""What a log of a planned motion will tell of each parameter, before the motion is run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import nan
+from typing import Any, Literal
+
+import numpy as np
+
+from gimbal_pin.dynamics.model import Model, build_friction_effects
+from gimbal_pin.dynamics.reduction import reduce_parameters
+from gimbal_pin.dynamics.sensors import Sensors
+from gimbal_pin.dynamics.threads import limit_to_one_thread
+from gimbal_pin.effects import Effect
+from gimbal_pin.identification import find_unseen, given_beta
+from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.regression import FORM_ERROR, Design, Estimate, Filtering, compute_blocks, fit_weighted
+from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.types import Rng, make_generator
+
+WEAK_FROM = 0.5
+"""Standard deviation, or change by a lag, in shares of a value, from which even its sign is in doubt at two of them."""
+WELL = 0.1
+"""Share of a value under which its deviation is small."""
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedEstimate:
+    """What `identify` will know from a log of a motion.
+
+    Attributes:
+        names: Base parameters, then the effects' coefficients, (k).
+        units: Their SI units.
+        values: Their values in the model that was planned with, (k,); NaN where it states none.
+        std: Standard deviations that `identify` will state, (k,); infinite where the motion leaves no trace.
+        unseen: Parameters whose uncertainty alone moves more torque than the whole log has.
+        rate: Samples per second of the log.
+        torque_noise: White noise on the reported torque, as a share of each joint's torque rms.
+        lag: Time by which the torque may act later than its stamp, s.
+        sampling: Joint → share of its torque rms that the sampling alone, without any noise, leaves unexplained.
+        per_lag: Change of each parameter per second of lag, (k,).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    std: Array
+    unseen: tuple[str, ...]
+    rate: float
+    torque_noise: float
+    lag: float
+    sampling: Mapping[str, float]
+    per_lag: Array
+
+    __repr__ = brief
+
+    @property
+    def known(self) -> tuple[Literal["known", "weakly", "not"], ...]:
+        """How each is known: `weakly` if its deviation is over half of its value, `not` if it leaves no trace."""
+        stated = np.where(np.nan_to_num(self.values) == 0, np.inf, np.abs(self.values))
+        weak = self.std > WEAK_FROM * stated
+        return tuple("not" if n in self.unseen else "weakly" if w else "known" for n, w in zip(self.names, weak))
+
+    @property
+    def longest_lag(self) -> tuple[float, str]:
+        """The lag, s, that moves a well-known parameter by half of its value, and which; infinite where none is."""
+        told = self.std < WELL * np.abs(np.nan_to_num(self.values))
+        moved = np.where(told, np.abs(self.per_lag), 0.0)
+        # Of what a log would tell to a tenth: what is nearly zero moves by half of itself at any lag.
+        lags = np.divide(WEAK_FROM * np.abs(self.values), moved, out=np.full(len(moved), np.inf), where=moved > 0)
+        first = int(np.argmin(lags))
+        return float(lags[first]), self.names[first]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to change before the motion is run: the log's rate, its lag, the motion."""
+        said, (lag, name) = [], self.longest_lag
+        slow = [f"{100 * share:.2g} % of {joint}'s" for joint, share in self.sampling.items() if share > FORM_ERROR]
+        if slow:
+            what = f"{self.rate:g} samples per second are too few for this motion: they alone leave {', '.join(slow)}"
+            said.append(f"{what} torque unexplained; record faster, or move more slowly")
+        if self.lag > lag:
+            what = f"a lag of {1000 * self.lag:.3g} ms between angles and torque matters: {1000 * lag:.2g} ms move"
+            said.append(f"{what} {name} by half of its value; record faster, or stamp the torque when it acts")
+        if self.unseen:
+            said.append(f"the motion leaves no trace of {', '.join(self.unseen)}")
+        return tuple(said)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds."""
+        rows = zip(self.names, self.units, self.values.tolist(), self.std.tolist(), self.known)
+        lag, first = self.longest_lag
+        return {
+            "rate": self.rate,
+            "torque_noise": self.torque_noise,
+            "lag": self.lag,
+            "longest_lag": {"seconds": lag, "parameter": first} if np.isfinite(lag) else None,
+            "parameters": [
+                {"name": name, "unit": unit, "value": _to_json(x), "std": _to_json(std), "known": known}
+                for name, unit, x, std, known in rows
+            ],
+            "warnings": list(self.warnings),
+        }
+
+
+@limit_to_one_thread()
+def predict_estimate(
+    model: Model,
+    motion: Motion,
+    *,
+    effects: Sequence[Effect] = (),
+    torque_noise: float = 0.01,
+    lag: float | None = None,
+    rng: Rng = None,
+) -> ExpectedEstimate:
+    """Return what `identify` will know from a log of a motion, by its own rows, fit and covariance.
+
+    A log with the noise of the rig's sensors is fitted for the deviations, one without for what the sampling leaves,
+    and that again with the torque a sample later: a short lag moves least squares linearly.
+
+    Args:
+        model: The rig, its encoders, gyros, friction.
+        motion: The motion at the log's rate, followed exactly.
+        effects: Effects on top of Coulomb and viscous friction.
+        torque_noise: White noise on the reported torque, as a share of each joint's torque rms.
+        lag: Time by which the torque may act later than its stamp, s; None: half a sample, as a drive may hold
+            it from its stamp on.
+        rng: Source of the sensors' noise, or its seed.
+    """
+    rig, step = model.rig, float(np.median(np.diff(motion.t)))
+    fitted = (*build_friction_effects(rig.joints), *effects)
+    values: dict[Effect, tuple[float, ...]] = {term.effect: term.values for term in model.terms}
+    log = record_log(model, motion, torque_noise, make_generator(rng)[0])
+    tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
+    exact = Log("exact", rig.joints, motion.t, motion.q, motion.v, tau)
+    design = Design(rig, reduce_parameters(rig), fitted, (log,), Filtering(alignment=0.0))
+    terms = [x for effect in fitted for x in values.get(effect, (nan,) * len(effect.coefficients))]
+    truth = np.concatenate([given_beta(rig, design.reduction), terms])
+    blocks = compute_blocks(design)
+    if sum(block.b.size for block in blocks) < 3 * len(truth):
+        std, unseen, per_lag = np.full(len(truth), np.inf), design.names, np.zeros(len(truth))
+        sampling = np.zeros(rig.n)
+    else:
+        estimate = fit_weighted(blocks)
+        plain, late = (_refit(replace(design, logs=(exact,)), alignment) for alignment in (0.0, step))
+        std, unseen, per_lag = estimate.std, find_unseen(design.names, blocks, estimate), late.theta - plain.theta
+        sampling = plain.residual_std / np.maximum(np.sqrt(np.mean(tau**2, axis=0)), 1e-300)
+    return ExpectedEstimate(
+        names=design.names,
+        units=design.units,
+        values=truth,
+        std=std,
+        unseen=unseen,
+        rate=1 / step,
+        torque_noise=torque_noise,
+        lag=step / 2 if lag is None else lag,
+        sampling=dict(zip(rig.joints, sampling.tolist())),
+        per_lag=per_lag / step,
+    )
+
+
+def _to_json(value: float) -> float | None:
+    """Return a number as JSON holds it: null where there is none."""
+    return value if np.isfinite(value) else None
+
+
+def _refit(design: Design, alignment: float) -> Estimate:
+    """Fit with the torque acting so much later than its stamp, s."""
+    return fit_weighted(compute_blocks(replace(design, filtering=replace(design.filtering, alignment=alignment))))
+
+
+def record_log(model: Model, motion: Motion, torque_noise: float, rng: np.random.Generator) -> Log:
+    """Return the log of a motion that is followed exactly, with its torque at the sample and the sensors' noise."""
+    sensors, shape = Sensors.of(model.rig, float(np.median(np.diff(motion.t)))), motion.q.shape
+    tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
+    tau = tau + torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(shape)
+    q = np.stack([sensors.angle(one) for one in motion.q])
+    v = motion.v + sensors.rate_std * rng.standard_normal(shape)
+    return Log("rehearsal", model.rig.joints, motion.t, q, v, tau)

@@ -1,0 +1,103 @@
+"""What a motion will tell, before it is run: the deviations of `identify`, and what a lag or a rate costs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gimbal_pin.diagnosis import diagnose
+from gimbal_pin.dynamics import nominal
+from gimbal_pin.errors import LogError
+from gimbal_pin.excitation import ExpectedEstimate, Series, excite, predict_estimate, record_log
+from gimbal_pin.identification import identify
+from gimbal_pin.log import Array, Motion
+from gimbal_pin.regression import Filtering
+from gimbal_pin.rig import Rig
+from tests.excitation.designs import RIGS, designed
+
+
+def thinned(motion: Motion, step: int) -> Motion:
+    return Motion(*(x[::step] for x in (motion.t, motion.q, motion.v, motion.a)))
+
+
+def expected(name: str, step: int = 5, **options: float) -> ExpectedEstimate:
+    return predict_estimate(nominal(Rig.load(name)), thinned(designed(name, 0).motion, step), rng=0, **options)
+
+
+@pytest.mark.parametrize("name", ["thesis", "turret"])
+def test_predicted_deviations_are_the_spread_of_what_is_identified(name: str) -> None:
+    """Of 60 logs, whose spread has a deviation of 9 %: of 20 it has 16 %. An encoder starts anywhere."""
+    rig = Rig.load(name)
+    motion = thinned(excite(rig, seconds=25, periods=5, starts=1, rng=0).motion, 5)
+    found, thetas = predict_estimate(nominal(rig), motion, rng=0), []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        moved = replace(motion, q=motion.q + rng.uniform(-1e-3, 1e-3, rig.n))
+        log = record_log(nominal(rig), moved, 0.01, rng)
+        each = identify(rig, [log], holdout="none", filtering=Filtering(alignment=0.0))
+        assert each.names == found.names
+        thetas.append(each.estimate.theta)
+    shown = np.array([said == "known" for said in found.known])
+    ratio = (found.std / np.std(thetas, axis=0, ddof=1))[shown]
+    assert shown.sum() > 0.8 * len(shown)
+    assert 0.7 < np.median(ratio) < 1.5 and np.mean((ratio > 0.7) & (ratio < 1.5)) >= 0.9
+
+
+def test_twice_the_noise_is_twice_the_deviation() -> None:
+    once, twice = (expected("turret", torque_noise=noise).std for noise in (0.05, 0.1))
+    assert twice == pytest.approx(2 * once, rel=0.05)
+
+
+def test_a_joint_held_still_shows_none_of_its_friction() -> None:
+    rig, motion = Rig.load("turret"), thinned(designed("turret", 0).motion, 5)
+    q, v, a = (x.copy() for x in (motion.q, motion.v, motion.a))
+    q[:, 1], v[:, 1], a[:, 1] = 0.0, 0.0, 0.0
+    found = predict_estimate(nominal(rig), Motion(motion.t, q, v, a), rng=0)
+    said = dict(zip(found.names, found.known))
+    assert said["tilt.Fs"] == said["tilt.Fv"] == "not" and said["pan.Fs"] == "known"
+    assert any("tilt.Fs" in one for one in found.warnings)
+
+
+def test_a_rate_too_slow_for_the_motion_is_told() -> None:
+    """The sampling alone leaves something at 10 Hz; a motion eight times as fast leaves no trace at 20."""
+    rig, found = Rig.load("turret"), designed("turret", 0)
+    quick, coefficients = Series(found.series.seconds / 8, found.series.harmonics), found.coefficients.copy()
+    coefficients[1:] *= 8
+
+    def warned(series: Series, x: Array, rate: float) -> tuple[str, ...]:
+        motion = series.motion(x, np.arange(0, 20, 1 / rate))
+        return predict_estimate(nominal(rig), motion, rng=0, lag=0.0).warnings
+
+    assert any("10 samples per second are too few" in one for one in warned(found.series, found.coefficients, 10))
+    assert not warned(found.series, found.coefficients, 20)
+    assert any("leaves no trace" in one for one in warned(quick, coefficients, 20))
+    assert not warned(quick, coefficients, 160)
+
+
+def test_a_lag_is_told_by_the_viscous_friction_that_it_looks_like() -> None:
+    quick, slow = (expected("turret", 1, lag=lag) for lag in (1e-4, 2e-2))
+    assert not quick.warnings
+    assert any("lag of 20 ms" in one for one in slow.warnings)
+    assert slow.longest_lag[0] == pytest.approx(expected("turret", 5).longest_lag[0], rel=0.05)
+
+
+def test_a_motion_too_short_for_a_row_shows_nothing() -> None:
+    motion = designed("turret", 0).motion
+    short = Motion(*(x[:300] for x in (motion.t, motion.q, motion.v, motion.a)))
+    found = predict_estimate(nominal(Rig.load("turret")), short, rng=0)
+    assert set(found.known) == {"not"} and found.to_dict()["longest_lag"] is None
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_the_log_of_a_first_motion_tells_which_torque_has_the_wrong_sign(name: str) -> None:
+    rig = Rig.load(name)
+    motion = excite(rig, seconds=25, periods=5, starts=1, rng=0, first=True).motion
+    log = record_log(nominal(rig), thinned(motion, 5), 0.01, np.random.default_rng(0))
+    assert identify(rig, [log], holdout="none", filtering=Filtering(alignment=0.0)).names
+    for j, joint in enumerate(rig.joints):
+        signs = np.where(np.arange(rig.n) == j, -1.0, 1.0)
+        for verb in (identify, diagnose):
+            with pytest.raises(LogError, match=f"tau_{joint} has the wrong sign"):
+                verb(rig, [replace(log, tau=log.tau * signs)])
