@@ -19,12 +19,11 @@ from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
+from gimbal_pin.identification import MATERIAL_SHARE
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, project_rows
 from gimbal_pin.rig.rig import Rig
 
-_MATERIAL = 0.01
-"""Torque that the disagreement moves, as a share of the joint's rms, under which it does not matter."""
 _EXCESS = 2.0
 """The same over what each log's own fit leaves: less could be a misfit that the logs' motions bring out differently."""
 _EXPLAINED_EXCESS = 0.5
@@ -51,7 +50,7 @@ class LogDisagreement(NamedTuple):
 
     def compute_material_excess(self, limit: Array | float) -> Array:
         """Its excess at joints where that is beyond a limit and matters, (n,); zero elsewhere."""
-        return np.where((self.excess > limit) & (self.share > _MATERIAL), self.excess, 0.0)
+        return np.where((self.excess > limit) & (self.share > MATERIAL_SHARE), self.excess, 0.0)
 
 
 def fit_each_log(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> dict[str, State]:

@@ -18,6 +18,7 @@ from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification import payload_change
+from gimbal_pin.identification.agreement import assess_agreement
 from gimbal_pin.identification.bias_test import WhenTested, check_bias
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.requirements import check_enough, check_seen, find_unseen
@@ -181,7 +182,8 @@ def identify(
         filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns.
         examined: Whether to test if least squares is biased on these logs, see `check_bias`, and, unless "never",
             what is wrong with the data beside what is mended, whether the halves are of one rig, see
-            `payload_change.compare_halves`, and the least deviations that logs of a base that turned allow.
+            `payload_change.compare_halves`, whether several logs agree, see `agreement.assess_agreement`, and the least
+            deviations that logs of a base that turned allow.
         trust: Relative standard deviation of the URDF's masses, see `estimate_bodies`.
 
     Raises:
@@ -220,6 +222,7 @@ def identify(
         found,
         bias=check_bias(blocks, examined, estimate.method),
         parting=payload_change.compare_halves([*blocks, *(tested or ())], blocks.design),
+        agreement=assess_agreement(replace(blocks.design, logs=tuple(logs))) if len(logs) > 1 else None,
         faults=describe_faults(checked),
         bound=_bound_deviations(blocks.design, base) if base == "rotating" else None,
     )

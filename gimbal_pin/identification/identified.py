@@ -14,6 +14,7 @@ from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.effects import ALWAYS
 from gimbal_pin.errors import digits
+from gimbal_pin.identification.agreement import Agreement
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, estimate_bodies
 from gimbal_pin.identification.validation import Accuracy, Opinion
@@ -120,6 +121,7 @@ class Identified:
         bias: Whether least squares is biased on these logs; None where not tested.
         parting: By how much the halves of the data differ, in shares of what chance allows, see
             `payload_change.compare_halves`; above one they are of two rigs; None where not tested.
+        agreement: What several logs say of each parameter, and why they differ; None for one log, or where not tested.
         bound: Least standard deviations that any unbiased estimate from the training rows has, (k,), see
             `regression.bound_deviations`; None where the base did not turn, or where not computed.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
@@ -145,6 +147,7 @@ class Identified:
     notes: tuple[str, ...] = ()
     bias: BiasCheck | None = None
     parting: float | None = None
+    agreement: Agreement | None = None
     bound: Array | None = None
     trust: float = TRUST
     swapped: bool = False
@@ -276,6 +279,7 @@ class Identified:
                 for joint, one in self.missed.items()
             },
             "halves_apart": self.parting,
+            "agreement": None if self.agreement is None else self.agreement.to_dict(),
             "least_squares": None if self.bias is None else self.bias.to_dict(),
         }
 

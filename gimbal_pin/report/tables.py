@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Experiment, StepMetrics, Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding, Residual
-    from gimbal_pin.identification import Identified
+    from gimbal_pin.identification import Agreement, Identified
     from gimbal_pin.log.io.inspection import Channel
     from gimbal_pin.pointing.result import Contest
     from gimbal_pin.pointing.verify import Verified
@@ -87,6 +87,19 @@ def parameters(
         row += [bar(one.moved / most if most else 0.0, figures(one.moved, 2))] if reach else []
         body.append(row)
     return Table(head, body, texts=2, label=label)
+
+
+def drifting_parameters(found: Agreement) -> Table:
+    """The parameters that drift: each log's own value and deviation, and the chance of as much in logs that agree."""
+    rows: list[list[Content]] = []
+    for one in found.drifting:
+        each = (
+            " ".join(interval(x, NORMAL_95 * std)) if isfinite(std) else DASH
+            for x, std in zip(one.values.tolist(), one.std.tolist())
+        )
+        rows.append([regrouping(one.name), unit(one.unit), *each, figures(one.shared, 3)])
+        rows[-1].append(figures(one.p_value, 2) if one.p_value >= 1e-3 else "< 0.001")
+    return Table(["Drifts", "Unit", *found.logs, "Shared", "p"], rows, texts=2, label="Parameters that drift")
 
 
 def regrouping(name: str) -> Markup:

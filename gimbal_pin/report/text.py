@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.excitation import AssumedLimit, Excitation, ExpectedEstimate
     from gimbal_pin.export import Exported
-    from gimbal_pin.identification import Identified, PayloadStatement, Progress
+    from gimbal_pin.identification import Agreement, Identified, PayloadStatement, Progress
     from gimbal_pin.identification.bodies import Figure
     from gimbal_pin.identification.payloads import Several
     from gimbal_pin.log.io.inspection import Inspected
@@ -205,11 +205,17 @@ def described(found: Identified) -> list[str]:
     lines += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
     lines += ["", accuracy(found)]
     lines += [f"note: {said}" for said in found.notes] + list_altered(found.altered)
+    lines += describe_agreement(found.agreement) if found.agreement else []
     lines += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
     change = max(found.torque_change.values())
     lines += [f"nearest physical parameters: {figures(change, 2)} {force} rms away in predicted torque, at most", ""]
     lines += [*physique(found), ""]
     return lines if found.is_of_two_rigs or found.bias is None else [*lines, found.bias.sentence]
+
+
+def describe_agreement(found: Agreement) -> list[str]:
+    """How many parameters agree in all logs, why others do not, and a line for each of these."""
+    return [found.sentence, *([str(tables.drifting_parameters(found))] if found.drifting else [])]
 
 
 def accuracy(found: Identified) -> str:
