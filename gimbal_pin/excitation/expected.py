@@ -85,7 +85,9 @@ class ExpectedEstimate:
             what = f"a lag of {1000 * self.lag:.3g} ms between angles and torque matters: {1000 * lag:.2g} ms move"
             said.append(f"{what} {name} by half of its value; record faster, or stamp the torque when it acts")
         if self.unseen:
-            said.append(f"the motion leaves no trace of {', '.join(self.unseen)}")
+            every = len(self.unseen) == len(self.names)
+            what = "any parameter: make it longer, or record faster" if every else ", ".join(self.unseen)
+            said.append(f"the motion leaves no trace of {what}")
         return tuple(said)
 
     def to_dict(self) -> dict[str, Any]:

@@ -125,13 +125,14 @@ def excitation(found: Excitation) -> str:
         lines.append(f"smallest clearance: {1000 * found.clearance.distance:.3g} mm, between {first} and {second}")
     if found.unchecked:
         lines.append(f"not kept from hitting anything, as its mesh is not there: {', '.join(found.unchecked)}")
+    start = ", ".join(f"{joint} {figures(q)}" for joint, q in zip(found.joints, found.motion.q[0].tolist()))
+    lines.append(f"starts and ends at rest at {start} (rad, or m of a slide): bring it there slowly")
     for one in found.assumed:
         lines.append(f"assumed  {one.joint}.{one.quantity} = {figures(one.value)} {one.unit}: {_explain_assumed(one)}")
     if found.assumed:
         one = found.assumed[0]
         lines.append(
-            "start it near the zero of these joints; state real limits in the rig's YAML under limits, or as "
-            f"--limit {one.joint}.{one.quantity}=NUMBER"
+            f"state real limits in the rig's YAML under limits, or as --limit {one.joint}.{one.quantity}=NUMBER"
         )
     return "\n".join(lines if found.finished else [*lines, "interrupted: this is the best it had found"])
 
