@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,13 +16,14 @@ import numpy as np
 from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.dynamics.model import build_friction_effects
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
-from gimbal_pin.identification import MATERIAL_SHARE
+from gimbal_pin.identification import MATERIAL_SHARE, assess_agreement, greatest_base_motion
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, project_rows
+from gimbal_pin.regression import Design, Filtering, project_rows
 from gimbal_pin.rig.rig import Rig
 
 _EXCESS = 2.0
@@ -61,6 +63,13 @@ def fit_each_log(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> dict[st
             evidence = gather(rig, [log], filtering)
             states[f"{k + 1}: {log.name}"] = solved(Problem.of(evidence, reduction), ())
     return states
+
+
+def add_reason(fault: Fault, rig: Rig, logs: Sequence[Log]) -> Fault:
+    """Return the fault of logs that disagree with the likeliest reason, see `assess_agreement`."""
+    reduction = reduce_parameters(rig, base=greatest_base_motion(rig, logs))
+    found = assess_agreement(Design(rig, reduction, build_friction_effects(rig.joints), tuple(logs), Filtering()))
+    return fault if found is None or found.reason is None else replace(fault, sentence=f"{fault.sentence}; {found.why}")
 
 
 def test_log_consistency(rig: Rig, states: Mapping[str, State], causes: Sequence[Cause] | None = None) -> Fault | None:

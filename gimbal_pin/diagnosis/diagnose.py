@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin.checks import CheckedLog, Fault, check_log
 from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
 from gimbal_pin.checks.torque_time import find_shifted_torques, find_time_fault, report_shifts
-from gimbal_pin.diagnosis.agreement import fit_each_log, test_log_consistency
+from gimbal_pin.diagnosis.agreement import add_reason, fit_each_log, test_log_consistency
 from gimbal_pin.diagnosis.band import alternate_blocks, usual
 from gimbal_pin.diagnosis.counterfactual import SensorContext, add_sensor_findings
 from gimbal_pin.diagnosis.engine import Explained, explain
@@ -155,7 +155,7 @@ def searched(
     each = fit_each_log(rig, [one.log for one in checked], filtering)
     apart = test_log_consistency(rig, each)
     if apart is not None:
-        return spoilt(rig, logs, with_fault(checked, apart), filtering)
+        return spoilt(rig, logs, with_fault(checked, add_reason(apart, rig, [one.log for one in checked])), filtering)
     reduction = reduce_parameters(rig, base=base)
     gliding = solved(Problem.of(alternate_blocks(evidence, filtering)[0] if whole else evidence, reduction), ())
     evidence, held = (open_turns(one, gliding, filtering) for one in (evidence, held))

@@ -127,9 +127,14 @@ class Agreement:
         )
         unseen = f", {hidden} not shown" if hidden else ""
         head = f"{len(self.logs)} logs: {agree} of {len(self.parameters)} parameters agree{unseen}"
+        return f"{head}; {self.why}" if self.why else head
+
+    @property
+    def why(self) -> str:
+        """The likeliest reason; empty where the logs agree."""
         if self.reason is None:
-            return head
-        return f"{head}; likeliest: {self.reason.format(joint=self.joint or 'every joint')}{self._describe_sizes()}"
+            return ""
+        return f"likeliest: {self.reason.format(joint=self.joint or 'every joint')}{self._describe_sizes()}"
 
     def _describe_sizes(self) -> str:
         """Say by how much, where that is a share or an angle."""
