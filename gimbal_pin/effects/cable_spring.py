@@ -109,7 +109,8 @@ class CableSpring(Effect):
             pulls: tuple[float | Array, ...] = (larger(at.q - self.upper, 0.0), -larger(self.lower - at.q, 0.0))
             return pulls[self.sides]
         one = 1.0 + 0.0 * at.q
-        return (one, at.q, at.q**2, at.q**3) if self.stiffening else (one, at.q)
+        # A power of a float that runs away is an error, a product is infinite.
+        return (one, at.q, at.q * at.q, at.q * at.q * at.q) if self.stiffening else (one, at.q)
 
     def spring(self, values: Sequence[float]) -> tuple[float, float, float]:
         """Stiffness, rest and cubic stiffness from the coefficients; of one that grows, where it is softest.

@@ -466,7 +466,7 @@ def test_the_next_motion_teaches_what_the_earlier_log_left_open() -> None:
     """After a log of the pan alone: all of the tilt is narrowed, and more than by a motion that knows of no log."""
     rig = Rig.load("turret")
     criterion = build_sequential_criterion(rig, [one_joint(rig, 0)], 8.0)
-    options = {"seconds": 8.0, "starts": 3, "dt": 0.01}
+    options = {"seconds": 8.0, "starts": 8, "dt": 0.01}
     found = excite(rig, criterion=criterion, rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
     blind = excite(rig, criterion="condition", rng=np.random.default_rng(0), **options)  # type: ignore[arg-type]
     assert found.narrowed is not None and found.narrowed.max() <= 1 + 1e-9 and found.narrowed.min() < 0.05
