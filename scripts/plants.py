@@ -126,6 +126,80 @@ PLANTS = {
         250,
         1,
     ),
+    "basecam": Gimbal(
+        "yaw-roll-pitch frame in the manner of BaseCam's builds, for a mirrorless camera",
+        (
+            Axis("yaw", YAW, (0, 0, -0.05), Body(0.5, (-0.08, 0, -0.06), (0.18, 0.05, 0.12))),
+            Axis("roll", ROLL, (-0.14, 0, -0.12), Body(0.4, (0.03, 0, 0), (0.06, 0.25, 0.04))),
+            Axis("pitch", PITCH, (0.14, 0, 0), Body(0.45, (0, 0, -0.05), (0.12, 0.24, 0.04))),
+        ),
+        Body(1.3, (0.002, 0.003, 0.01), (0.09, 0.13, 0.09)),
+        400,
+        1,
+    ),
+    "heavy-pan-tilt": Gimbal(
+        "two-axis surveillance head with a long lens",
+        (
+            Axis("pan", YAW, (0, 0, 0.1), Body(3.0, (0.01, 0, 0.08), (0.2, 0.26, 0.2))),
+            Axis("tilt", PITCH, (0, 0, 0.2), Body(1.2, (0, 0.01, -0.03), (0.16, 0.2, 0.06))),
+        ),
+        Body(2.2, (0.02, 0, 0.01), (0.3, 0.12, 0.12)),
+        200,
+        1,
+    ),
+    "mast": Gimbal(
+        "roll-pitch stabilised head on a mast",
+        (
+            Axis("roll", ROLL, (0, 0, 0.08), Body(0.6, (0.02, 0, 0.02), (0.08, 0.16, 0.06))),
+            Axis("pitch", PITCH, (0.05, 0, 0.02), Body(0.4, (0, 0.02, -0.02), (0.1, 0.12, 0.04))),
+        ),
+        Body(0.8, (0.005, -0.003, 0.008), (0.1, 0.08, 0.07)),
+        500,
+        2,
+    ),
+    "tilted-arm": Gimbal(
+        "pocket three-axis gimbal with a roll arm beside the camera",
+        (
+            Axis("yaw", YAW, (0, 0, 0.02), Body(0.06, (-0.02, 0.01, 0.02), (0.04, 0.03, 0.05))),
+            Axis("roll", ROLL, (-0.03, 0, 0.04), Body(0.05, (0.01, 0.02, 0), (0.03, 0.05, 0.02))),
+            Axis("pitch", PITCH, (0.03, 0.0, 0), Body(0.05, (0, 0.02, 0), (0.03, 0.04, 0.03))),
+        ),
+        Body(0.16, (0.002, -0.002, 0.001), (0.03, 0.05, 0.04)),
+        1000,
+        1,
+    ),
+    "cable": Gimbal(
+        "cable camera: pan over roll over tilt, arms far out",
+        (
+            Axis("yaw", YAW, (0, 0, -0.1), Body(1.4, (-0.1, 0, -0.1), (0.3, 0.08, 0.2))),
+            Axis("roll", ROLL, (-0.2, 0, -0.18), Body(0.9, (0.05, 0.02, 0), (0.1, 0.35, 0.06))),
+            Axis("pitch", PITCH, (0.2, 0, 0), Body(0.8, (0, 0.02, -0.06), (0.2, 0.32, 0.05))),
+        ),
+        Body(3.0, (0.01, 0.004, 0.012), (0.2, 0.15, 0.14)),
+        500,
+        1,
+    ),
+    "ring": Gimbal(
+        "two-axis ring head: yaw ring, pitch trunnions",
+        (
+            Axis("yaw", YAW, (0, 0, 0), Body(0.7, (0, 0, 0.01), (0.2, 0.2, 0.04))),
+            Axis("pitch", PITCH, (0, 0, 0), Body(0.3, (0.003, 0, 0.002), (0.12, 0.16, 0.03))),
+        ),
+        Body(0.6, (0.004, 0.001, -0.003), (0.1, 0.07, 0.07)),
+        250,
+        1,
+    ),
+    "pitch-last-offset": Gimbal(
+        "three-axis head whose axes do not meet",
+        (
+            Axis("yaw", YAW, (0, 0, 0.05), Body(0.4, (-0.04, 0.02, 0.04), (0.12, 0.05, 0.1))),
+            Axis("roll", ROLL, (-0.09, 0.01, 0.08), Body(0.3, (0.03, 0.03, 0), (0.05, 0.14, 0.04))),
+            Axis("pitch", PITCH, (0.08, 0.03, 0.01), Body(0.25, (0, -0.03, -0.02), (0.1, 0.1, 0.03))),
+        ),
+        Body(1.0, (0.003, 0.002, 0.005), (0.08, 0.11, 0.08)),
+        800,
+        2,
+    ),
 }
 
 
@@ -249,7 +323,8 @@ HEAD = (
 def judge(result: dict[str, Any], verb: str) -> tuple[list[str], bool]:
     """A row of the table; whether all that was stated is within what is asked.
 
-    `with the last body` compares the first moment of camera and last body together, which alone turns the joint.
+    `with the last body` compares the first moment of camera and last body together, across the last axis, y: the
+    torques show no more than this sum.
     """
     results, stated, truth = result["results"], result["stated"], result["truth"]
     told = results.get(verb, {"error": "not run"})
@@ -275,6 +350,8 @@ def judge(result: dict[str, Any], verb: str) -> tuple[list[str], bool]:
         centre = stated["centre"][axis] + moved / 1000
         errors.append(abs(centre - truth["centre"][axis]) * 1000)
         scores.append(errors[-1] / std)
+        if axis == 1:
+            continue
         moment = truth["mass"] * truth["centre"][axis] + last["mass"] * last["centre"][axis]
         sums.append(abs(found * centre + first["mass"] * first["centre"][axis] - moment) / found * 1000)
     beyond += sum(score > DEVIATIONS for score in scores)
