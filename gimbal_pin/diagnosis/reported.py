@@ -82,7 +82,6 @@ def residuals(found: Explained, curves: Mapping[str, Curve]) -> dict[str, Residu
             found.left(j),
             place(found.final, j) if structured else "",
             curves.get(joint),
-            found.probability[j],
         )
         for j, (joint, structured) in enumerate(rows)
     }

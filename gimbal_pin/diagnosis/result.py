@@ -65,7 +65,6 @@ class Residual:
         discrepancy: Structured power left over that before any finding, 0 for noise.
         where: Where the structure is, or "".
         curve: What of it the extended model carries as a table; None: nothing.
-        probability: How probable it is that a structure is left.
     """
 
     state: str
@@ -74,7 +73,6 @@ class Residual:
     discrepancy: float = 0.0
     where: str = ""
     curve: Curve | None = None
-    probability: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -349,10 +347,8 @@ class Diagnosis:
         return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
 
     def list_causes(self) -> list[dict[str, Any]]:
-        """Return every cause that is not improbable, and *unknown* where a structure is left, as JSON holds it."""
-        every = [one for finding in self.findings for one in finding.probabilities]
-        left = (item for item in self.residual.items() if item[1].state == "structured")
-        every += [("unknown", joint, one.probability) for joint, one in left]
+        """Return every cause that is not improbable, with its joint and probability, as JSON holds it."""
+        every = (one for finding in self.findings for one in finding.probabilities)
         likely = sorted((one for one in every if one[2] >= IMPROBABLE), key=lambda one: -one[2])
         return [dict(zip(("cause", "joint", "probability"), one)) for one in likely]
 

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.probability import moderate
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log.log import Array
 
@@ -142,13 +141,11 @@ class Lack(NamedTuple):
         share: Share of the residual's power that δ predicts on unseen blocks; about zero, or less, for noise.
         power: That power in units of the noise's.
         size: Its root over the joint's torque, rms over rms.
-        log_odds: Of a structure over noise: how much more likely δ makes the unseen blocks, moderated.
     """
 
     share: float
     power: float
     size: float
-    log_odds: float
 
 
 def lack_of_fit(state: State, joint: int) -> Lack:
@@ -159,16 +156,13 @@ def lack_of_fit(state: State, joint: int) -> Lack:
     evidence, rows = state.problem.evidence, state.fit.rows(joint)
     used = float(evidence.used()[joint])
     if used * evidence.rows < state.fit.stack.shape[1]:  # a joint that stands shows nothing
-        return Lack(0.0, 0.0, 0.0, -np.inf)
+        return Lack(0.0, 0.0, 0.0)
     residual, stack = (x[rows] / state.fit.scale[joint] for x in (state.fit.residual, state.fit.stack))
     flexible = np.concatenate([stack, features(evidence, state.torque, joint)], axis=1)
     error = unseen(stack[:, :0], flexible, residual, evidence.block)
     share = 1.0 - float(error @ error) / max(float(residual @ residual), 1e-300)
     power, torque = max(share, 0.0) * float(np.mean(residual**2)), state.fit.target[rows] / state.fit.scale[joint]
-    noise = max(float(np.mean(residual**2)) / used, 1e-300)
-    told = np.bincount(np.unique(evidence.block, return_inverse=True)[1], (residual**2 - error**2) / (2 * noise))
-    log_odds = moderate(float(told.sum()), float(np.sqrt(len(told)) * told.std()))
-    return Lack(share, power / used, float(np.sqrt(power / max(float(np.mean(torque**2)), 1e-300))), log_odds)
+    return Lack(share, power / used, float(np.sqrt(power / max(float(np.mean(torque**2)), 1e-300))))
 
 
 def place(state: State, joint: int) -> str:

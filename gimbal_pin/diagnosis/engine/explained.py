@@ -6,17 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from scipy.special import expit
-
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.alignment import aligned, shifts
-from gimbal_pin.diagnosis.engine.criterion import OF_CAUSE, added, compare_models, fitted, without
+from gimbal_pin.diagnosis.engine.criterion import OF_CAUSE, added, fitted, without
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
 from gimbal_pin.diagnosis.engine.noise import coloured, flat, rewhitened_problem
 from gimbal_pin.diagnosis.engine.selection import MOST, Rival, Search, contested, polished, pruned, selected, worth
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.library import Library, kept, list_candidates
-from gimbal_pin.diagnosis.probability import moderate
 from gimbal_pin.diagnosis.state import Problem, State, solved
 from gimbal_pin.diagnosis.uncertainty import is_size_known
 from gimbal_pin.dynamics.reduction import Reduction
@@ -79,13 +76,6 @@ class Explained:
             material(lack) or denied or (stopped(self.state) and lack.power > 0)
             for lack, denied in zip(self.after, self.denied)
         )
-
-    @property
-    def probability(self) -> tuple[float, ...]:
-        """How probable it is, joint by joint, that something is left: as δ predicts it, or as what was denied tells."""
-        denied = moderate(*compare_models(self.state, self.final))
-        odds = (max(lack.log_odds, denied) if there else lack.log_odds for lack, there in zip(self.after, self.denied))
-        return tuple(float(expit(one)) for one in odds)
 
     def left(self, joint: int) -> float:
         """Structured power that is left at a joint over what there was before: one, where nothing was explained."""
