@@ -74,8 +74,8 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
         before, after = (held.rig.in_units(at, f"{digits(x, 3)} N m") for x in errors[worst])
         whole = "" if errors[worst][1] > errors[worst][0] else ", and that of the whole rig grows"
         denied.append(
-            f"{at}: {worst.name} fits what was fitted and is left out: where no choice has seen the log, the torque "
-            f"error goes from {before} to {after} with it{whole}"
+            f"{at}: {worst.name} explains the part that was fitted and is left out: on the part that no choice has "
+            f"seen the torque error goes from {before} to {after} with it{whole}"
         )
         found = replace(found, final=without(state, worst))
 
