@@ -52,7 +52,7 @@ def wrap_read_errors(path: str | Path, kind: type[GimbalPinError]) -> Iterator[N
 
 def read_bytes(path: str | Path, kind: type[GimbalPinError] = UsageError, most: int = LARGEST_LOG) -> bytes:
     """Return what a regular file or a pipe holds, up to `most` bytes; an error of `kind` says why it cannot be read."""
-    with wrap_read_errors(path, kind), open(path, "rb", opener=_open_without_waiting) as file:
+    with wrap_read_errors(path, kind), open(path, "rb", opener=open_without_waiting) as file:
         state = os.fstat(file.fileno())
         if not (stat.S_ISREG(state.st_mode) or stat.S_ISFIFO(state.st_mode)):
             raise kind(str(path), "is neither a file nor a pipe", "give the path of a file")
@@ -77,7 +77,7 @@ def read_beginning(path: str | Path, size: int) -> bytes:
     return b""
 
 
-def _open_without_waiting(path: str, flags: int) -> int:
+def open_without_waiting(path: str, flags: int) -> int:
     """Return a file's descriptor; a pipe that nobody writes to is empty and is not waited for."""
     descriptor = os.open(path, flags | os.O_NONBLOCK)
     os.set_blocking(descriptor, True)

@@ -22,8 +22,9 @@ from gimbal_pin.control import stored, tune
 from gimbal_pin.control.laws.design import KINDS
 from gimbal_pin.dynamics import Estimated, Model, Reference, compute_rnea, nominal, reduce_parameters
 from gimbal_pin.effects import BaseTilt, Cogging, DeadZone, Delay, Stribeck, Term
-from gimbal_pin.errors import GimbalPinError, ModelError, RigError, UsageError
+from gimbal_pin.errors import GimbalPinError, LogError, ModelError, RigError, UsageError
 from gimbal_pin.identification import read_model, write_extended
+from gimbal_pin.log import follow
 from gimbal_pin.log.io.files import read_run, to_plain
 from gimbal_pin.pointing import Controller
 from gimbal_pin.rig import Rig, read_bytes, read_yaml
@@ -130,6 +131,9 @@ def test_a_file_without_end_is_refused_and_a_pipe_that_nobody_fills_is_empty(tmp
     assert isinstance(soon(lambda: read_bytes("/dev/zero", most=10**6)), UsageError)
     os.mkfifo(tmp_path / "pipe")
     assert soon(lambda: read_bytes(tmp_path / "pipe")) == b""
+    assert isinstance(
+        soon(lambda: list(follow(str(tmp_path / "pipe"), Rig.load("turret"), idle=0.1)), LogError), LogError
+    )
     sparse = tmp_path / "sparse"
     with sparse.open("wb") as file:
         file.truncate(2**40)

@@ -20,7 +20,7 @@ from gimbal_pin.log.io.link import follow_link, is_link
 from gimbal_pin.log.io.readers import FORMATS, GROWING
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.mapping import ROW_COLUMN, Entries, Source
-from gimbal_pin.rig.reading import wrap_read_errors
+from gimbal_pin.rig.reading import open_without_waiting, wrap_read_errors
 from gimbal_pin.rig.rig import Rig
 
 
@@ -116,14 +116,15 @@ def join_whole_lines(parts: Iterator[bytes]) -> Iterator[bytes]:
 
 def _read_growing(path: Path, idle: float) -> Iterator[bytes]:
     """Yield what is in a file or pipe, and what is written to it, until it ends or does not grow for `idle` seconds."""
-    with _open_growing(path) as file:
+    with _open_growing(path, idle) as file:
         grows, waited = path.is_file(), 0.0
+        unwritten = idle < inf and path.is_fifo()  # nobody may have opened it to write yet
         while True:
             part = os.read(file.fileno(), BLOCK)
             if part:
-                waited = 0.0
+                waited, unwritten = 0.0, False
                 yield part
-            elif not grows or waited >= idle:
+            elif waited >= idle or not (grows or unwritten):
                 return
             if grows and file.seekable() and os.fstat(file.fileno()).st_size < os.lseek(file.fileno(), 0, os.SEEK_CUR):
                 raise LogError(str(path), "became shorter while it was followed", "follow the new file")
@@ -133,8 +134,8 @@ def _read_growing(path: Path, idle: float) -> Iterator[bytes]:
 
 
 @contextmanager
-def _open_growing(path: Path) -> Iterator[BinaryIO]:
-    """Open a file, or standard input, which stays open."""
+def _open_growing(path: Path, idle: float) -> Iterator[BinaryIO]:
+    """Open a file, or standard input, which stays open; a pipe's writer is awaited only where idle time has no end."""
     if str(path) == "-":
         if sys.stdin is None:
             raise LogError("standard input", "is closed", "pipe a log into it")
@@ -142,5 +143,8 @@ def _open_growing(path: Path) -> Iterator[BinaryIO]:
         return
     if (suffix := path.suffix.lower()) in FORMATS and suffix not in GROWING:
         raise UsageError(str(path), f"is {suffix}, which is written whole", "follow a CSV file")
-    with wrap_read_errors(path, LogError), path.open("rb", buffering=0) as file:
+    with (
+        wrap_read_errors(path, LogError),
+        open(path, "rb", buffering=0, opener=open_without_waiting if idle < inf else None) as file,
+    ):
         yield file
