@@ -23,7 +23,7 @@ from gimbal_pin.identification.balance import Balance, KnownMass, compute_balanc
 from gimbal_pin.identification.difference import FALSE_ALARM, BaseDifference, ShownChange
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import FORM_ERROR, compute_deformation_root, find_base_columns
+from gimbal_pin.regression import FORM_ERROR, TRUST, compute_deformation_root, find_base_columns
 from gimbal_pin.rig.brief import brief
 
 LEAST_KNOWN = 0.1
@@ -62,6 +62,7 @@ class PayloadDiscrepancy:
         products: Difference of Ixy, Ixz and Iyz of the whole body, beyond what shift and mass make of them, kg m².
         camera: Forward, left and up as the camera sees them, as columns in the payload's frame, (3, 3).
         gyration: The payload's radius of gyration as stated, m.
+        std_if_known: Deviation of the shift, m, if the body that carries the payload were as the URDF says.
         moment: The body's largest moment of inertia as stated, kg m².
         is_physical: Whether a body can be so; if not, nothing of it is shown.
     """
@@ -77,6 +78,7 @@ class PayloadDiscrepancy:
     products: ShownChange
     camera: Array
     gyration: float
+    std_if_known: float
     moment: float
     is_physical: bool
 
@@ -114,9 +116,13 @@ class PayloadDiscrepancy:
         shift, least = self.shift._replace(basis=self.camera.T @ self.shift.basis), FORM_ERROR * self.gyration
         change, std = shift.change, shift.std
         hidden = [f"{a}/{b}" for (a, b), shown in zip(DIRECTIONS, shift.axes) if not shown]
+        closer = ""
+        if np.isfinite(self.std_if_known) and (len(hidden) == 3 or std.max() > DEVIATIONS * self.std_if_known):
+            sharp = digits(max(1e3 * self.std_if_known, 0.01), 1)
+            closer = f"; to ± {sharp} mm if the gimbal is known: --known, or 'inertia: trusted' in its YAML"
         if len(hidden) == 3:
-            return "the log does not show where the payload sits"
-        unseen = f" ({' and '.join(hidden)} does not show)" if hidden else ""
+            return f"the log does not show where the payload sits{closer}"
+        unseen = (f" ({' and '.join(hidden)} does not show)" if hidden else "") + closer
         clear = np.abs(change) > np.maximum(DEVIATIONS * std, least)
         if not (shift.is_significant and clear.any()):
             most = max(float((np.abs(change) + DEVIATIONS * std).max()), least)
@@ -175,6 +181,7 @@ class PayloadDiscrepancy:
             "weighed": self.is_weighed,
             "link": self.link,
             "alone": self.is_sufficient,
+            "com_std_if_known_mm": 1e3 * self.std_if_known if np.isfinite(self.std_if_known) else None,
         }
         if not (said := self._describe_products()):
             return {"camera": row}
@@ -220,18 +227,27 @@ def compare_payload(found: Identified, mass: float | None = None) -> PayloadStat
     """Compare what `identify` found with the rig that it was given; `mass`: the payload's, kg, where it was weighed."""
     if found.is_of_two_rigs:
         return PayloadStatement()
-    return state_payload(BaseDifference.of(found), mass, not found.swapped)
+    return state_payload(BaseDifference.of(found), mass, not found.swapped, found.trust)
 
 
-def state_payload(found: BaseDifference, mass: float | None = None, is_named: bool = True) -> PayloadStatement:
+def state_payload(
+    found: BaseDifference,
+    mass: float | None = None,
+    is_named: bool = True,
+    trust: float = TRUST,
+    own: BaseDifference | None = None,
+) -> PayloadStatement:
     """Say where the payload sits, what it weighs and how to balance it.
 
     Args:
         found: The refitted base parameters against the given ones.
         mass: Of the payload, kg, where it was weighed.
         is_named: Whether the payload is the one that the rig states.
+        trust: See `explain_by_payload`.
+        own: The part of the difference that is the payload's, where the gimbal is known.
     """
-    apart = explain_by_payload(found, mass) if is_named else None
+    explained = explain_by_payload(found, mass, trust) if own is None else explain_by_payload(own, mass, 0.0)
+    apart = explained if is_named else None
     return PayloadStatement(apart, compute_balance(found, None if apart is None else apart.known_mass, is_named))
 
 
@@ -240,12 +256,21 @@ def report_with_payload(found: Identified, payload: PayloadStatement) -> dict[st
     return {**found.to_dict(), **payload.to_dict()}
 
 
-def explain_by_payload(found: BaseDifference, weighed: float | None = None) -> PayloadDiscrepancy | None:
+def explain_by_payload(
+    found: BaseDifference, weighed: float | None = None, trust: float = TRUST
+) -> PayloadDiscrepancy | None:
     """Explain a difference by the payload's ten parameters; None where the rig carries nothing with a mass.
 
     Inertias are left open: a shift is read from first moments, a mass from what it alone moves (arms that carry it off
-    an axis) where it was not weighed, kg. Where the payload cannot explain the difference, the other bodies differ from
-    the URDF, too, by a share that is estimated, see `_allow_other_bodies`.
+    an axis). Torques show the payload together with the link that carries it, so what that link may differ by from its
+    URDF widens all deviations. Where the payload cannot explain the difference, the other bodies differ from the URDF,
+    too, by a share that is estimated, see `_allow_other_bodies`.
+
+    Args:
+        found: The refitted base parameters against the given ones.
+        weighed: The payload's mass, kg, where it was weighed.
+        trust: Relative deviation of the carrying link's mass from the URDF's (`compute_deformation_root`); none of a
+            rig whose YAML says ``inertia: trusted``.
     """
     rig = found.rig
     try:
@@ -254,6 +279,12 @@ def explain_by_payload(found: BaseDifference, weighed: float | None = None) -> P
         return None
     mine = slice(10 * body, 10 * body + 10)
     own, phi, stated = found.responses[:, mine], inertia.toDynamicParameters(), float(inertia.mass)
+    carrier, std_if_known = rig.phi[mine] - phi, np.inf
+    # Where nothing carries it, the difference of two sums is rounding.
+    if trust > 0 and rig.config.inertia != "trusted" and carrier[0] > 1e-3 * stated:
+        known = explain_by_payload(found, weighed, 0.0)
+        std_if_known = float(known.shift.std.max()) if known is not None and any(known.shift.axes) else np.inf
+        found = found.widen(trust * own @ compute_deformation_root(carrier))
     power, freedom = found.compute_rest(own)
     is_sufficient = freedom == 0 or bool(chi2.sf(power, freedom) > FALSE_ALARM)
     found, open_ = (found, own[:, INERTIA]) if is_sufficient else _allow_other_bodies(found, body)
@@ -310,6 +341,7 @@ def explain_by_payload(found: BaseDifference, weighed: float | None = None) -> P
         products=products,
         camera=np.asarray(frame.rotation.T @ find_camera_axes(rig)),
         gyration=radius,
+        std_if_known=std_if_known,
         moment=moment,
         is_physical=is_physical,
     )

@@ -17,10 +17,11 @@ from gimbal_pin.dynamics.regressor import SCAN
 from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import RigEffect, get_payload
 from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.identification.difference import BaseDifference
 from gimbal_pin.identification.fitting import assemble_result, keep_held_out_accuracy, split_logs
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.known_gimbal import compute_limit, describe_contradiction, update_gimbal
-from gimbal_pin.identification.payload import PayloadStatement, compare_payload, report_with_payload
+from gimbal_pin.identification.payload import PayloadStatement, compare_payload, report_with_payload, state_payload
 from gimbal_pin.identification.requirements import check_enough, check_seen
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
@@ -56,6 +57,7 @@ class Camera:
         value: Estimate, (r,).
         covariance: Its covariance, (r, r); zero where it was not estimated, but taken as its URDF says.
         urdf: What its URDF says, (r,).
+        columns: Change of the gimbal's base parameters per parameter of the camera, (b, r).
     """
 
     names: tuple[str, ...]
@@ -63,6 +65,7 @@ class Camera:
     value: Array
     covariance: Array
     urdf: Array
+    columns: Array
 
     __repr__ = brief
 
@@ -107,7 +110,7 @@ class Several:
     @cached_property
     def payloads(self) -> Mapping[str, PayloadStatement]:
         """Payload → where it sits and what it weighs, against its own URDF, and how to balance it."""
-        return {name: compare_payload(one, self.mass) for name, one in self.identified.items()}
+        return {name: compare_camera(one, self.cameras[name], self.mass) for name, one in self.identified.items()}
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -138,6 +141,23 @@ class Several:
         logs = [log for one in self.identified.values() for log in one.logs]
         whole = {"logs": logs, "warnings": list(self.warnings), "reference": self.reference, "note": self.sentence}
         return {**first, **whole, "payloads": each}
+
+
+def compare_camera(found: Identified, camera: Camera, mass: float | None) -> PayloadStatement:
+    """Compare a camera on a known gimbal with its URDF; one that was not estimated is compared with its gimbal.
+
+    Args:
+        found: The gimbal with it.
+        camera: Its own parameters.
+        mass: Its mass, kg, where it was weighed.
+    """
+    if not camera.covariance.any():
+        return compare_payload(found, mass)
+    whole = BaseDifference.of(found)
+    # A millionth of the gimbal's covariance makes it regular in directions that no camera moves.
+    own = camera.columns @ camera.covariance @ camera.columns.T + 1e-6 * whole.covariance
+    change = camera.columns @ (camera.value - camera.urdf)
+    return state_payload(whole, mass, own=replace(whole, change=change, covariance=own, weighting=own))
 
 
 class _Part(NamedTuple):
@@ -245,7 +265,7 @@ def _conclude_camera(
     base, urdf = get_stated_payload(reference[1]), get_stated_payload(design.rig)
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
     gamma = own.shown(base) + pick @ estimate.theta, pick @ estimate.covariance @ pick.T
-    mounted = Camera(own.reduction.base_names, list_units(leading), *gamma, own.shown(urdf))
+    mounted = Camera(own.reduction.base_names, list_units(leading), *gamma, own.shown(urdf), own.columns)
     given = design.rig.phi.copy()
     given[own.parameters] += base - urdf
     mounted, vague = _hedge_camera(mounted, own, reference[0], given, design.mixing, known)

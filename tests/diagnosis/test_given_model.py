@@ -125,7 +125,8 @@ def test_products_of_a_link_and_of_its_payload_are_one_cause() -> None:
 def test_a_nominal_urdf_makes_no_finding_and_says_it_all_the_same() -> None:
     found = examine(load("turret", "nominal"), MOVED)
     assert not found.findings and found.verdict == "nothing"
-    assert "sits 4.2" in found.to_dict()["given_model"]["camera"]["sentence"]
+    row = found.to_dict()["given_model"]["camera"]
+    assert row["com_mm"][0] == pytest.approx(4.2, abs=3 * row["com_std_mm"][0]) and "to ± 0.0" in row["sentence"]
 
 
 @pytest.mark.parametrize("more", [(), ("cogging:tilt:amplitude=0.03,harmonic=12",)], ids=["alone", "beside teeth"])
@@ -140,7 +141,7 @@ def test_the_diagnosis_says_of_the_payload_what_identify_says(more: tuple[str, .
     assert {key: found.to_dict()[key] for key in ("given_model", "balance")} == told.to_dict()
     row = told.to_dict()["given_model"]["camera"]
     np.testing.assert_array_less(np.abs(np.array(row["com_mm"]) - [4.2, 2.0, -1.0]), 3 * np.array(row["com_std_mm"]))
-    assert abs(row["mass"]) < 3 * row["mass_std"] and row["mass_std"] < 20.0
+    assert row["mass"] is None, "the link that carries the camera may weigh what the camera does not"
 
 
 def test_the_diagnosis_takes_a_mass_that_was_weighed() -> None:
