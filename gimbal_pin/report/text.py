@@ -38,8 +38,8 @@ CLOSE = 0.1
 DEVIATIONS = "(± is one standard deviation)"
 SEVERAL = 3
 """Most things to do, and most doubts, that `auto` prints; all are in the report."""
-MANY = 9
-"""Most joints whose lines `auto` prints."""
+MOST_LINES = 15
+"""Most lines that `auto` prints; joints beyond them are in the report."""
 
 # -- rigs and motions --------------------------------------------------------------------------------------------------
 
@@ -581,11 +581,15 @@ def budget(found: Verified) -> list[str]:
 
 
 def auto(found: Auto, verbose: bool = False) -> str:
-    """What `auto` found in at most 25 lines, and where its files lie; with `verbose` every step's own text."""
-    head = found.summary
+    """What `auto` found in at most 15 lines, and where its files lie; with `verbose` every step's own text.
+
+    What was found, where the payload is and how to balance it, what to do, what not to trust; then a line per joint.
+    """
+    head, payload = found.summary, found.payload
     todo, doubts = (" ".join(lines[:SEVERAL]) for lines in (head.to_do, head.doubts))
-    lines = [f"found: {head.found}", f"to do: {todo}", f"take care: {doubts}", ""]
-    lines.append(str(tables.overview(found, MANY)))
+    mounted = [*payload.lines[:1], *payload.advice[:1]]
+    lines = [f"found: {head.found}", *mounted, f"to do: {todo}", f"take care: {doubts}", ""]
+    lines.append(str(tables.overview(found, MOST_LINES - len(lines) - 4)))
     if found.held is None:
         lines += [] if not found.model.rig.aims else [f"no camera held on a platform: {found.why}"]
     else:
