@@ -1,26 +1,33 @@
-"""Coverage of 95 % intervals of bodies with an effect at one joint that the model does not hold.
+"""Coverage of 95 % intervals with an effect at one joint that the model does not hold.
 
-Bodies are drawn from the URDF's as the trust says, a ripple of 14 per turn, a spring or extra friction near standstill
-is added to one joint's torque, and the share of figures that lie in their intervals is printed, by effect.
+Bodies are drawn from the URDF's as the trust says, the payload is moved by some 5 mm and changed by some 10 % of its
+mass, and friction by 20 %; a ripple of 14 per turn, a spring or extra friction near standstill is added to one joint's
+torque. Printed is which share lies in its interval: of the bodies' figures, of the friction at the other joints, of the
+payload's place (at its true mass, where the log leaves it a function of that) and mass. Logs are one of 10 s, one of
+60 s, two of 10 s, or two of 10 s with another camera each, of which the first is as its URDF says.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from tqdm import tqdm
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.effects.rig_effect import get_payload, shift_inertia
 from gimbal_pin.errors import GimbalPinError
-from gimbal_pin.identification import identify
+from gimbal_pin.identification import Identified, PayloadStatement, compare_payload, identify, identify_several
 from gimbal_pin.identification.bodies import compute_figures
-from gimbal_pin.log.log import Array
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import TRUST
 from gimbal_pin.regression.consistency import compute_deformation_root
 from gimbal_pin.rig.inertia import is_physical
@@ -29,6 +36,11 @@ from tests.bench_logs import EXACT, prescribed
 
 EFFECTS = ("none", "ripple", "spring", "stiction")
 """What is added, in turn."""
+LOGS = {"10 s": (10.0,), "60 s": (60.0,), "two logs": (10.0, 10.0), "two cameras": (10.0, 10.0)}
+"""Their lengths; of two cameras one each."""
+FIRST, SECOND = "mirrorless", "zoom-lens"
+"""Payloads; of one camera the first."""
+FIGURES = ("bodies", "friction", "place", "mass")
 SHARE = 0.7
 """Size of it, as a share of the joint's torque, rms over rms."""
 
@@ -44,38 +56,119 @@ def missed(kind: str, q: Array, v: Array, phase: float) -> Array:
     return np.asarray(shapes[kind])
 
 
-def inside(rig: Rig, kind: str, rng: np.random.Generator) -> Iterator[bool]:
-    """Yield for every figure of the bodies whether its interval holds the truth, on one log."""
-    root = TRUST * compute_deformation_root(rig.phi)
-    while not all(map(is_physical, (phi := rig.phi + root @ rng.standard_normal(len(root))).reshape(-1, 10))):
+class Truth(NamedTuple):
+    """A rig that differs from its URDF, and its payload's shift, m, (3,), and mass, kg."""
+
+    rig: Rig
+    shift: Array
+    mass: float
+
+
+def get_phi_of_payload(rig: Rig, shift: Array, share: float = 1.0) -> Array:
+    """What a payload that is moved, m, and whose mass is multiplied makes of the bodies' parameters, (10 n,)."""
+    body, inertia, frame = get_payload(rig)
+    phi = np.zeros(10 * rig.n)
+    phi[10 * body : 10 * body + 10] = share * shift_inertia(inertia, frame, shift).toDynamicParameters()
+    return phi
+
+
+def draw_bodies(rig: Rig, rng: np.random.Generator) -> Array:
+    """Ten parameters of every body without the payload, stretched and sheared as the trust says, (10 n,)."""
+    bare = rig.phi - get_phi_of_payload(rig, np.zeros(3))
+    root = TRUST * compute_deformation_root(bare)
+    while not all(map(is_physical, (phi := bare + root @ rng.standard_normal(len(root))).reshape(-1, 10))):
         pass
-    seed, joint = int(rng.integers(2**31)), int(rng.integers(rig.n))
-    log = prescribed(nominal(rig.with_phi(phi)), seed, 20.0, torque_noise=0.01, dt=4e-3)
+    return np.asarray(phi)
+
+
+def draw_truth(rig: Rig, bare: Array, rub: Array, is_as_stated: bool, rng: np.random.Generator) -> Truth:
+    """The rig of these bodies with friction multiplied, (n, 2), and the payload as stated, or moved and heavier."""
+    shift, share = (np.zeros(3), 1.0) if is_as_stated else (0.005 * rng.standard_normal(3), rng.uniform(0.85, 1.15))
+    there = replace(rig.with_phi(bare + get_phi_of_payload(rig, shift, share)), friction=rub * rig.friction)
+    return Truth(there, shift, share * float(get_payload(rig)[1].mass))
+
+
+def record(truth: Truth, kind: str, joint: int, seconds: float, rng: np.random.Generator) -> Log:
+    """A log of it with an effect at a joint."""
+    log = prescribed(nominal(truth.rig), int(rng.integers(2**31)), seconds, torque_noise=0.01, dt=4e-3)
     tau = np.array(log.tau)
     added = missed(kind, log.q[:, joint], np.asarray(log.v)[:, joint], rng.uniform(0, 2 * np.pi))
     tau[:, joint] += SHARE * np.std(tau[:, joint]) * added / max(float(np.std(added)), 1e-12)
-    for body, own in zip(identify(rig, [replace(log, tau=tau)], filtering=EXACT).bodies, phi.reshape(-1, 10)):
+    return replace(log, tau=tau)
+
+
+def is_inside(value: float, std: float, true: float) -> bool:
+    """Whether a 95 % interval holds the truth."""
+    return abs(value - true) <= 1.96 * std
+
+
+def judge_gimbal(found: Identified, truth: Truth, joint: int) -> Iterator[tuple[str, bool]]:
+    """Yield for every figure of the bodies, and of the friction at other joints, whether its interval holds it."""
+    for body, own in zip(found.bodies, truth.rig.phi.reshape(-1, 10)):
         for figure, true in zip((body.mass, *body.com, *body.inertia), compute_figures(own)):
-            yield abs(figure.value - true) <= 1.96 * figure.std
+            yield "bodies", is_inside(figure.value, figure.std, true)
+    width, kinds = len(found.reduction.independent), truth.rig.friction.shape[1]
+    for k, true in enumerate(truth.rig.friction.ravel().tolist()):
+        if k // kinds != joint:
+            yield "friction", is_inside(found.estimate.theta[width + k], found.estimate.std[width + k], true)
+
+
+def judge_payload(said: PayloadStatement, truth: Truth) -> Iterator[tuple[str, bool]]:
+    """Yield whether the intervals of place and mass hold the truth, as far as they are stated."""
+    if said.apart is None:
+        return
+    row: dict[str, Any] = said.apart.to_dict()["camera"]
+    lacks = 0.0 if row["mass"] is not None else 1e3 * truth.mass - row["stated_mass"]
+    for x, std, more, true in zip(row["com_mm"], row["com_std_mm"], row["com_mm_per_g"], 1e3 * truth.shift):
+        if x is not None:
+            yield "place", is_inside(x + lacks * more, std, true)
+    if row["mass"] is not None:
+        yield "mass", is_inside(row["mass"] + row["stated_mass"], row["mass_std"], 1e3 * truth.mass)
+
+
+def judge(name: str, logs: str, kind: str, rng: np.random.Generator) -> Iterator[tuple[str, bool]]:
+    """Yield every figure of one draw, and whether its interval holds the truth."""
+    payloads = (FIRST, SECOND) if logs == "two cameras" else (FIRST,)
+    rigs = {payload: Rig.load(name, payload) for payload in payloads}
+    first = rigs[FIRST]
+    bare, joint = draw_bodies(first, rng), int(rng.integers(first.n))
+    rub = rng.uniform(0.8, 1.2, first.friction.shape)
+    if len(rigs) == 1:
+        truth = draw_truth(first, bare, rub, False, rng)
+        found = identify(first, [record(truth, kind, joint, s, rng) for s in LOGS[logs]], filtering=EXACT)
+        yield from judge_gimbal(found, truth, joint)
+        yield from judge_payload(compare_payload(found), truth)
+        return
+    truths = {one: draw_truth(rig, bare, rub, one == FIRST, rng) for one, rig in rigs.items()}
+    each = {one: [record(truth, kind, joint, s, rng)] for (one, truth), s in zip(truths.items(), LOGS[logs])}
+    several = identify_several(rigs, each, filtering=EXACT)
+    for one, truth in truths.items():
+        yield from judge_gimbal(several.identified[one], truth, joint)
+        yield from judge_payload(several.payloads[one], truth)
 
 
 def main() -> None:
-    """Print the coverage by effect, of some logs each."""
+    """Print the coverage by effect and logs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rig", default="drone")
-    parser.add_argument("--logs", type=int, default=75, help="of each effect")
+    parser.add_argument("--logs", type=int, default=75, help="draws of each effect")
+    parser.add_argument("--of", nargs="+", choices=tuple(LOGS), default=tuple(LOGS))
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
-    rig, rng = Rig.load(asked.rig), np.random.default_rng(asked.seed)
-    for kind in EFFECTS:
-        hits, failed = list[bool](), 0
-        for _ in range(asked.logs):
-            try:
-                hits += inside(rig, kind, rng)
-            except GimbalPinError:
-                failed += 1
-        sys.stdout.write(f"{kind:9s} {100 * np.mean(hits):5.1f} % of {len(hits)} figures, {failed} logs refused\n")
-        sys.stdout.flush()
+    sys.stdout.write("| logs | effect | " + " | ".join(FIGURES) + " | refused |\n" + "|---" * 7 + "|\n")
+    for logs in asked.of:
+        for kind in EFFECTS:
+            rng = np.random.default_rng([asked.seed, list(LOGS).index(logs), EFFECTS.index(kind)])
+            hits, refused = defaultdict[str, list[bool]](list), 0
+            for _ in tqdm(range(asked.logs), desc=f"{logs}, {kind}", leave=False):
+                try:
+                    for what, yes in list(judge(asked.rig, logs, kind, rng)):
+                        hits[what].append(yes)
+                except GimbalPinError:
+                    refused += 1
+            told = [f"{100 * np.mean(hits[what]):.1f} % of {len(hits[what])}" if hits[what] else "" for what in FIGURES]
+            sys.stdout.write(f"| {logs} | {kind} | " + " | ".join(told) + f" | {refused} |\n")
+            sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -54,8 +54,8 @@ class ShownChange(NamedTuple):
 
     @property
     def axes(self) -> list[bool]:
-        """Whether each of the p axes lies more than half in the directions that are shown."""
-        return [bool(np.linalg.norm(row) > 0.5) for row in self.basis]
+        """Whether each of the p axes lies in the directions that are shown, but for a tenth of it at most."""
+        return [bool(row @ row > 0.99) for row in self.basis]
 
     @property
     def is_significant(self) -> bool:

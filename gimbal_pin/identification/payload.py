@@ -123,7 +123,7 @@ class PayloadDiscrepancy:
         if len(hidden) == 3:
             return f"the log does not show where the payload sits{closer}"
         unseen = (f" ({' and '.join(hidden)} does not show)" if hidden else "") + closer
-        clear = np.abs(change) > np.maximum(DEVIATIONS * std, least)
+        clear = (np.abs(change) > np.maximum(DEVIATIONS * std, least)) & shift.axes
         if not (shift.is_significant and clear.any()):
             most = max(float((np.abs(change) + DEVIATIONS * std).max()), least)
             return f"the payload sits where its URDF says, to {digits(1e3 * most, 2)} mm{unseen}"

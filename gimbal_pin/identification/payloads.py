@@ -347,10 +347,11 @@ def identify_several(
     everything = (*build_friction_effects(rigs[reference].joints), *effects)
     parts = {name: _build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order}
     joint = [block for k, part in enumerate(parts.values()) for block in _widen_blocks(part.blocks, own, k, len(order))]
-    estimate, missed = add_misfit(joint, estimator(joint), len(order))
+    alone = estimator(joint)
+    estimate, missed = add_misfit(joint, alone, len(order))
     first = parts[reference].blocks.design
     names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
-    check_seen(first.logs[0].name, names, joint, estimate)
+    check_seen(first.logs[0].name, names, joint, alone)
     cameras, identified, n = {}, {}, first.rig.n
     for k, (name, part) in enumerate(parts.items()):
         mine = slice(n * k, n * (k + 1))

@@ -204,7 +204,7 @@ def test_other_bodies_that_differ_are_not_laid_on_the_payload() -> None:
 
 def test_the_sentence_does_not_know_how_a_frame_is_turned() -> None:
     """The same rig with the payload's and the cradle's link frames turned otherwise: the very same sentence."""
-    rig = Rig.load("handheld")
+    rig = trust(Rig.load("handheld"))
     log = record(plant(rig, MOVED), 5)
     one, other = describe(rig, log), describe(turn_payload_frame(rig), log)
     assert one["sentence"] == other["sentence"] and not np.allclose(one["com_mm"], other["com_mm"])
