@@ -150,15 +150,6 @@ def test_effects_below_the_noise_are_not_asked_for() -> None:
     assert row(rows, "named but wrong").count == 1
 
 
-def test_an_unconfirmed_finding_counts_as_named() -> None:
-    lied = diagnosis("named", finding("backlash", "tilt", "unconfirmed"))
-    assert named_wrong(judge(truth("single", cause("cogging")), lied))
-    told = diagnosis("named", finding("cogging", status="unconfirmed"), finding("cogging"))
-    rows = score([(truth("single", cause("cogging")), told)])
-    assert row(rows, "first name right, known").value == 1.0
-    assert row(rows, "findings that are unconfirmed").value == 0.5
-
-
 def test_a_torque_by_formula_may_be_told_by_either_name() -> None:
     formula, told = truth("data", data="commanded-torque"), finding("controller-formula", None, "data")
     rows = score([(formula, diagnosis("data", told))])

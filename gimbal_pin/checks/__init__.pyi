@@ -13,6 +13,7 @@ from .platform_log import check_platform_log as check_platform_log
 from .record import REASONS as REASONS
 from .record import Alteration as Alteration
 from .record import Fault as Fault
+from .record import describe_parameters as describe_parameters
 from .record import list_alterations as list_alterations
 from .refusals import check_driven as check_driven
 from .refusals import check_sampling as check_sampling

@@ -74,7 +74,7 @@ def diagnose(
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
     if urdf is not None:
-        causes, filters = refittable_effects(found.after.model), filtering(None, alignment)
+        causes, filters = refittable_effects(found.after), filtering(None, alignment)
         bodied = identify(loaded, read, causes, holdout=holdout, filtering=filters)
         atomic_write(urdf, bodied.to_urdf())
     files: Mapping[str, Path] = {}

@@ -7,10 +7,8 @@ from .engine import explain as explain
 from .engine import is_hidden_by_noise as is_hidden_by_noise
 from .evidence import Evidence as Evidence
 from .evidence import gather as gather
-from .extended import Extended as Extended
 from .file import write_diagnosis as write_diagnosis
 from .findings import confirm_causes as confirm_causes
-from .findings import measure_gain as measure_gain
 from .fit import Fit as Fit
 from .fit import fit as fit
 from .gain import describe_motion as describe_motion
@@ -30,7 +28,6 @@ from .result import Finding as Finding
 from .result import Residual as Residual
 from .result import Rival as Rival
 from .result import find_credible as find_credible
-from .result import overall as overall
 from .score import gained as gained
 from .state import Problem as Problem
 from .state import State as State

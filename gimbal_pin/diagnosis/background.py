@@ -12,9 +12,8 @@ from scipy.linalg import block_diag
 from gimbal_pin.diagnosis.engine.discrepancy import unseen
 from gimbal_pin.diagnosis.engine.explained import Explained
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.extended import extended
-from gimbal_pin.diagnosis.findings import measure_gain
-from gimbal_pin.diagnosis.gain import Figures, measured
+from gimbal_pin.diagnosis.extended import build_extended_model
+from gimbal_pin.diagnosis.gain import Figures, measure_errors, measure_gain
 from gimbal_pin.diagnosis.result import Curve
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects.torque_table import Over, TorqueTable
@@ -33,7 +32,7 @@ def read_curve(state: State, table: TorqueTable) -> Curve:
     ``√(2 log k)`` deviations are more than the largest of k knots has by chance (Donoho and Johnstone, Biometrika 81,
     1994).
     """
-    estimated = extended(state).model.estimated
+    estimated = build_extended_model(state).estimated
     assert estimated is not None
     start = f"{table.joint}.{table.name}."
     std = [x for name, x in zip(estimated.names, estimated.std.tolist()) if name.startswith(start)]
@@ -68,7 +67,7 @@ def add_tables(
         slopes = np.diff(more.coefficients(table)) / np.diff(table.knots)
         if table.loaded and np.max(np.abs(slopes)) >= 1:
             continue
-        after = measured(held, extended(more))
+        after = measure_errors(held, build_extended_model(more))
         if all(
             after["torque_rmse"][table.joint] < before["torque_rmse"][table.joint]
             and measure_gain(before, after, held.used()) > 0

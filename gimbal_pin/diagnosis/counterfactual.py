@@ -14,10 +14,10 @@ from scipy.stats import norm
 
 from gimbal_pin.checks import Eccentricity
 from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
-from gimbal_pin.diagnosis.extended import extended
+from gimbal_pin.diagnosis.extended import build_extended_model
 from gimbal_pin.diagnosis.fit import CRITICAL_Z, compute_vuong_z
-from gimbal_pin.diagnosis.gain import CONFIRMED, Figures, measured
-from gimbal_pin.diagnosis.result import MEASURED, Diagnosis, Finding, overall
+from gimbal_pin.diagnosis.gain import CONFIRMED, Figures, compare_errors, measure_errors
+from gimbal_pin.diagnosis.result import MEASURED, Diagnosis, Finding
 from gimbal_pin.diagnosis.state import Problem, State, solve_consistently, solved
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects.parameter import Parameter
@@ -79,18 +79,13 @@ class _Comparison(NamedTuple):
             figures: What is said of it in numbers.
             said: The sentence; the gain is added.
         """
-        gain = {
-            f"{name}_{when}": values[name][self.joint]
-            for name in ("torque_rmse", "rollout_rmse")
-            for when, values in (("before", self.before), ("after", self.after))
-        }
+        gain = compare_errors(self.before, self.after, self.joint)
         before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
         change = 100 * (after / max(before, 1e-300) - 1)
         gained = f"held-out torque error of {self.joint} {before:.3g} → {after:.3g} N m ({change:+.0f} %) by it"
         return Finding(
             cause=cause,
             joint=place,
-            status="named",
             alike=(cause,),
             parameters=tuple(figures),
             gain=gain,
@@ -126,8 +121,7 @@ def add_sensor_findings(
             figures, both = (*every[twin].parameters, *one.parameters), f"{every[twin].sentence}; {one.sentence}"
             every[twin] = replace(every[twin], parameters=figures, sentence=both)
     findings = tuple(sorted(every, key=lambda one: -one.explained_share))
-    verdict = overall([one.status for one in findings], tuple(said.residual.values()))
-    return replace(said, findings=findings, verdict=verdict, baseline=baseline)
+    return replace(said, findings=findings, baseline=baseline)
 
 
 def _compare(context: SensorContext, train: Sequence[Log], test: Sequence[Log], base: BaseMotion) -> _Comparison | None:
@@ -141,14 +135,15 @@ def _compare(context: SensorContext, train: Sequence[Log], test: Sequence[Log], 
     state = solve_consistently(solved(problem, found.causes, plain)) if found.causes else plain
     other = gather_for_judgement(rig, test, filtering, wholes) if test else gather(rig, train, filtering, wholes)
     without = _match(other, held)
-    before, after = measured(without, extended(state)), measured(held, extended(found))
+    pairs = (without, state), (held, found)
+    before, after = (measure_errors(rows, build_extended_model(one)) for rows, one in pairs)
     ratios = [before["torque_rmse"][joint] / max(after["torque_rmse"][joint], 1e-300) for joint in rig.joints]
     j = int(np.argmax(ratios))
     gained = _sum_squares(state, j) - _sum_squares(found, j)
     z = compute_vuong_z(gained)
     if ratios[j] < CONFIRMED or z < CRITICAL_Z:
         return None
-    return _Comparison(measured(without, extended(plain)), before, after, rig.joints[j], z)
+    return _Comparison(measure_errors(without, build_extended_model(plain)), before, after, rig.joints[j], z)
 
 
 def _match(evidence: Evidence, known: Evidence) -> Evidence:

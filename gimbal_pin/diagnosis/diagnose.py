@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
 from gimbal_pin.diagnosis.given_model import compare_given_model, state_payload_with_causes
 from gimbal_pin.diagnosis.limit_cycle import find_limit_cycle
-from gimbal_pin.diagnosis.reported import hold, reported, spoilt
+from gimbal_pin.diagnosis.reported import report_findings, report_unusable_logs
 from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.reversals import open_turns
 from gimbal_pin.diagnosis.state import Problem, solved
@@ -102,16 +102,15 @@ def examined(
     shifts = [(log, find_shifted_torques(rig, log, filtering)) for log in mended]
     late = next((fault for log, found in shifts if (fault := find_time_fault(log, found)) is not None), None)
     if late is not None or not all(one.is_usable for one in checked):
-        return spoilt(rig, logs, checked if late is None else with_fault(checked, late), filtering)
+        return report_unusable_logs(rig, logs, checked if late is None else with_fault(checked, late), filtering)
     noticed = tuple(note for log, found in shifts for note in report_shifts(log, found))
     try:
         said = searched(rig, logs, causes, rng, filtering, Parted(checked, train, test, whole))
     except DataError:
         if reliable:
             raise
-        return spoilt(rig, logs, checked, filtering)
-    said = replace(said, notes=(*said.notes, *noticed))
-    return said if reliable else replace(said, verdict="data")
+        return report_unusable_logs(rig, logs, checked, filtering)
+    return replace(said, notes=(*said.notes, *noticed))
 
 
 class Parted(NamedTuple):
@@ -146,7 +145,7 @@ def searched(
     base = greatest_base_motion(rig, train)
     exchanged = check_assignment_of_logs(rig, train, base, Filtering())
     if exchanged is not None:
-        return spoilt(rig, logs, with_fault(checked, exchanged), filtering)
+        return report_unusable_logs(rig, logs, with_fault(checked, exchanged), filtering)
     held = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
     if np.all(held.used() < LIVELY):
         raise DataError(
@@ -155,7 +154,8 @@ def searched(
     each = fit_each_log(rig, [one.log for one in checked], filtering)
     apart = test_log_consistency(rig, each)
     if apart is not None:
-        return spoilt(rig, logs, with_fault(checked, add_reason(apart, rig, [one.log for one in checked])), filtering)
+        apart = add_reason(apart, rig, [one.log for one in checked])
+        return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
     reduction = reduce_parameters(rig, base=base)
     gliding = solved(Problem.of(alternate_blocks(evidence, filtering)[0] if whole else evidence, reduction), ())
     evidence, held = (open_turns(one, gliding, filtering) for one in (evidence, held))
@@ -165,9 +165,9 @@ def searched(
     resting = check_driven(found, find_joints_asked_to_rest(train))
     apart = test_log_consistency(rig, each, found.final.causes) or find_limit_cycle(rig, train, found, filtering.cutoff)
     if apart is not None:
-        return spoilt(rig, logs, with_fault(checked, apart), filtering)
+        return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
     held = retimed(held, found.alignment)
-    said = reported(found, held, checked, hold(logs[0], filtering), rng)
+    said = report_findings(found, held, checked, filtering, rng)
     said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
     state = said.state
     assert state is not None

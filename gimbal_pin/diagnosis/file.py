@@ -38,7 +38,7 @@ def write_diagnosis(
     """
     writers: dict[str, Callable[[Path], object]] = {
         "diagnosis": partial(write_json, found.to_dict()),
-        "extended model": partial(write_extended, found.model),
+        "extended model": partial(write_extended, found.after),
         "report": partial(atomic_write, content=page),
     }
     writers |= build_motion_writer(found)

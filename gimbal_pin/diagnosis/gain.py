@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, nan
 
 import numpy as np
@@ -13,7 +13,7 @@ from gimbal_pin.control.tracking import Witness, tour
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis.band import BAND
 from gimbal_pin.diagnosis.evidence import Evidence, Part, gather
-from gimbal_pin.diagnosis.extended import Extended
+from gimbal_pin.diagnosis.extended import compute_acting_torque, compute_asked_torque
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.plant import Plant, State
 from gimbal_pin.dynamics.simulation import Controller, simulate
@@ -50,7 +50,6 @@ NO_CLOSER = (
     "figures that are rough mislead it"
 )
 """What is told of joints that are followed worse with compensation."""
-Followed = Mapping[str, Mapping[str, float]]
 FULL = 0.1
 """Residual, as a share of the joint's torque rms, at which a joint is all red."""
 WINDOW = 0.3
@@ -68,78 +67,72 @@ def describe_motion(rig: Rig) -> str:
     )
 
 
-def measured(held: Evidence, model: Extended) -> Figures:
-    """Held-out figures of a model, by joint."""
-    joints, rmse = held.rig.joints, torque_rmse(held, model)
-    fit = 100 * (1 - rmse / np.maximum(torque_rms(held), 1e-300))
-    rolled = rollout_rmse(held, model)
-    rows = {"torque_rmse": rmse, "fit_percent": fit, "rollout_rmse": rolled}
-    return {name: dict(zip(joints, values.tolist())) for name, values in rows.items()}
+def measure_errors(held: Evidence, model: Model) -> Figures:
+    """Held-out figures of a model: "torque_rmse", "fit_percent" and "rollout_rmse"."""
+    rmse, mean = torque_rmse(held, model), np.mean(np.concatenate(held.torque), axis=0)
+    torque = _compute_rms(held, [x - mean for x in held.torque])
+    fit = 100 * (1 - rmse / np.maximum(torque, 1e-300))
+    rows = {"torque_rmse": rmse, "fit_percent": fit, "rollout_rmse": rollout_rmse(held, model)}
+    return {name: dict(zip(held.rig.joints, values.tolist())) for name, values in rows.items()}
 
 
-def torque_rmse(evidence: Evidence, model: Extended) -> Array:
+def compare_errors(before: Figures, after: Figures, joint: str) -> dict[str, float]:
+    """Return errors of two models at a joint: "torque_rmse_before", "torque_rmse_after", and those of the rollout."""
+    pairs = ("before", before), ("after", after)
+    return {f"{name}_{when}": x[name][joint] for name in ("torque_rmse", "rollout_rmse") for when, x in pairs}
+
+
+def measure_gain(before: Figures, after: Figures, used: Array) -> float:
+    """``Σ_j u_j log(rmse_before/rmse_after)``: what a model gains over another in the whole rig, as log likelihood.
+
+    u_j is the share of joint j's samples that count on the reporting part, (n,): one that stands says nothing.
+    """
+    errors = (np.array([*figures["torque_rmse"].values()]) for figures in (before, after))
+    return float(used @ np.subtract(*(np.log(np.maximum(x, 1e-300)) for x in errors)))
+
+
+def torque_rmse(evidence: Evidence, model: Model) -> Array:
     """Root mean square of measured less predicted torque, low-passed at the band, away from standstill, N m, (n,)."""
-    return np.sqrt(compute_gated_power(evidence, compute_filtered_error(evidence, model)))
+    return _compute_rms(evidence, [_compute_torque_error(part, model) for part in evidence.parts])
 
 
-def torque_rms(evidence: Evidence) -> Array:
-    """Root mean square of the measured torque less its mean, over the same samples, N m, (n,)."""
-    mean = np.mean(np.concatenate(evidence.torque), axis=0)
-    swing = [filter_torque(part, part.channels.tau - mean, evidence.band) for part in evidence.parts]
-    return np.sqrt(compute_gated_power(evidence, np.concatenate(swing)))
-
-
-def compute_gated_power(evidence: Evidence, error: Array) -> Array:
-    """Mean square of a gated error over the samples that count, (N m)², (n,): an error of one gives one."""
-    counted = np.concatenate([filter_torque(part, np.ones((1, 1)), evidence.band) for part in evidence.parts])
-    weight = np.sum(counted**2, axis=0)
-    return np.sum(error**2, axis=0) / np.maximum(weight, 1e-300)
-
-
-def compute_filtered_error(evidence: Evidence, model: Extended) -> Array:
+def compute_filtered_error(evidence: Evidence, model: Model) -> Array:
     """Measured less predicted torque, gated and low-passed at the band, all parts in a row, N m, (m, n)."""
-    return np.concatenate(
-        [filter_torque(part, compute_torque_error(part, model), evidence.band) for part in evidence.parts]
-    )
+    return _filter_torques(evidence, [_compute_torque_error(part, model) for part in evidence.parts])
 
 
-def filter_torque(part: Part, torque: Array, band: float) -> Array:
-    """Gate a torque and low-pass it at the band, N m, (m, n)."""
-    return signals.zero_phase(part.gate * torque, signals.lowpass(band, 1 / part.dt))
+def _compute_rms(evidence: Evidence, torques: Sequence[Array]) -> Array:
+    """Root mean square of torques, (m, n) per part, gated and low-passed: of one it is one, (n,)."""
+    filtered, counted = (_filter_torques(evidence, x) for x in (torques, [np.ones((1, 1))] * len(torques)))
+    return np.sqrt(np.sum(filtered**2, axis=0) / np.maximum(np.sum(counted**2, axis=0), 1e-300))
 
 
-def compute_torque_error(part: Part, model: Extended) -> Array:
+def _filter_torques(evidence: Evidence, torques: Sequence[Array]) -> Array:
+    """Gate torques, (m, n) per part, and low-pass them at the band, N m, all parts in a row, (m, n)."""
+    rows = zip(evidence.parts, torques)
+    return np.concatenate([
+        signals.zero_phase(part.gate * torque, signals.lowpass(evidence.band, 1 / part.dt)) for part, torque in rows
+    ])  # fmt: skip
+
+
+def _compute_torque_error(part: Part, model: Model) -> Array:
     """Acting torque less what the model asks for the same motion, N m, (m, n)."""
-    c = part.channels
-    wanted = model.model.inverse(c.q, c.v, c.a, part.slide, part.time, part.temperature, c.platform, part.losses)
-    return model.acting(part) - wanted
+    return compute_acting_torque(model, part) - compute_asked_torque(model, part)
 
 
-def rollout_rmse(evidence: Evidence, model: Extended) -> Array:
+def rollout_rmse(evidence: Evidence, model: Model) -> Array:
     """Simulated less measured angle after `HORIZON` s of the logged torque, from measured states, rad rms, (n,).
 
-    What friction remembers at a start comes from the measured way to it, and it is as warm as the motor was. nan where
-    no stretch is long enough, or where the fitted inertias are none that a body can have, as on slow motion that does
-    not show them: such a model cannot be simulated, and that it cannot says nothing about its other torques.
+    nan where no stretch is long enough, or where the fitted inertias are none that a body can have, as on slow motion
+    that does not show them: such a model cannot be simulated, and that it cannot says nothing about its other torques.
     """
-    errors = []
-    if not all(is_massive(model.model.rig, part.channels.q) for part in evidence.parts):
-        return np.full(evidence.rig.n, np.nan)
-    for part in evidence.parts:
-        plant = Plant(model.model, model.model.carried(part.time, part.platform))
-        horizon = max(1, round(HORIZON / part.dt))
-        tau = model.acting(part)
-        memory = plant.friction.remembered(part.sample)
-        for start in choose_starts(part, horizon, -(-STARTS // len(evidence.parts))):
-            held = tuple(one[..., start].tolist() for one in memory)
-            state = State(part.channels.q[start], part.channels.v[start], held)
-            plant.friction.warm = part.temperature[start].tolist()
-            end = roll_out(plant, part, tau, start, state, horizon)
-            errors.append(end - part.channels.q[start + horizon])
-    return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, np.nan)
+    possible = all(_is_massive(model.rig, part.channels.q) for part in evidence.parts)
+    most = -(-STARTS // len(evidence.parts))
+    errors = [one for part in evidence.parts for one in _roll_out(model, part, most)] if possible else []
+    return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, nan)
 
 
-def is_massive(rig: Rig, q: Array) -> bool:
+def _is_massive(rig: Rig, q: Array) -> bool:
     """Whether the mass matrix is positive definite at some of the angles q, (m, n)."""
     data = rig.model.createData()
     some = q[:: max(1, len(q) // POSES)]
@@ -147,50 +140,51 @@ def is_massive(rig: Rig, q: Array) -> bool:
     return min(least) > 0.0
 
 
-def choose_starts(part: Part, horizon: int, most: int) -> Sequence[int]:
-    """As many samples to start from, evenly spread, clear of the ends and of holes: there nobody knows the torque."""
-    edge = len(part.gate) // 20
-    free = np.arange(edge, len(part.gate) - edge - horizon + 1)
+def _roll_out(model: Model, part: Part, most: int) -> Iterator[Array]:
+    """Yield the errors of so many rollouts, rad, (n,), from states evenly spread, clear of the ends and of holes.
+
+    What friction remembers at a start comes from the measured way to it, and it is as warm as the motor was.
+    """
+    plant, tau = Plant(model, model.carried(part.time, part.platform)), compute_acting_torque(model, part)
+    memory = plant.friction.remembered(part.sample)
+    horizon, steps = max(1, round(HORIZON / part.dt)), max(1, round(part.dt / FINE))
+    edge, count, dt = len(part.gate) // 20, len(part.gate), part.dt / steps
+    starts = np.arange(edge, count - edge - horizon + 1)
     if part.channels.lost is not None:
         before = np.concatenate([[0], np.cumsum(part.channels.lost)])
-        free = free[before[free + horizon + 1] == before[free]]
-    return [] if not len(free) else free[np.linspace(0, len(free) - 1, most).astype(int)].tolist()
+        starts = starts[before[starts + horizon + 1] == before[starts]]
+    for start in starts[np.linspace(0, len(starts) - 1, most).astype(int)].tolist() if len(starts) else ():
+        state = State(part.channels.q[start], part.channels.v[start], tuple(one[..., start].tolist() for one in memory))
+        plant.friction.warm = part.temperature[start].tolist()
+        for k in range(start, start + horizon):
+            torque = (tau[k] + tau[k + 1]) / 2
+            for i in range(steps):
+                state = plant.step(part.channels.t[k] - part.origin + i * dt, state, torque, dt)
+        yield state.q - part.channels.q[start + horizon]
 
 
-def roll_out(plant: Plant, part: Part, tau: Array, start: int, state: State, horizon: int) -> Array:
-    """Angles after a rollout from a state at sample `start`, rad, (n,)."""
-    steps, time = max(1, round(part.dt / FINE)), part.time
-    for k in range(start, start + horizon):
-        torque = (tau[k] + tau[k + 1]) / 2
-        for i in range(steps):
-            state = plant.step(time[k] + i * part.dt / steps, state, torque, part.dt / steps)
-    return state.q
-
-
-def followed(before: Extended, after: Extended, rng: np.random.Generator) -> Followed:
+def simulate_tracking(before: Model, after: Model, rng: np.random.Generator) -> Figures:
     """Root mean square of reference less true angle, rad, with the causes compensated and without: joint → figures.
 
     The plant is the extended model. The motion, to and fro on all axes at once, is the same whatever the log, so that
     no choice has touched it; sensors and their noise are the same for both controllers. A loop that is not stable
     without the compensation has no figure, nor have models whose fitted inertias no body can have.
     """
-    plant, seed = after.model, int(rng.integers(2**63))
-    reference = tour(plant, DT, SIZE, MOVE)
-    if not all(is_massive(model.rig, reference.q) for model in (before.model, plant)):
+    seed, reference = int(rng.integers(2**63)), tour(after, DT, SIZE, MOVE)
+    if not all(_is_massive(model.rig, reference.q) for model in (before, after)):
         return {}
-    laws = [tune(model, bandwidth_hz=BANDWIDTH, dt=DT).controller for model in (before.model, plant)]
-    figures = [measure_tracking(plant, law, reference, np.random.default_rng(seed)) for law in laws]
-    rows = zip(plant.rig.joints, *(figure.tolist() for figure in figures))
-    return {joint: {"rms_before": without, "rms_after": with_} for joint, without, with_ in rows}
+    laws = [tune(model, bandwidth_hz=BANDWIDTH, dt=DT).controller for model in (before, after)]
+    figures = [_measure_tracking(after, law, reference, np.random.default_rng(seed)).tolist() for law in laws]
+    return {joint: dict(zip(("rms_before", "rms_after"), row)) for joint, *row in zip(after.rig.joints, *figures)}
 
 
-def no_closer(tracking: Followed) -> list[str]:
+def describe_worse_tracking(tracking: Figures) -> list[str]:
     """Say at which joints the controller that knows what was found follows clearly worse; nothing where none does."""
     worse = [joint for joint, row in tracking.items() if row["rms_after"] > WORSE * row["rms_before"]]
     return [f"{', '.join(worse)}: {NO_CLOSER}"] if worse else []
 
 
-def measure_tracking(plant: Model, law: Controller, reference: Motion, rng: np.random.Generator) -> Array:
+def _measure_tracking(plant: Model, law: Controller, reference: Motion, rng: np.random.Generator) -> Array:
     """Root mean square of reference less true angle, rad, (n,); nan where the loop diverges."""
     witness = Witness.of(plant.rig, law.dt)
     try:
@@ -217,13 +211,11 @@ def heat(model: Model, log: Log, filtering: Filtering = BAND) -> Array:
     """
     evidence = gather(model.rig, [log], filtering)
     torque = np.sqrt(np.mean(np.concatenate(evidence.torque) ** 2, axis=0))
-    times, sizes = [], []
-    for part in evidence.parts:
-        error = filter_torque(part, compute_torque_error(part, Extended(model)), evidence.band)
+    ends = np.cumsum([len(part.gate) for part in evidence.parts])[:-1]
+    sizes = []
+    for part, error in zip(evidence.parts, np.split(compute_filtered_error(evidence, model), ends)):
         window = max(1, round(WINDOW / part.dt))
         power, moving = (uniform_filter1d(x**2, window, axis=0, mode="constant") for x in (error, part.gate))
-        power /= np.maximum(moving, LEAST)
-        times.append(part.channels.t)
-        sizes.append(np.sqrt(np.maximum(power, 0.0)) / np.maximum(FULL * torque, 1e-300))
-    t, size = np.concatenate(times), np.concatenate(sizes)
+        sizes.append(np.sqrt(np.maximum(power / np.maximum(moving, LEAST), 0.0)) / np.maximum(FULL * torque, 1e-300))
+    t, size = np.concatenate([part.channels.t for part in evidence.parts]), np.concatenate(sizes)
     return np.clip(np.stack([np.interp(log.t, t, column) for column in size.T], axis=1), 0.0, 1.0)

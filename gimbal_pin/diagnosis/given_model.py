@@ -11,8 +11,8 @@ import numpy as np
 from scipy.stats import norm
 
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.extended import Extended, extended, settled
-from gimbal_pin.diagnosis.gain import rollout_rmse, torque_rmse
+from gimbal_pin.diagnosis.extended import build_extended_model, settle_causes
+from gimbal_pin.diagnosis.gain import compare_errors, measure_errors
 from gimbal_pin.diagnosis.given_causes import (
     Form,
     GivenCauses,
@@ -20,8 +20,9 @@ from gimbal_pin.diagnosis.given_causes import (
     change_rig,
     find_given_causes,
 )
-from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, find_credible, overall
+from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, find_credible, list_nearest
 from gimbal_pin.diagnosis.state import State
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.errors import GimbalPinError, digits
 from gimbal_pin.identification import (
@@ -95,8 +96,7 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     more = [_describe_finding(case, form, size) for form, size in share.items() if size.max() > FORM_ERROR]
     less = [Slight(*form.place, float(size.max())) for form, size in share.items() if size.max() <= FORM_ERROR]
     every = tuple(sorted([*found.findings, *more], key=lambda one: -one.explained_share))
-    verdict = overall([one.status for one in every], list(found.residual.values()))
-    return replace(found, findings=every, verdict=verdict, immaterial=(*found.immaterial, *less))
+    return replace(found, findings=every, immaterial=(*found.immaterial, *less))
 
 
 def state_payload_with_causes(
@@ -117,7 +117,7 @@ def state_payload_with_causes(
     """
     if found.state is None:
         return PayloadStatement()
-    model = found.after.model
+    model = found.after
     if not (model.drive or any(term.effect.loaded for term in model.terms)):
         with suppress(GimbalPinError):
             changed = apply_changes(rig, model.changes)
@@ -197,15 +197,9 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
     at = rig.joint_index(form.joint) if form.kind.of_joint else int(np.argmax(share))
     rivals = _compare_rivals(case, form)
     alike = tuple(find_credible(form.kind.name, rivals))
-    errors = [
-        _build_stated_model(case, [x for one, x in causes.items() if one is not form]),
-        _build_stated_model(case, list(causes.values())),
-    ]
-    gain = {
-        f"{name}_{when}": float(figure(case.held, model)[at])
-        for name, figure in (("torque_rmse", torque_rmse), ("rollout_rmse", rollout_rmse))
-        for when, model in zip(("before", "after"), errors)
-    }
+    stated = [x for one, x in causes.items() if one is not form], list(causes.values())
+    errors = [measure_errors(case.held, _build_stated_model(case, x)) for x in stated]
+    gain = compare_errors(errors[0], errors[1], rig.joints[at])
     before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
     told = form.build(np.where(_find_known(case, form), case.found.best.values[form], 0.0))
     gained = f"held-out torque error of the given model {before:.3g} → {after:.3g} N m"
@@ -213,7 +207,6 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
     return Finding(
         cause=form.kind.name,
         joint=form.place[1],
-        status="ambiguous" if len(alike) > 1 else "named",
         alike=alike,
         parameters=tuple(
             replace(p, std=std.get(p.name, float("nan")), unit=rig.in_units(form.place[1], p.unit))
@@ -231,20 +224,18 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
 
 def _compare_rivals(case: _Case, form: Form) -> tuple[Rival, ...]:
     """Return the most probable rival of each name; noise alone parts it from the finding (Vuong 1989)."""
-    best, nearest = case.found.best, dict[str, Rival]()
+    best, rivals = case.found.best, list[Rival]()
     for other in case.found.rivals[form]:
         (new,) = (one for one in other.values if one not in best.values)
         odds = best.compute_odds(other)
         apart = np.linalg.norm(case.response.difference.whitener @ (other.response - best.response))
-        z = odds * float(np.sqrt(best.dispersion) / max(apart, 1e-12))
-        rival = Rival(new.kind.name, odds, z, new.place[1])
-        if rival.cause != form.kind.name:
-            nearest[rival.cause] = max(rival, nearest.get(rival.cause, rival), key=lambda one: one.log_odds)
-    return tuple(sorted(nearest.values(), key=lambda one: -one.log_odds))
+        rivals.append(
+            Rival(new.kind.name, odds, odds * float(np.sqrt(best.dispersion) / max(apart, 1e-12)), new.place[1])
+        )
+    return list_nearest(form.kind.name, rivals)
 
 
-def _build_stated_model(case: _Case, causes: Sequence[RigEffect]) -> Extended:
+def _build_stated_model(case: _Case, causes: Sequence[RigEffect]) -> Model:
     """The given URDF with causes in its bodies, and everything else as the diagnosis has it."""
-    found = [cause for cause in settled(case.state) if isinstance(cause, RigEffect)]
-    full = extended(case.state)
-    return replace(full, model=replace(full.model, rig=change_rig(case.held.rig, [*causes, *found])))
+    found = [cause for cause in settle_causes(case.state) if isinstance(cause, RigEffect)]
+    return replace(build_extended_model(case.state), rig=change_rig(case.held.rig, [*causes, *found]))

@@ -20,14 +20,14 @@ from tqdm import trange
 
 from gimbal_pin.diagnosis.band import BAND
 from gimbal_pin.diagnosis.evidence import Evidence, Part, compute_gate, measure_ranges, number_blocks
-from gimbal_pin.diagnosis.extended import extended
+from gimbal_pin.diagnosis.extended import build_extended_model
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.parting import Apart, NextExperiment, Parting
 from gimbal_pin.diagnosis.probability import LUCKY, foresee_log_odds
 from gimbal_pin.diagnosis.result import Diagnosis, Rival
 from gimbal_pin.diagnosis.shapes import refined
 from gimbal_pin.diagnosis.state import Problem, State, width, without
-from gimbal_pin.diagnosis.uncertainty import tangent
+from gimbal_pin.diagnosis.uncertainty import compute_tangent
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES, Cause
@@ -80,7 +80,7 @@ class Contest:
         effects = [*state.problem.friction, *(cause for cause in state.causes if width(cause))]
         beside = [state.problem.rigid, *(state.columns(effect).values for effect in effects)]
         own = state.columns(self.cause).values @ self.beta
-        columns = np.concatenate([*beside, tangent(state, self.rival, self.weights), own[..., None]], axis=2)
+        columns = np.concatenate([*beside, compute_tangent(state, self.rival, self.weights), own[..., None]], axis=2)
         return self.base.fit.stacked(columns)
 
     @cached_property
@@ -234,7 +234,7 @@ def next_experiment(
     contests = [one for one in every if one is not None]
     if state is None or not contests:
         return None
-    problem, model, rig = state.problem, extended(state).model, state.problem.evidence.rig
+    problem, model, rig = state.problem, build_extended_model(state), state.problem.evidence.rig
 
     def motion(limits: Limits, x: Array, dt: float) -> Motion:
         return limits.series.motion(limits.coefficients(x), dt * np.arange(round(seconds / dt) + 1))

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from math import isfinite
+from math import exp
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
 
-from gimbal_pin.checks import Alteration, Fault, list_alterations
+from gimbal_pin.checks import Alteration, Fault, describe_parameters, list_alterations
+from gimbal_pin.control.tracking import or_null
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.extended import Extended
-from gimbal_pin.diagnosis.likeness import Likeness
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.probability import SURE, moderate
 from gimbal_pin.diagnosis.state import State
@@ -22,6 +20,7 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.identification import PayloadStatement
+from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 
 MEASURED = "platform-motion"
@@ -74,11 +73,6 @@ class Residual:
     where: str = ""
     curve: Curve | None = None
 
-    @property
-    def sentence(self) -> str:
-        """What is left, and where."""
-        return f"{self.state} {self.where}".strip()
-
 
 @dataclass(frozen=True)
 class Rival:
@@ -102,16 +96,23 @@ class Rival:
         return -moderate(self.delta, self.delta / self.z) if self.z else 0.0
 
 
-def find_credible(name: str, rivals: Sequence[Rival]) -> list[str]:
+def get_joint(cause: Cause) -> str | None:
+    """Return where a cause sits; None for one of the whole rig."""
+    return cause.place if cause.of_joint else None
+
+
+def list_nearest(name: str, rivals: Iterable[Rival]) -> tuple[Rival, ...]:
+    """Return the most probable rival of each name but a finding's own, in that order."""
+    every = sorted(rivals, key=lambda one: -one.log_odds)
+    best = {one.cause: one for one in reversed(every)}
+    return tuple(one for one in every if one.cause != name and one is best[one.cause])
+
+
+def find_credible(name: str, rivals: Iterable[Rival]) -> list[str]:
     """Return the fewest causes that hold a probability of `SURE` together, a finding's name first."""
-    odds = [1.0, *(float(np.exp(one.log_odds)) for one in rivals)]
-    names, held = [name], odds[0]
-    for one, of_it in sorted(zip(rivals, odds[1:]), key=lambda pair: -pair[1]):
-        if held >= SURE * sum(odds):
-            break
-        names.append(one.cause)
-        held += of_it
-    return names
+    every = sorted(rivals, key=lambda one: -one.log_odds)
+    held = np.cumsum([1.0, *np.exp([one.log_odds for one in every])])
+    return [name, *(one.cause for one, before in zip(every, held) if before < SURE * held[-1])]
 
 
 @dataclass(frozen=True)
@@ -121,7 +122,6 @@ class Finding:
     Attributes:
         cause: Its name.
         joint: Where it sits; None for a cause of the whole rig.
-        status: "named", "ambiguous" or "data".
         alike: Every cause that this log cannot tell from it, itself first.
         parameters: Its figures with standard deviations.
         gain: Held-out torque and rollout errors without and with it, at its joint.
@@ -136,7 +136,6 @@ class Finding:
 
     cause: str
     joint: str | None
-    status: str
     alike: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     gain: Mapping[str, float]
@@ -148,6 +147,11 @@ class Finding:
     next_experiment: str | None
 
     __repr__ = brief
+
+    @property
+    def status(self) -> str:
+        """Whether it is "named", or "ambiguous" as others are alike."""
+        return "ambiguous" if len(self.alike) > 1 else "named"
 
     @property
     def sized(self) -> tuple[Parameter, ...]:
@@ -166,13 +170,11 @@ class Finding:
         Of all that were fitted in its place; what no log of this range tells from it shares its probability.
         """
         credible = find_credible(self.cause, self.rivals)
-        hidden = [name for name in self.alike if name not in credible]
-        apart = [one for one in self.rivals if one.cause not in hidden]
-        odds = np.array([*np.ones(1 + len(hidden)) / (1 + len(hidden)), *(np.exp(one.log_odds) for one in apart)])
-        names = [(self.cause, self.joint), *((name, self.joint) for name in hidden)]
-        chances = (1.0 - self.p_value) * odds / odds.sum()
-        places = [*names, *((one.cause, one.joint) for one in apart)]
-        return tuple((name, joint, chance) for (name, joint), chance in zip(places, chances.tolist()))
+        own = [self.cause, *(name for name in self.alike if name not in credible)]
+        odds = [(name, self.joint, 1.0 / len(own)) for name in own]
+        odds += [(one.cause, one.joint, exp(one.log_odds)) for one in self.rivals if one.cause not in own]
+        share = (1.0 - self.p_value) / sum(each for *_, each in odds)
+        return tuple((name, joint, share * each) for name, joint, each in odds)
 
     @property
     def probability(self) -> float:
@@ -199,19 +201,34 @@ class Finding:
             "status": self.status,
             "class": list(self.alike),
             "probability": self.probability,
-            "parameters": {
-                p.name: {"value": p.value, "std": p.std if isfinite(p.std) else None, "unit": p.unit}
-                for p in self.parameters
-            },
+            "parameters": describe_parameters(self.parameters),
             "gain": dict(self.gain),
             "p_value": self.p_value,
-            "selection_frequency": min((float(norm.cdf(one.z)) for one in self.rivals), default=1.0),
             "explained_share": self.explained_share,
             "visible_fraction": self.visible_fraction,
             "rivals": [asdict(rival) for rival in self.rivals],
             "sentence": self.sentence,
             "next_experiment": self.next_experiment,
         }
+
+
+@dataclass(frozen=True, eq=False)
+class Likeness:
+    """Which causes look like a finding on these logs: how near what one explains lies to what another could instead.
+
+    Attributes:
+        joint: Where the finding sits, or None.
+        causes: Names: the finding first, then its rivals, the nearest first (k).
+        correlation: Largest cosine between what two of them can explain beside the model, in [0, 1], (k, k).
+    """
+
+    joint: str | None
+    causes: tuple[str, ...]
+    correlation: Array
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds."""
+        return {"joint": self.joint, "causes": list(self.causes), "correlation": self.correlation.round(4).tolist()}
 
 
 @dataclass(frozen=True)
@@ -251,19 +268,19 @@ class Diagnosis:
     Attributes:
         rig: The rig's name.
         logs: Names of the logs.
-        verdict: "named", "ambiguous", "unknown", "nothing" or "data".
+        verdict: "data" where faults spoil the logs, else "named", "ambiguous", "unknown" or "nothing".
         faults: What is wrong with the logs themselves.
         notes: Sentences about what of it does no harm.
+        alignment: Hold of the sampled command, s.
+        before: The refitted model.
+        after: The extended model.
         findings: Causes, the strongest first.
         residual: Joint → what is left after all findings.
         immaterial: Significant and too small to matter.
         untestable: What the logs cannot show.
         detection_limit: Joint → torque that would have been found, N m rms.
-        alignment: Hold of the sampled command, s.
         baseline: "torque_rmse", "fit_percent", "rollout_rmse": joint → figure, held out, before.
         extended: The same after all findings.
-        before: The refitted model.
-        after: The extended model.
         held: The held-out part, or None where the logs are spoilt.
         given: What the logs say of the payload once the found causes are known; nothing where the logs are spoilt.
         state: What the search ended with on the training part; None where the logs are spoilt.
@@ -278,19 +295,19 @@ class Diagnosis:
 
     rig: str
     logs: tuple[str, ...]
-    verdict: str
+    verdict: str = field(init=False)
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
-    findings: tuple[Finding, ...]
-    residual: Mapping[str, Residual]
-    immaterial: tuple[Slight, ...]
-    untestable: tuple[Untestable, ...]
-    detection_limit: Mapping[str, float]
     alignment: float
-    baseline: Mapping[str, Mapping[str, float]]
-    extended: Mapping[str, Mapping[str, float]]
-    before: Extended
-    after: Extended
+    before: Model
+    after: Model
+    findings: tuple[Finding, ...] = ()
+    residual: Mapping[str, Residual] = field(default_factory=dict)
+    immaterial: tuple[Slight, ...] = ()
+    untestable: tuple[Untestable, ...] = ()
+    detection_limit: Mapping[str, float] = field(default_factory=dict)
+    baseline: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    extended: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     held: Evidence | None = None
     given: PayloadStatement = field(default_factory=PayloadStatement)
     state: State | None = None
@@ -318,32 +335,31 @@ class Diagnosis:
         """Whether the extended model has more than `identify`'s: findings, or a table of what nothing explains."""
         return bool(self.lacking) or any(left.curve for left in self.residual.values())
 
+    def __post_init__(self) -> None:
+        """Judge."""
+        object.__setattr__(self, "verdict", self.judge(self.findings))
+
     @property
     def beside(self) -> str:
         """The verdict without what that model has."""
-        statuses = [finding.status for finding in self.lacking]
-        return overall(statuses, tuple(self.residual.values())) if self.lacking != self.findings else self.verdict
+        return self.judge(self.lacking)
 
-    @property
-    def model(self) -> Model:
-        """The extended model."""
-        return self.after.model
-
-    @property
-    def noisy(self) -> dict[str, float]:
-        """Joint → noise that is left, N m rms, of joints at which that is over `NOISY` of the torque."""
-        after, fit = (self.extended.get(name, {}) for name in ("torque_rmse", "fit_percent"))
-        noise = (joint for joint, left in self.residual.items() if left.state == "noise")
-        return {joint: after[joint] for joint in noise if fit[joint] < 100 * (1 - NOISY)}
+    def judge(self, findings: Sequence[Finding]) -> str:
+        """Return the verdict with some of the findings."""
+        if self.spoiling:
+            return "data"
+        if findings:
+            return "named" if any(one.status == "named" for one in findings) else "ambiguous"
+        return "unknown" if any(left.state == "structured" for left in self.residual.values()) else "nothing"
 
     @property
     def hidden(self) -> str:
-        """What may hide in that noise, in a sentence; nothing where there is none."""
-        sizes = {
-            joint: (digits(noise, 2), self.after.model.rig.in_units(joint, "N m"))
-            for joint, noise in self.noisy.items()
-        }
-        most = " and ".join(f"{size} {unit} at {joint}" for joint, (size, unit) in sizes.items())
+        """What may hide in the noise at joints where that is over `NOISY` of the torque, in a sentence; or nothing."""
+        most = " and ".join(
+            self.after.rig.in_units(joint, f"{digits(self.extended['torque_rmse'][joint], 2)} N m at {joint}")
+            for joint, left in self.residual.items()
+            if left.state == "noise" and self.extended["fit_percent"][joint] < 100 * (1 - NOISY)
+        )
         return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
 
     def list_causes(self) -> list[dict[str, Any]]:
@@ -370,22 +386,12 @@ class Diagnosis:
             "immaterial": [asdict(slight) for slight in self.immaterial],
             "alignment_s": self.alignment,
             "untestable": [asdict(row) for row in self.untestable],
-            "detection_limit": dict(self.detection_limit),
-            "baseline": {key: dict(value) for key, value in self.baseline.items()},
-            "extended": {key: dict(value) for key, value in self.extended.items()},
+            "detection_limit": self.detection_limit,
+            "baseline": self.baseline,
+            "extended": self.extended,
             "next_experiment": None if self.planned is None else self.planned.to_dict(),
             "tracking": {
-                joint: {key: value if isfinite(value) else None for key, value in row.items()}
-                for joint, row in self.tracking.items()
+                joint: {key: or_null(value) for key, value in row.items()} for joint, row in self.tracking.items()
             },
             "look_alikes": [each.to_dict() for each in self.likeness],
         }
-
-
-def overall(statuses: Sequence[str], residual: Sequence[Residual]) -> str:
-    """The verdict on the physics: named before ambiguous, unknown before nothing."""
-    if "named" in statuses:
-        return "named"
-    if "ambiguous" in statuses:
-        return "ambiguous"
-    return "unknown" if any(left.state == "structured" for left in residual) else "nothing"

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.extended import settled
-from gimbal_pin.diagnosis.fit import CRITICAL_Z
+from gimbal_pin.diagnosis.extended import find_settled
+from gimbal_pin.diagnosis.fit import CRITICAL_Z, project
 from gimbal_pin.diagnosis.shapes import shape_names
 from gimbal_pin.diagnosis.state import State, width, without
-from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
+from gimbal_pin.effects import Cause, RigEffect, Signal
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
 
@@ -41,15 +41,9 @@ def label_clusters(evidence: Evidence) -> tuple[Labels, ...]:
 
     Time holds all joints together; a bin of the state is one joint's own.
     """
-    angle, rate = sample_rows(evidence, "q"), np.abs(sample_rows(evidence, "v"))
-    return np.repeat(evidence.block, evidence.rig.n), bin_rows(angle), bin_rows(rate)
-
-
-def sample_rows(evidence: Evidence, channel: str) -> Array:
-    """A smoothed channel at the time of every row, (rows, n)."""
-    return np.concatenate([
-        getattr(part.channels, channel)[np.arange(part.rows) * len(part.gate) // part.rows] for part in evidence.parts
-    ])  # fmt: skip
+    rows = [(part.channels, np.arange(part.rows) * len(part.gate) // part.rows) for part in evidence.parts]
+    angle, rate = (np.concatenate([getattr(channels, name)[at] for channels, at in rows]) for name in "qv")
+    return np.repeat(evidence.block, evidence.rig.n), bin_rows(angle), bin_rows(np.abs(rate))
 
 
 def bin_rows(x: Array) -> Labels:
@@ -82,16 +76,12 @@ def compute_clustered(basis: Array, residual: Array, label: Labels, width: int) 
     sandwich is too small where few clusters hold a parameter, as the fit then leaves little in them.
     """
     order = np.argsort(label, kind="stable")
-    starts = np.flatnonzero(np.diff(label[order], prepend=-1))
-    rows = zip(np.split(basis[order], starts[1:]), np.split(residual[order], starts[1:]))
-    moved = np.array([correct_score(own, left)[:width] for own, left in rows])
-    return np.asarray(len(moved) / max(len(moved) - 1, 1) * moved.T @ moved)
-
-
-def correct_score(basis: Array, residual: Array) -> Array:
-    """What one cluster's rows add to the coordinates, (k,), made up for what the fit has taken out of its residual."""
-    known, turned = np.linalg.eigh(basis.T @ basis)
-    return np.asarray(turned @ ((turned.T @ (basis.T @ residual)) / np.sqrt(np.maximum(1.0 - known, OPEN))))
+    ends = np.flatnonzero(np.diff(label[order])) + 1
+    moved = []
+    for own, left in zip(np.split(basis[order], ends), np.split(residual[order], ends)):
+        known, turned = np.linalg.eigh(own.T @ own)
+        moved.append(turned[:width] @ ((turned.T @ (own.T @ left)) / np.sqrt(np.maximum(1.0 - known, OPEN))))
+    return np.asarray(len(moved) / max(len(moved) - 1, 1) * np.transpose(moved) @ moved)
 
 
 def keep_excess(other: Array, first: Array) -> Array:
@@ -101,27 +91,19 @@ def keep_excess(other: Array, first: Array) -> Array:
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(unit, unit))
 
 
-def parameters(state: State, cause: Cause) -> tuple[Parameter, ...]:
+def estimate_figures(state: State, cause: Cause) -> tuple[Parameter, ...]:
     """The cause's parameters as a person reads them, with standard deviations.
 
     The covariance is `cluster_covariance`'s, with the columns of the cause's coefficients and the slopes of its shape
     parameters; the base columns are refitted with them. What the log does not hold, as of two shape parameters of which
     only the product matters, has none.
     """
-    final = next(c for c in settled(state) if c.name == cause.name and c.place == cause.place)
+    final, values = find_settled(state, cause)
     spread = compute_covariance(state, cause)
-    names = shape_names(cause)
-    if isinstance(cause, Effect):
-        width = len(cause.coefficients)
-        shown = cause.shown(tuple(state.coefficients(cause).tolist()), spread[:width, :width])
-        shapes = dict(zip(names, np.sqrt(np.diag(spread)[width:]).tolist()))
-    elif isinstance(cause, RigEffect):
-        shown = final.shown()
-        moved = {s.name for s in cause.shapes if getattr(cause, s.name)}
-        shapes = {name: float(np.sqrt(spread[0, 0])) for name in moved}
-    else:
-        shown, shapes = cause.shown(), dict(zip(names, np.sqrt(np.diag(spread)).tolist()))
-    return tuple(replace(p, std=shapes[p.name]) if p.name in shapes else p for p in shown)
+    turned = [shape.name for shape in cause.shapes if isinstance(cause, RigEffect) and getattr(cause, shape.name)]
+    shapes = dict(zip(turned or shape_names(cause), np.sqrt(np.diag(spread)[len(values) :]).tolist()))
+    shown = final.shown(values, spread[: len(values), : len(values)])
+    return tuple(replace(p, std=shapes.get(p.name, p.std)) for p in shown)
 
 
 def is_size_known(state: State, cause: Cause) -> bool:
@@ -137,7 +119,7 @@ def is_size_known(state: State, cause: Cause) -> bool:
     unit = np.sqrt(np.diag(spread)[held])
     if isinstance(cause, Signal):
         values = np.array([getattr(cause, name) for name in shape_names(cause)])[held]
-        return bool(np.max(np.abs(values / unit)) > CRITICAL_Z)
+        return bool(np.any(np.abs(values) > CRITICAL_Z * unit))
     precision = np.linalg.pinv(spread[np.ix_(held, held)] / np.outer(unit, unit), hermitian=True)
     size = state.coefficients(cause)[held[: width(cause)]]
     scaled = size / unit[: len(size)]
@@ -148,13 +130,12 @@ def compute_covariance(state: State, cause: Cause) -> Array:
     """Covariance of a cause's coefficients, then of its shape parameters; nan for what the log does not hold."""
     base = without(state, cause)
     if isinstance(cause, Signal):  # what it changes is the torque before it, by as much as its shape says
-        columns = tangent(base, cause, np.ones(1))[..., 1:]
+        columns = compute_tangent(base, cause, np.ones(1))[..., 1:]
     else:
-        columns = tangent(state, cause, state.coefficients(cause))
-    stacked = base.fit.stacked(columns)
-    rest = stacked - base.fit.basis @ (base.fit.basis.T @ stacked)
-    size = np.linalg.norm(rest, axis=0)
-    shown = size > ROUNDING * np.linalg.norm(stacked, axis=0)  # the base columns leave more than rounding of it
+        columns = compute_tangent(state, cause, state.coefficients(cause))
+    rest = project(base.fit, columns, None)
+    size, whole = (np.linalg.norm(x, axis=0) for x in (rest, base.fit.stacked(columns)))
+    shown = size > ROUNDING * whole  # the base columns leave more than rounding of it
     unit = np.where(shown, size, 1.0)
     own, sizes, turned = np.linalg.svd(np.where(shown, rest / unit, 0.0), full_matrices=False)
     held = sizes > HELD * sizes[0]
@@ -165,7 +146,7 @@ def compute_covariance(state: State, cause: Cause) -> Array:
     return np.where(free[:, None] | free, np.nan, back @ spread @ back.T)
 
 
-def tangent(state: State, cause: Cause, weights: Array) -> Array:
+def compute_tangent(state: State, cause: Cause, weights: Array) -> Array:
     """Whitened columns of a cause, then slopes of its torque by its shape parameters, (rows, n, c).
 
     Args:
@@ -173,13 +154,12 @@ def tangent(state: State, cause: Cause, weights: Array) -> Array:
         cause: The cause.
         weights: Its coefficients, with which its torque changes with its shape.
     """
-    now = state.columns(cause).values
+    now, upper = state.columns(cause).values, {shape.name: shape.upper for shape in cause.shapes}
     columns = [now]
     for name in shape_names(cause):
         value = getattr(cause, name)
-        step = NUDGE * abs(value) if value else 1e-6
-        shape = next(s for s in cause.shapes if s.name == name)
-        other = cause.altered(**{name: value + step if value + step <= shape.upper else value - step})
+        step = NUDGE * abs(value)
+        other = cause.altered(**{name: value + step if value + step <= upper[name] else value - step})
         slope = state.columns(other).values - now
         slope = np.where(np.abs(slope) > ROUNDING * np.max(np.abs(now)), slope, 0.0)
         columns.append((slope @ weights)[:, :, None] / (getattr(other, name) - value))

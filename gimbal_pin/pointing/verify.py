@@ -282,9 +282,9 @@ def modelled(rig: Rig, log: Log, asked: Asked) -> tuple[Model | None, tuple[Find
     if not asked.find:
         return asked.known, ()
     found = diagnose(rig, [log], rng=np.random.default_rng(LEARNED))
-    if found.after is None or not found.is_extended:
+    if not found.is_extended:
         return asked.known, ()
-    return found.after.model, found.lacking
+    return found.after, found.lacking
 
 
 def grounds(rig: Rig, asked: Asked) -> list[tuple[Ground, str, float]]:

@@ -180,7 +180,7 @@ def auto(
     generator, seed = make_generator(rng)
     wrong, undiagnosed = examined(rig, logs, generator, holdout, mass)
     extended = wrong is not None and wrong.is_extended
-    model = wrong.model if wrong is not None and extended else identified.model
+    model = wrong.after if wrong is not None and extended else identified.model
     asked = wish or Wish.sampled(find_interval(log.dt for log in logs))
     tunings, late = tuned(model, asked), asked.samples
     laws = {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}
@@ -281,7 +281,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
     if found.held is not None:
         writers["camera"] = partial(atomic_write, content=pages.moving(rig, found.held))
     if wrong is not None and wrong.held is not None:
-        writers["extended model"] = partial(write_extended, wrong.model)
+        writers["extended model"] = partial(write_extended, wrong.after)
     writers |= {} if wrong is None else build_motion_writer(wrong)
     return write_run(folder, {found.files[what].name: write for what, write in writers.items()}, run)
 

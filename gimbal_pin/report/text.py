@@ -321,7 +321,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
         lines += tables.list_curves(found)
         lines += [f"({tables.ALONE[0].lower()}{tables.ALONE[1:]})"] if len(found.findings) > 1 else []
     lines += tracking_gain(found)
-    if found.after.model.rig.aims:
+    if found.after.rig.aims:
         lines += describe_payload(found.given, caveats(found))
     lines += [f"note: {note}" for note in found.notes] + list_altered(found.altered)
     for one in found.immaterial:
@@ -391,11 +391,11 @@ def sized(figure: Parameter) -> str:
 
 def tracking_gain(found: Diagnosis) -> list[str]:
     """How closely a controller follows with the found causes compensated, and without."""
-    from gimbal_pin.diagnosis.gain import describe_motion, no_closer
+    from gimbal_pin.diagnosis.gain import describe_motion, describe_worse_tracking
 
     if not found.tracking:
         return []
-    rig = found.after.model.rig
+    rig = found.after.rig
     looks = {joint.name: joint for joint in joints_of(rig)}
     sizes = {
         name: [looks[name].text(row[f"rms_{at}"], digits=2) for at in ("before", "after")]
@@ -405,7 +405,7 @@ def tracking_gain(found: Diagnosis) -> list[str]:
     said = (
         f"tracking error in simulation, rms, without and with compensation: {', '.join(each)} ({describe_motion(rig)})"
     )
-    return [said, *no_closer(found.tracking)]
+    return [said, *describe_worse_tracking(found.tracking)]
 
 
 # -- controllers -------------------------------------------------------------------------------------------------------

@@ -13,8 +13,6 @@ from real_data.running import Outcome
 
 Json = dict[str, Any]
 
-NAMED = ("named", "unconfirmed")
-"""Statuses of a finding that has a name: `unconfirmed` is a mark on one."""
 WORSE = 1.1
 """Ratio of held-out errors from which a named finding harms: a tenth, as a model may lose to least squares."""
 PREDICTS = 0.5
@@ -65,7 +63,7 @@ def judge(log: str, known: Known, outcome: Outcome, explained: Callable[[], floa
 
 def named(told: Json, *causes: str) -> list[Json]:
     """Return the findings that have a name, of these causes or of all but the data's."""
-    return [f for f in told["findings"] if f["status"] in NAMED and (not causes or f["cause"] in causes)]
+    return [f for f in told["findings"] if f["status"] == "named" and (not causes or f["cause"] in causes)]
 
 
 def values(finding: Json, name: str) -> list[float]:
@@ -87,7 +85,7 @@ def is_of(finding: Json, cause: str) -> bool:
 
 def is_found(told: Json, known: Known) -> bool:
     """Whether all that is known of the device is found; never where nothing is known."""
-    found = [f for f in told["findings"] if f["status"] in (*NAMED, "data")]
+    found = [f for f in told["findings"] if f["status"] in ("named", "data")]
     each = (any(is_of(f, cause) for f in found for cause in one.split("|")) for one in known.found)
     gained = all(after <= known.share * before for before, after in errors(told).values())
     return bool(known.found) and all(each) and gained and known.harmonics <= harmonics(told)

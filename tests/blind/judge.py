@@ -57,8 +57,8 @@ def names_of(finding: Json) -> set[str]:
 
 
 def confident(finding: Json) -> bool:
-    """Whether a finding is told as a fact: "unconfirmed" is a mark on what is named."""
-    return finding["status"] in ("named", "unconfirmed")
+    """Whether a finding is told as a fact."""
+    return bool(finding["status"] == "named")
 
 
 def same_joint(finding: Json, cause: Json) -> bool:
@@ -89,7 +89,7 @@ def first_right(case: Judged) -> bool:
 
 
 def named_wrong(case: Judged) -> bool:
-    """Whether anything is named, confirmed or not, that was not hidden."""
+    """Whether anything is named that was not hidden."""
     named = filter(confident, case.findings)
     return any(not any(tells(found, cause) for cause in case.causes) for found in named)
 

@@ -120,7 +120,6 @@ def score(cases: Sequence[Judged]) -> list[Figure]:
         _share("drive-like, one cause: named but wrong", map(named_wrong, of("drive-single"))),
         _share("data faults told", map(fault_told, of("data"))),
         _share("data faults: physics named", map(named_wrong, of("data"))),
-        _share("findings that are unconfirmed", (f["status"] == "unconfirmed" for c in cases for f in c.findings)),
         _share("refused", (case.verdict == "refused" for case in cases)),
     ]  # fmt: skip
 

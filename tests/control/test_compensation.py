@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.control import ComputedTorque, Pid, margins, stored, tune
-from gimbal_pin.diagnosis import Extended
-from gimbal_pin.diagnosis.gain import followed
+from gimbal_pin.diagnosis.gain import simulate_tracking
 from gimbal_pin.dynamics import Estimated, Model, convert_model, nominal, plant_with, read_model_data
 from gimbal_pin.effects import (
     ActuatorLag,
@@ -165,8 +164,8 @@ def test_a_file_whose_drive_holds_a_torque_effect_is_refused(rig: Rig, found: Mo
 def test_compensating_what_is_there_follows_closer(rig: Rig) -> None:
     """On a plant that cogs and is late: closer at both joints, whatever the sensors' noise."""
     plant = with_causes(rig, "cogging:pan:amplitude=0.08,harmonic=12", "delay:tilt:time=0.008")
-    gain = followed(Extended(nominal(rig)), Extended(plant), np.random.default_rng(0))
+    gain = simulate_tracking(nominal(rig), plant, np.random.default_rng(0))
     assert list(gain) == list(rig.joints)
     assert all(row["rms_after"] < 0.5 * row["rms_before"] for row in gain.values())
-    same = followed(Extended(plant), Extended(plant), np.random.default_rng(0))
+    same = simulate_tracking(plant, plant, np.random.default_rng(0))
     assert all(row["rms_after"] == row["rms_before"] for row in same.values())

@@ -50,7 +50,7 @@ def test_a_detent_has_no_name_and_its_curve_lies_within_its_band(found: Diagnosi
 
 
 def test_a_table_says_nothing_where_the_log_did_not_go(found: Diagnosis) -> None:
-    (carried,) = (term for term in found.model.terms if isinstance(term.effect, TorqueTable))
+    (carried,) = (term for term in found.after.terms if isinstance(term.effect, TorqueTable))
     knots = np.array(carried.effect.knots)
     assert knots[0] < NOTCH[0] and NOTCH[-1] < knots[-1]
     step = knots[1] - knots[0]
@@ -59,19 +59,19 @@ def test_a_table_says_nothing_where_the_log_did_not_go(found: Diagnosis) -> None
 
 
 def test_a_model_with_a_table_is_read_as_it_was_written(found: Diagnosis, tmp_path: Path) -> None:
-    write_extended(found.model, tmp_path / "extended.yaml")
-    again = read_model(tmp_path / "extended.yaml", found.model.rig)
-    assert again.terms == found.model.terms
-    assert again.estimated is not None and found.model.estimated is not None
-    np.testing.assert_allclose(again.estimated.std, found.model.estimated.std)
-    assert again.estimated.dt == found.model.estimated.dt == 0.001
+    write_extended(found.after, tmp_path / "extended.yaml")
+    again = read_model(tmp_path / "extended.yaml", found.after.rig)
+    assert again.terms == found.after.terms
+    assert again.estimated is not None and found.after.estimated is not None
+    np.testing.assert_allclose(again.estimated.std, found.after.estimated.std)
+    assert again.estimated.dt == found.after.estimated.dt == 0.001
 
 
 def test_a_controller_with_a_table_follows_as_one_that_knows_the_detent(found: Diagnosis, plant: Model) -> None:
     assert found.tracking["pan"]["rms_after"] < 0.8 * found.tracking["pan"]["rms_before"]
-    models = {"table": found.model, "known": plant}
+    models = {"table": found.after, "known": plant}
     laws = {name: tune(model, bandwidth_hz=4.0, dt=0.004).controller for name, model in models.items()}
-    laws["pid"] = tune(found.model, bandwidth_hz=4.0, dt=0.004, kind="pid").controller
+    laws["pid"] = tune(found.after, bandwidth_hz=4.0, dt=0.004, kind="pid").controller
     done = dict.fromkeys(laws, 0.0)
     for one in track(plant, laws, rng=np.random.default_rng(0)).experiments:
         done[one.controller] += one.joints["pan"].rms_error

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
 from gimbal_pin.diagnosis import BAND, Problem, State, gather, solved
-from gimbal_pin.diagnosis.uncertainty import bin_rows, cluster_covariance, parameters
+from gimbal_pin.diagnosis.uncertainty import bin_rows, cluster_covariance, estimate_figures
 from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import AsymmetricFriction, Backlash, CableSpring, Cause, Cogging, Parameter, parse_effect
 from gimbal_pin.log import Array, Log
@@ -45,7 +45,7 @@ def fitted(log: Log, *causes: Cause) -> State:
 
 
 def told(state: State) -> dict[str, Parameter]:
-    return {p.name: p for cause in state.causes for p in parameters(state, cause)}
+    return {p.name: p for cause in state.causes for p in estimate_figures(state, cause)}
 
 
 @given(SEEDS)

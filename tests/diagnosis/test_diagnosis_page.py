@@ -58,14 +58,14 @@ def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
 def test_nothing_is_promised_of_findings_that_a_spoilt_log_shows(found: Diagnosis) -> None:
     assert "What to do about it" in sections.diagnosis(found).html
     fault = Fault("acceleration-noise", "tilt", "tilt: noise", (), 2.0, True, "record again")
-    spoilt = replace(found, verdict="data", faults=(fault,))
+    spoilt = replace(found, faults=(fault,))
     shown = sections.diagnosis(spoilt).html
     assert "not to be acted on" in shown and "What to do about it" not in shown
 
 
 def test_the_gain_in_closed_loop_says_of_which_motion_and_controller_it_is(found: Diagnosis) -> None:
     """A log's own tracking error is of another motion, and hardly the same: here next to nothing."""
-    said = describe_motion(found.after.model.rig)
+    said = describe_motion(found.after.rig)
     assert "4 Hz" in said and "20°" in said
     assert f"({said})" in text.diagnosis(found, {}) and escape(said) in sections.diagnosis(found).html
 
@@ -185,26 +185,24 @@ def test_the_bars_hold_the_figures_of_the_json(rig: Rig, found: Diagnosis) -> No
 
 
 def test_a_model_that_knows_leaves_joints_cold(rig: Rig, log: Log, found: Diagnosis) -> None:
-    before, after = (heat(known.model, log) for known in (found.before, found.after))
+    before, after = (heat(known, log) for known in (found.before, found.after))
     for warm in (before, after):
         assert warm.shape == log.q.shape and np.all((warm >= 0) & (warm <= 1))
     assert before[:, 1].mean() > 3 * after[:, 1].mean()
     louder = replace(log, tau=2 * np.asarray(log.tau))
-    assert heat(found.after.model, louder).mean() > after.mean()
+    assert heat(found.after, louder).mean() > after.mean()
     with pytest.raises(UsageError, match="torque"):
-        heat(found.after.model, replace(log, tau=None))
+        heat(found.after, replace(log, tau=None))
 
 
 def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
     assert missed(found) == "The rigid model misses cogging at tilt"
     (finding,) = found.findings
-    either = replace(finding, status="ambiguous", alike=("cogging", "cable-spring"))
+    either = replace(finding, alike=("cogging", "cable-spring"))
     assert missed(replace(found, findings=(either,))).endswith("cogging or cable-spring at tilt")
     left = {"pan": Residual("structured", 0.1, 9.0, 1.0)}
-    assert "something at pan that no known cause" in missed(
-        replace(found, verdict="unknown", findings=(), residual=left)
-    )
-    assert missed(None) == missed(replace(found, verdict="nothing", findings=())) == ""
+    assert "something at pan that no known cause" in missed(replace(found, findings=(), residual=left))
+    assert missed(None) == missed(replace(found, findings=())) == ""
     said = verdict(99.0, missed(found))
     assert "cogging at tilt" in said and "explains" not in said
     assert to_do(found, None) == ("Against cogging at tilt: cogging feed-forward by angle.",)
@@ -215,11 +213,11 @@ def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
 def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis) -> None:
     """The verdict is named where any finding is; of another that is ambiguous it says that it is open."""
     finding = found.findings[0]
-    either = replace(finding, joint="roll", status="ambiguous", alike=("cogging", "cable-spring"), next_experiment="it")
-    mixed = replace(found, verdict="named", findings=(finding, either))
+    either = replace(finding, joint="roll", alike=("cogging", "cable-spring"), next_experiment="it")
+    mixed = replace(found, findings=(finding, either))
     assert text.diagnosis(mixed, {}).startswith("verdict: named, but for cogging/cable-spring at roll: which of these")
     assert sections.verdict(mixed).endswith("It leaves open whether it is cogging or cable-spring at roll.")
-    sure = replace(found, verdict="named", findings=(finding,))
+    sure = replace(found, findings=(finding,))
     assert text.diagnosis(sure, {}).startswith("verdict: named\n") and sections.verdict(sure).endswith("says what.")
 
 

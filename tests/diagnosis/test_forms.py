@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.diagnosis import BAND, Evidence, Extended, Problem, State, gather, solved, torque_rmse, without
-from gimbal_pin.diagnosis.extended import settled
+from gimbal_pin.diagnosis import BAND, Evidence, Problem, State, gather, solved, torque_rmse, without
+from gimbal_pin.diagnosis.extended import settle_causes
 from gimbal_pin.diagnosis.library import Library, list_candidates
 from gimbal_pin.diagnosis.shapes import free, moved, shape_names
 from gimbal_pin.diagnosis.state import resize, solve_consistently
@@ -184,7 +184,7 @@ def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect, trials: tuple[C
     """In proportion to a small turn its torque would be off by a tenth; and it is no candidate a second time."""
     linear = fitted(nominal(turn.apply(RIG)), *trials)
     state = solve_consistently(linear)
-    (found,) = settled(state)
+    (found,) = settle_causes(state)
     for shape in turn.shapes:
         assert getattr(found, shape.name) == pytest.approx(getattr(turn, shape.name), abs=1e-3)
     assert np.all(state.fit.dispersion < 1.2) and np.all(linear.fit.dispersion > 100)
@@ -211,10 +211,10 @@ def test_a_base_that_sinks_is_found_with_its_rate() -> None:
     problem = Problem.of(gather(RIG, [log], ALIGNED), reduce_parameters(RIG))
     linear = solved(problem, (BaseTilt(pitch_rate=1e-3),), solved(problem, ()))
     state = solve_consistently(linear)
-    (found,) = settled(state)
+    (found,) = settle_causes(state)
     assert found.to_dict()["pitch_rate"] == pytest.approx(-0.02, abs=1e-4)
     assert np.all(state.fit.dispersion < 1.2) and np.any(linear.fit.dispersion > 3)
-    errors = [np.max(torque_rmse(problem.evidence, Extended(one))) for one in (model, nominal(RIG))]
+    errors = [np.max(torque_rmse(problem.evidence, one)) for one in (model, nominal(RIG))]
     assert errors[0] < 0.2 * errors[1]
 
 

@@ -137,7 +137,7 @@ def test_the_diagnosis_says_of_the_payload_what_identify_says(more: tuple[str, .
     causes = {name: CAUSES[name] for name in ("cogging", "stribeck")}
     found = diagnose(rig, [log], causes, rng=RNG(0))
     assert [one.cause for one in found.findings] == ["cogging"] * len(more)
-    told = compare_payload(identify(rig, [log], refittable_effects(found.after.model)))
+    told = compare_payload(identify(rig, [log], refittable_effects(found.after)))
     assert {key: found.to_dict()[key] for key in ("given_model", "balance")} == told.to_dict()
     row = told.to_dict()["given_model"]["camera"]
     shown = [k for k, x in enumerate(row["com_mm"]) if x is not None]

@@ -32,9 +32,8 @@ def test_the_help_lists_every_cause(run: Run) -> None:
 def find(*rivals: Rival, untried: tuple[str, ...] = ()) -> Finding:
     """A delay with rivals, and with causes that no log of its range tells from it."""
     alike = (*find_credible("delay", rivals), *untried)
-    status = "ambiguous" if len(alike) > 1 else "named"
     gain = {"torque_rmse_before": 1.0, "torque_rmse_after": 0.5, "rollout_rmse_before": 1.0, "rollout_rmse_after": 0.5}
-    return Finding("delay", "pan", status, alike, (), gain, 0.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
+    return Finding("delay", "pan", alike, (), gain, 0.0, 0.5, 1.0, rivals, "pan: delay", "a chirp")
 
 
 def test_what_else_it_may_be_is_told_with_its_probability() -> None:
@@ -94,8 +93,7 @@ def test_what_may_hide_in_the_noise_is_told_where_that_is_much_of_the_torque(
 ) -> None:
     figures = {"torque_rmse": {"pan": 0.02}, "fit_percent": {"pan": fit}}
     shown = SimpleNamespace(residual={"pan": Residual(state, 1e-3, 1.0)}, extended=figures)
-    shown.after = SimpleNamespace(model=SimpleNamespace(rig=Rig.load("turret")))
-    shown.noisy = Diagnosis.__dict__["noisy"].fget(shown)
+    shown.after = SimpleNamespace(rig=Rig.load("turret"))
     said = Diagnosis.__dict__["hidden"].fget(shown)
     assert said.startswith("the noise may hide up to 0.02 N m at pan") if told else not said
 

@@ -10,7 +10,7 @@ import pytest
 
 from gimbal_pin.diagnosis import Evidence, Problem, State, gather, solved, torque_rmse
 from gimbal_pin.diagnosis.evidence import gather_for_judgement
-from gimbal_pin.diagnosis.extended import extended
+from gimbal_pin.diagnosis.extended import build_extended_model
 from gimbal_pin.diagnosis.library import list_candidates
 from gimbal_pin.dynamics import Model, Plant, nominal, reduce_parameters
 from gimbal_pin.dynamics import State as At
@@ -115,5 +115,5 @@ def test_friction_that_a_motor_warms_by_its_own_torque_is_found() -> None:
     assert after.coefficients(best)[0] / best.held**2 == pytest.approx(change * dry / held**2, rel=0.1)
     timed = solved(state.problem, (replace(best, held=0.0),), state)
     assert timed.fit.cost > 1.5 * after.fit.cost or timed.fit.dispersion.max() > 1.5 * after.fit.dispersion.max()
-    left = [torque_rmse(rest, extended(x))[RIG.joint_index(joint)] for x in (after, timed, state)]
+    left = [torque_rmse(rest, build_extended_model(x))[RIG.joint_index(joint)] for x in (after, timed, state)]
     assert left[0] < 0.5 * min(left[1:])

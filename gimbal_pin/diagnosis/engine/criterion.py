@@ -22,7 +22,7 @@ from gimbal_pin.diagnosis.engine.discrepancy import unseen
 from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.shapes import free, same, shape_names
 from gimbal_pin.diagnosis.state import Problem, State, apply_signal, solve_consistently, solved, width
-from gimbal_pin.diagnosis.uncertainty import tangent
+from gimbal_pin.diagnosis.uncertainty import compute_tangent
 from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.identification import given_beta
@@ -251,5 +251,5 @@ def overfit(state: State) -> Array:
 def tangents(state: State, cause: Cause) -> Array:
     """Return how the torque changes with each of a chosen cause's shapes, whitened, (rows, n, shapes)."""
     if isinstance(cause, Signal):  # what it changes is the torque before it
-        return tangent(without(state, cause), cause, np.ones(1))[..., 1:]
-    return tangent(state, cause, state.coefficients(cause))[..., width(cause) :]
+        return compute_tangent(without(state, cause), cause, np.ones(1))[..., 1:]
+    return compute_tangent(state, cause, state.coefficients(cause))[..., width(cause) :]

@@ -60,21 +60,16 @@ class Explained:
         return shifts(self.first.problem.evidence)
 
     @property
-    def denied(self) -> tuple[bool, ...]:
-        """Whether a cause at each joint was denied its name."""
-        named = {kept(one) for one in self.final.causes}
-        places = {one.place for one in self.state.causes if kept(one) not in named}
-        return tuple(joint in places for joint in self.first.problem.evidence.rig.joints)
-
-    @property
     def structured(self) -> tuple[bool, ...]:
         """Whether something is left that no named cause explains, joint by joint: δ predicts it, or a name was denied.
 
         A search that was stopped has sketched something with what it had.
         """
+        named = {kept(one) for one in self.final.causes}
+        denied = {one.place for one in self.state.causes if kept(one) not in named}
         return tuple(
-            material(lack) or denied or (stopped(self.state) and lack.power > 0)
-            for lack, denied in zip(self.after, self.denied)
+            material(lack) or joint in denied or (stopped(self.state) and lack.power > 0)
+            for joint, lack in zip(self.first.problem.evidence.rig.joints, self.after)
         )
 
     def left(self, joint: int) -> float:

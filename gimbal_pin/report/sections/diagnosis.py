@@ -13,9 +13,8 @@ from markupsafe import Markup
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.counterfactual import COMPENSATION
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.gain import compute_filtered_error, describe_motion, no_closer
-from gimbal_pin.diagnosis.likeness import Likeness
-from gimbal_pin.diagnosis.result import TOGETHER
+from gimbal_pin.diagnosis.gain import compute_filtered_error, describe_motion, describe_worse_tracking
+from gimbal_pin.diagnosis.result import TOGETHER, Likeness
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
@@ -69,7 +68,7 @@ def diagnosis(found: Diagnosis) -> Section:
         parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
         parts.append(residuals(found, joints, found.held))
         parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings or found.is_extended else []
-    if found.given.lines and found.after.model.rig.aims:
+    if found.given.lines and found.after.rig.aims:
         parts += [
             heading("The given model against the refitted one"),
             bullets((*found.given.lines, *found.given.advice)),
@@ -265,9 +264,9 @@ def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
         "position after 0.2 s of simulation from the held-out torque"
     )
     told = "; and a simulated controller's tracking error without and with the causes compensated "
-    told += f"({describe_motion(found.after.model.rig)})."
+    told += f"({describe_motion(found.after.rig)})."
     caption += told if found.tracking else "."
-    caption += "".join(f" {line}." for line in no_closer(found.tracking))
+    caption += "".join(f" {line}." for line in describe_worse_tracking(found.tracking))
     return plots.picture(partial(bars, several, tuple(joints)), alt, caption)
 
 
