@@ -64,7 +64,7 @@ def campaign(count: int, seconds: float, platform: bool = False) -> tuple[engine
     if not seconds:
         return Waiting.wait, [Waiting(k) for k in range(count)]
     from gimbal_pin import Rig, nominal
-    from gimbal_pin.fleet.montecarlo import make_study
+    from gimbal_pin.fleet.study import make_study
     from gimbal_pin.fleet.variation import RigDesign, Variation, choose_default_vary
 
     model = nominal(Rig.load("turret"))

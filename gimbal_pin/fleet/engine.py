@@ -7,6 +7,7 @@ their number: the coordinator holds no result, and a run that was killed is resu
 
 from __future__ import annotations
 
+import hashlib
 import json
 import multiprocessing
 import os
@@ -15,10 +16,20 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from contextlib import contextmanager
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
+from importlib.util import find_spec
 from io import BytesIO
 from shutil import get_terminal_size
 from tempfile import TemporaryDirectory
@@ -27,10 +38,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from uuid import uuid4
 
 from gimbal_pin.dynamics.threads import limit_to_one_thread
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import GimbalPinError, UsageError
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
+    from pandas import DataFrame
 
 Value = float | int | str | bool | None
 Work = Callable[[Any], Mapping[str, Value]]
@@ -53,6 +65,18 @@ TASK_UNITS = 100
 SHARED_BREAKS, BREAKS = 2, 5
 """Broken executors after which a task runs alone, and after which its unit is a row with that error."""
 RESUME = "the same call goes on with what is missing"
+FAILURES = (
+    GimbalPinError,
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+"""What a unit can make its work raise, be it a fault of the program: its result, which ends no other unit."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +87,7 @@ class Run:
         work: What computes a unit.
         units: The units' inputs, by place; may be computed on access.
         folder: Local path or any URL that fsspec knows; holds parts, `RUN` and `TABLE`.
-        settings: What the results depend on, plain values: a folder of other settings is refused.
+        settings: What the results depend on, as JSON holds it: a folder of other settings is refused.
     """
 
     work: Work
@@ -85,13 +109,27 @@ class UnitRange(NamedTuple):
         return [UnitRange(a, b, self.breaks) for a, b in ((self.first, middle), (middle, self.stop)) if a < b]
 
 
-@dataclass(frozen=True)
-class Progress:
+class Progress(NamedTuple):
     """Units that were there before, were computed now, and of all the rows how many hold an error."""
 
     found: int
     computed: int
     failed: int
+
+
+def compute_table(
+    work: Work,
+    units: Sequence[Any],
+    settings: Mapping[str, object],
+    folder: str | None = None,
+    executor: ExecutorFactory | None = None,
+    workers: int | Capacity = 0,
+    quiet: bool = True,
+) -> DataFrame:
+    """Return all rows of a `Run` after `run_units`; its folder is None where nothing is kept."""
+    with TemporaryDirectory(prefix="gimbal-pin-") if folder is None else nullcontext(folder) as place:
+        run_units(Run(work, units, place, settings), executor, workers=workers, quiet=quiet)
+        return read_table(place)
 
 
 def run_units(
@@ -103,7 +141,7 @@ def run_units(
 
     Args:
         run: The units.
-        executor: Makes the executor; None: `process_pool` with `workers` processes.
+        executor: Makes the executor; None: as many processes as `workers`, or this process for one.
         workers: How many tasks run at once, or what tells; 0: the processors of this machine.
         quiet: No progress bar, nor lines on standard error where that is no terminal.
 
@@ -113,6 +151,7 @@ def run_units(
     from tqdm import tqdm
 
     capacity = workers if callable(workers) else partial(int, workers or os.cpu_count() or 1)
+    executor = executor or (partial(ThreadPoolExecutor, 1) if workers == 1 else partial(process_pool, capacity()))
     if not run.folder:
         raise UsageError("folder", "has no name", "name one")
     if "://" not in run.folder:  # workers may run elsewhere
@@ -128,7 +167,7 @@ def run_units(
         with bar:
             if is_written and found:
                 tqdm.write(f"units: {found} of {total} were there", sys.stderr)
-            for done, errors in compute(run, missing, executor or partial(process_pool, capacity()), capacity):
+            for done, errors in compute(run, missing, executor, capacity):
                 failed += errors
                 bar.set_postfix_str(f"{failed} failed" if failed else "", refresh=False)
                 bar.update(done)
@@ -161,7 +200,7 @@ def compute(run: Run, missing: list[UnitRange], factory: ExecutorFactory, capaci
                     queue.popleft()
                     queue.extendleft(rest)
                 for future in wait(pending, return_when=FIRST_COMPLETED).done:
-                    done, failed = collect(future)
+                    done, failed = read_counts(future)
                     queue.extendleft(pending.pop(future).split(done)[1:])
                     yield done, failed
         except BrokenExecutor:
@@ -176,19 +215,19 @@ def compute(run: Run, missing: list[UnitRange], factory: ExecutorFactory, capaci
             pending.clear()
 
 
-def collect(future: Future[Counts]) -> Counts:
+def read_counts(future: Future[Counts]) -> Counts:
     """Return what a task returned.
 
     Raises:
         BrokenExecutor: A process was killed, and took the executor or at least this task with it.
         UsageError: The executor is gone, or a worker cannot read the task or write its rows.
     """
-    try:
+    error = CancelledError() if future.cancelled() else future.exception()
+    if error is None:
         return future.result()
-    except Exception as error:
-        if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":  # Dask's
-            raise BrokenExecutor(str(error)) from error
-        raise UsageError("executor", f"gave a task up ({error!r})", f"mend that; {RESUME}") from error
+    if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":  # Dask's
+        raise BrokenExecutor(str(error)) from error
+    raise UsageError("executor", f"gave a task up ({error!r})", f"mend that; {RESUME}") from error
 
 
 @contextmanager
@@ -249,7 +288,7 @@ def compute_unit(work: Work, unit: Any) -> Mapping[str, Value]:
     """The unit's record, with its `error` or None, or `error` alone where it raises."""
     try:
         return {"error": None, **work(unit)}
-    except Exception as error:  # noqa: BLE001 - whatever a unit raises is its result, and ends no other unit
+    except FAILURES as error:
         return {"error": f"{type(error).__name__}: {error}"}
 
 
@@ -293,10 +332,24 @@ def list_folder(folder: str) -> list[str]:
         return []
 
 
+def check_installed(place: str, *packages: str) -> None:
+    """Raise `UsageError` for a package of the extra [fleet] that is missing."""
+    for package in packages:
+        if find_spec(package) is None:
+            raise UsageError(place, f"needs {package}, which is not installed", "pip install gimbal-pin[fleet]")
+
+
+def shorten_setting(value: object) -> object:
+    """Return a number or a text as it is, and the digest of a list or a table."""
+    if not isinstance(value, (list, tuple, dict)):
+        return value
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
+
+
 def claim_folder(run: Run) -> None:
     """Make the folder, or raise `UsageError` where it holds the results of other settings."""
     files, place = file_system(run.folder)
-    settings = json.loads(json.dumps({**run.settings, "units": len(run.units)}, sort_keys=True))
+    settings = {**{name: shorten_setting(x) for name, x in run.settings.items()}, "units": len(run.units)}
     try:
         files.makedirs(f"{place}/{PARTS}", exist_ok=True)
         if not files.exists(f"{place}/{RUN}"):
@@ -307,8 +360,7 @@ def claim_folder(run: Run) -> None:
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise UsageError(run.folder, f"cannot be used ({error})", "give another folder") from error
     if other := [key for key in {**settings, **earlier} if earlier.get(key) != settings.get(key)]:
-        *some, last = [f"`{key}`" for key in other]
-        keys = f"{', '.join(some)} and {last}" if some else last
+        keys = " and ".join(f"`{key}`" for key in other)
         what = f"holds another run's results: {keys} differ{'s' * (len(other) == 1)}"
         raise UsageError(run.folder, what, "give another folder, or the same settings to go on")
 
@@ -365,3 +417,12 @@ def write_table(run: Run, at_once: int = 500) -> int:
     if stale := [path for path in list_folder(f"{run.folder}/{PARTS}") if not PART.search(path)]:
         files.rm(stale)  # what killed processes were writing
     return failed
+
+
+def read_table(folder: str) -> DataFrame:
+    """Return all rows of a run."""
+    import pandas as pd
+
+    files, path = file_system(f"{folder}/{TABLE}")
+    with files.open(path, "rb") as source:
+        return pd.read_parquet(source)

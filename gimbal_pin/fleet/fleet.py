@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from enum import Enum
-from functools import partial
 from pathlib import Path, PurePosixPath
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.fleet.engine import RUN, TABLE, Capacity, ExecutorFactory, Run, file_system, run_units
+from gimbal_pin.fleet.engine import RUN, Capacity, ExecutorFactory, compute_table, file_system, read_table
 from gimbal_pin.fleet.manifest import Manifest, read_manifest
 from gimbal_pin.fleet.population import Deviation, DeviationKind, FleetParameter, UnitEstimate, compare_units
+from gimbal_pin.fleet.study import describe_rig
 from gimbal_pin.fleet.units import LogStudy
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -270,12 +266,7 @@ def compare_fleet(
     if earlier is None and len({log.unit for log in manifest.logs}) < 2:
         raise UsageError(manifest.place, "has the logs of one unit", "add its siblings', or give --reference")
     study = LogStudy(loaded, manifest.cutoff, quick, seed)
-    with ExitStack() as stack:
-        place = stack.enter_context(TemporaryDirectory(prefix="gimbal-pin-")) if folder is None else folder
-        run = Run(study.examine, manifest.logs, place, settings)
-        here = partial(ThreadPoolExecutor, 1) if workers == 1 else None
-        run_units(run, executor or here, workers=workers, quiet=quiet)
-        table = _read_table(place)
+    table = compute_table(study.examine, manifest.logs, settings, folder, executor, workers, quiet)
     table["reported"] = table["log"].notna() if "log" in table else False
     for column, name in (("log", "path"), ("serial", "unit"), ("time", "time"), ("taken", "taken")):
         table[column] = [getattr(log, name) for log in manifest.logs]
@@ -283,31 +274,18 @@ def compare_fleet(
 
 
 def _list_settings(rig: Rig, manifest: Manifest, quick: bool, seed: int) -> dict[str, object]:
-    """What the rows depend on: the rig and the logs by their digest, local ones with their sizes and dates."""
-
-    def digest(x: object) -> str:
-        return hashlib.sha256(json.dumps(x).encode()).hexdigest()[:16]
-
-    files = [Path(log.path) for log in manifest.logs if "://" not in log.path]
-    states = [(state.st_size, state.st_mtime_ns) for state in (file.stat() for file in files if os.path.exists(file))]
+    """What the rows depend on: the rig and the logs, local ones with their sizes and dates."""
+    paths = [log.path for log in manifest.logs]
+    states = [os.stat(path) for path in paths if "://" not in path and os.path.exists(path)]
     return {
         "rig": rig.name,
         "payload": rig.payload,
-        "model": digest([rig.urdf, repr((rig.limits, rig.motors, rig.config))]),
+        "model": describe_rig(rig),
         "cutoff": manifest.cutoff,
         "quick": quick,
         "seed": seed,
-        "logs": digest([[asdict(log) for log in manifest.logs], states]),
+        "logs": [asdict(log) for log in manifest.logs] + [[one.st_size, one.st_mtime_ns] for one in states],
     }
-
-
-def _read_table(folder: str) -> DataFrame:
-    """All rows of a run."""
-    import pandas as pd
-
-    files, path = file_system(f"{folder}/{TABLE}")
-    with files.open(path, "rb") as source:
-        return pd.read_parquet(source)
 
 
 def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
@@ -315,7 +293,7 @@ def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
     files, place = file_system(folder)
     try:
         earlier = json.loads(files.cat_file(f"{place}/{RUN}"))["settings"]
-        table = _read_table(folder)
+        table = read_table(folder)
         known = table[table["error"].isna()].assign(reported=True)
         lacking = {"serial", "time", "units"} - set(known)
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -9,13 +9,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
-from importlib.util import find_spec
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.fleet.engine import file_system
+from gimbal_pin.fleet.engine import check_installed, file_system
 from gimbal_pin.log.io.readers import FORMATS, files_of
 from gimbal_pin.log.mapping import read_mapping
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
@@ -96,9 +95,7 @@ def read_manifest(folder: str | Path) -> Manifest:
     Raises:
         UsageError: The folder or the manifest cannot be used; it names the entry.
     """
-    for package in ("pyarrow", "fsspec"):
-        if find_spec(package) is None:
-            raise UsageError("fleet", f"needs {package}, which is not installed", "pip install gimbal-pin[fleet]")
+    check_installed("fleet", "pyarrow", "fsspec")
     files, root = file_system(str(folder))
     is_remote = "://" in str(folder)
     try:

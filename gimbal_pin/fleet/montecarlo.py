@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
-from functools import partial
-from importlib.util import find_spec
-from math import isfinite
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.stats import binomtest
 
-from gimbal_pin.control.controllers import OURS, TUNED
-from gimbal_pin.control.laws.design import Wish
-from gimbal_pin.control.tuning import Stored, Tuning, tune
-from gimbal_pin.dynamics.model import Model, convert_model, nominal
-from gimbal_pin.errors import UsageError
-from gimbal_pin.fleet.engine import TABLE, Capacity, ExecutorFactory, Run, file_system, run_units
+from gimbal_pin.control.tuning import Stored, Tuning
+from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.fleet.engine import Capacity, ExecutorFactory, check_installed, compute_table
 from gimbal_pin.fleet.sensitivity import CONFIDENCE, Influence, rank_influences
-from gimbal_pin.fleet.study import Limit, Study, list_figures, make_roster, parse_limit
+from gimbal_pin.fleet.study import Limit, list_figures, make_study, parse_limit
 from gimbal_pin.fleet.variation import RigDesign, Variation, Vary, choose_default_vary
+from gimbal_pin.log.io.files import to_plain
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -93,28 +83,20 @@ class MonteCarlo:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds; null for what is infinite or unknown."""
-        unknown = {"value": None, "low": None, "high": None, "of": None}
-        return {
+        found = {
             "schema": 1,
-            "rig": self.rig,
-            "payload": self.payload,
-            "count": self.count,
-            "failed": self.failed,
+            **{name: getattr(self, name) for name in ("rig", "payload", "count", "failed")},
             "specification": [own.text for own in self.specification],
-            "yield": unknown if self.yield_ is None else asdict(self.yield_),
-            "figures": {name: replace_nonfinite(asdict(own)) for name, own in self.figures.items()},
-            "sensitivity": [replace_nonfinite(asdict(own)) for own in self.sensitivity],
-            "worst": [replace_nonfinite(own) for own in self.worst],
+            "yield": {name: getattr(self.yield_, name, None) for name in ("value", "low", "high", "of")},
+            "figures": {name: asdict(own) for name, own in self.figures.items()},
+            "sensitivity": [asdict(own) for own in self.sensitivity],
+            "worst": self.worst,
         }
+        return dict(to_plain(found, finite=True))
 
     def to_frame(self) -> DataFrame:
         """Return one row per rig."""
         return self.table
-
-
-def replace_nonfinite(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values with None for numbers that JSON cannot say."""
-    return {name: None if isinstance(x, float) and not isfinite(x) else x for name, x in values.items()}
 
 
 def monte_carlo(
@@ -161,11 +143,7 @@ def monte_carlo(
     Raises:
         UsageError: Something asked for cannot be; it names what.
     """
-    for package in ("pyarrow", "fsspec", *(["SALib"] if sobol else [])):
-        if find_spec(package) is None:
-            raise UsageError("monte_carlo", f"needs {package}, which is not installed", "pip install gimbal-pin[fleet]")
-    import pandas as pd
-
+    check_installed("monte_carlo", "pyarrow", "fsspec", *["SALib"] * sobol)
     known = nominal(rig) if model is None else model
     variation = Variation(known, choose_default_vary(known) if vary is None else vary)
     design = RigDesign(variation.inputs, count, seed, sobol, variation.vary.own_noise)
@@ -173,72 +151,33 @@ def monte_carlo(
     units = list_figures(rig, platform)
     limits = tuple(parse_limit(text, units) for text in spec)
     study = make_study(variation, controller, retune, platform, seconds)
-    with ExitStack() as stack:
-        place = stack.enter_context(TemporaryDirectory(prefix="gimbal-pin-")) if folder is None else folder
-        run = Run(study.run, design, place, {**describe_study(study), "seed": seed, "sobol": sobol})
-        here = partial(ThreadPoolExecutor, 1) if workers == 1 else None
-        run_units(run, executor or here, workers=workers, quiet=quiet)
-        files, path = file_system(f"{place}/{TABLE}")
-        with files.open(path, "rb") as source:
-            table = pd.read_parquet(source)
+    settings = {**study.describe(), "seed": seed, "sobol": sobol}
+    table = compute_table(study.run, design, settings, folder, executor, workers, quiet)
     return summarise_rigs(rig, units, design, limits, table)
 
 
-def make_study(
-    variation: Variation, controller: Stored | Tuning | None, retune: bool, platform: bool, seconds: float
-) -> Study:
-    """Return what every rig goes through; the controller knows the nominal one, or its own model."""
-    stored = controller.stored if isinstance(controller, Tuning) else controller
-    wish = Wish() if stored is None else stored.wish
-    law = None if stored is None else stored.law
-    roster = None if not platform else make_roster(variation.model if stored is None else stored.model, wish, law)
-    name = OURS if stored is None else TUNED
-    if retune:
-        return Study(variation, wish, None, seconds, roster, name)
-    law = tune(variation.model, **vars(wish)).controller if law is None else law
-    return Study(variation, wish, law, seconds, roster, name, None if roster is None else roster.holder(name))
-
-
-def describe_study(study: Study) -> dict[str, object]:
-    """Return what the results depend on, as plain values; models and gains by their digest."""
-    variation, law, known = study.variation, study.law, study.variation.estimated
-    rig = variation.model.rig
-    believed = convert_model(getattr(law, "model", variation.model))
-    parts = {
-        "model": [rig.urdf, repr((rig.limits, rig.motors, rig.config)), convert_model(variation.model)],
-        "covariance": None if known is None else known.covariance.tolist(),
-        "controller": [vars(study.wish), None if law is None else [law.gains, repr(vars(law).get("robust")), believed]],
-    }
-    digests = {name: hashlib.sha256(json.dumps(own).encode()).hexdigest()[:16] for name, own in parts.items()}
-    own = {"seconds": study.seconds, "platform": study.roster is not None, "vary": asdict(variation.vary)}
-    return {"rig": rig.name, **digests, **own}
-
-
 def summarise_rigs(
-    rig: Rig, units: Mapping[str, str], design: RigDesign, limits: Sequence[Limit], table: DataFrame
+    rig: Rig, units: Mapping[str, str], design: RigDesign, limits: tuple[Limit, ...], table: DataFrame
 ) -> MonteCarlo:
     """Return what the rows say."""
-    ran = table.error.isna().to_numpy()
-    for name in units:
-        if name not in table:
-            table[name] = np.nan
+    table = table.reindex(columns=list(dict.fromkeys([*table, *units])))  # a figure that no rig has is unknown
+    ran = table["error"].isna().to_numpy()
     figures = {name: table[name].to_numpy(dtype=float) for name in units}
     asked = limits or (Limit(next(iter(units)), 1.0, ""),)
     used = np.max([np.where(ran, figures[own.figure], np.inf) / own.bound for own in asked], axis=0)
-    single = design.independent
-    order = np.argsort(-used, kind="stable")[:SHOWN]
-    rows = table.iloc[order].astype(object).where(table.iloc[order].notna(), None)
+    drawn = design.independent
+    worst = table.iloc[np.argsort(-used, kind="stable")[:SHOWN]].astype(object)
     return MonteCarlo(
         rig=rig.name,
         payload=rig.payload,
         count=len(design),
         failed=int((~ran).sum()),
         inputs=design.inputs,
-        specification=tuple(limits),
-        yield_=estimate_yield(used[single] < 1.0) if limits else None,
-        figures={name: summarise_spread(own[single & ran]) for name, own in figures.items() if (single & ran).any()},
+        specification=limits,
+        yield_=estimate_yield(used[drawn] < 1.0) if limits else None,
+        figures={name: summarise_spread(own[drawn & ran]) for name, own in figures.items() if (drawn & ran).any()},
         sensitivity=rank_influences(design, used),
-        worst=tuple(rows.to_dict("records")),
+        worst=tuple(worst.where(worst.notna(), None).to_dict("records")),
         units=units,
         table=table,
     )
@@ -252,5 +191,4 @@ def estimate_yield(met: Array) -> Yield:
 
 def summarise_spread(values: Array) -> Spread:
     """Return how values are spread, each of them one that occurs."""
-    low, middle, high = np.quantile(values, [0.05, 0.5, 0.95], method="nearest").tolist()
-    return Spread(middle, low, high, float(values.max()))
+    return Spread(*np.quantile(values, [0.5, 0.05, 0.95, 1.0], method="nearest").tolist())

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from math import inf, isfinite, isnan, nan, radians
 from typing import ClassVar
 
 import numpy as np
 
-from gimbal_pin.control.controllers import OURS
+from gimbal_pin.control.controllers import OURS, TUNED
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import StepMetrics, track
-from gimbal_pin.control.tuning import Law, tune
-from gimbal_pin.dynamics.model import Model
+from gimbal_pin.control.tuning import Law, Stored, Tuning, tune
+from gimbal_pin.dynamics.model import Model, convert_model
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.effects import Signal
 from gimbal_pin.effects.signal import Memory
@@ -122,8 +122,7 @@ class Study:
         law: The controller; None: tuned anew for each unit.
         seconds: Length of a run, s.
         roster: What holds a camera on profile S; None: the rig steps on a base that stands.
-        name: Which of its controllers.
-        holder: The one, for all units; None: each unit's own.
+        holder: The one of its controllers for all units; None: each unit's own.
     """
 
     variation: Variation
@@ -131,8 +130,21 @@ class Study:
     law: Law | None
     seconds: float
     roster: Roster | None = None
-    name: str = OURS
     holder: Holder | None = None
+
+    def describe(self) -> dict[str, object]:
+        """Return what the results depend on."""
+        model, law, known = self.variation.model, self.law, self.variation.estimated
+        believed = convert_model(getattr(law, "model", model))
+        return {
+            "rig": model.rig.name,
+            "model": [describe_rig(model.rig), convert_model(model)],
+            "covariance": None if known is None else known.covariance.tolist(),
+            "controller": [vars(self.wish), None if law is None else [law.gains, repr(vars(law).get("robust")), believed]],
+            "seconds": self.seconds,
+            "platform": self.roster is not None,
+            "vary": asdict(self.variation.vary),
+        }
 
     def run(self, unit: Unit) -> dict[str, Value]:
         """Return a unit's inputs and figures, or its inputs and why no such rig can be or be simulated."""
@@ -144,8 +156,8 @@ class Study:
             law = tune(body, **vars(self.wish)).controller if self.law is None else self.law
             if self.roster is None:
                 return {**inputs, **self.simulate_step(law, plant, values, unit.seed)}
-            own = replace(self.roster, model=body, law=law if self.roster.law is not None else None)
-            return {**inputs, **self.hold_camera(self.holder or own.holder(self.name), plant, values, unit.seed)}
+            own = replace(self.roster, model=body, law=self.roster.law and law)
+            return {**inputs, **self.hold_camera(self.holder or choose_holder(own), plant, values, unit.seed)}
         except GimbalPinError as error:
             return {**inputs, "error": str(error)}
 
@@ -208,6 +220,30 @@ def compute_torque_shares(joints: tuple[str, ...], tau: Array, limits: Array) ->
     """Return joint → largest torque as a share of its motor's limit."""
     peaks: list[float] = (np.abs(tau).max(axis=0) / limits).tolist()
     return dict(zip(joints, peaks))
+
+
+def describe_rig(rig: Rig) -> list[str]:
+    """Return all that a rig's behaviour depends on, as text."""
+    return [rig.urdf, repr((rig.limits, rig.motors, rig.config))]
+
+
+def make_study(
+    variation: Variation, controller: Stored | Tuning | None, retune: bool, platform: bool, seconds: float
+) -> Study:
+    """Return what every rig goes through; the controller knows the nominal one, or its own model."""
+    stored = controller.stored if isinstance(controller, Tuning) else controller
+    wish, law = (Wish(), None) if stored is None else (stored.wish, stored.law)
+    model = variation.model if stored is None else stored.model
+    roster = make_roster(model, wish, law) if platform else None
+    if retune:
+        return Study(variation, wish, None, seconds, roster)
+    law = law or tune(variation.model, **vars(wish)).controller
+    return Study(variation, wish, law, seconds, roster, None if roster is None else choose_holder(roster))
+
+
+def choose_holder(roster: Roster) -> Holder:
+    """Return the controller that was tuned where there is one, else the model-based one."""
+    return roster.holder(OURS if roster.law is None else TUNED)
 
 
 def make_roster(model: Model, wish: Wish, law: Law | None) -> Roster:
