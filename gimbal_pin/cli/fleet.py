@@ -11,8 +11,6 @@ from gimbal_pin.cli.paths import Reads, rigs
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import affordable
 
-FLEET_PAGE = "report.html"
-
 
 def fleet(
     logs: Annotated[Positional[str], arg(metavar="DIR", help="folder or URL of the logs and their manifest")],
@@ -36,7 +34,7 @@ def fleet(
     from gimbal_pin.fleet import read_manifest
     from gimbal_pin.fleet.engine import write_whole
     from gimbal_pin.fleet.fleet import compare_fleet
-    from gimbal_pin.fleet.fleet_page import render_fleet, summarise_fleet
+    from gimbal_pin.fleet.page import describe_fleet
 
     manifest = read_manifest(logs)
     if workers.scheduler is None:
@@ -55,5 +53,6 @@ def fleet(
             workers=several,
             quiet=False,
         )
-    write_whole(output, FLEET_PAGE, render_fleet(found).encode())
-    present(summarise_fleet(found), found.to_dict(), json)
+    page = describe_fleet(found)
+    write_whole(output, "report.html", page.render().encode())
+    present(page.summarise(), found.to_dict(), json)

@@ -14,8 +14,6 @@ from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import affordable
 
-PAGE = "report.html"
-
 
 @dataclass(frozen=True)
 class StudyOptions:
@@ -63,7 +61,7 @@ def montecarlo(
     """Simulate rigs that differ: how many meet a specification, what costs most of it, and the worst ten."""
     from gimbal_pin.fleet.engine import write_whole
     from gimbal_pin.fleet.montecarlo import monte_carlo
-    from gimbal_pin.fleet.page import render_monte_carlo, summarise_monte_carlo
+    from gimbal_pin.fleet.page import describe_monte_carlo
     from gimbal_pin.fleet.variation import Variation, choose_default_vary, read_vary
 
     loaded = load_rig(rig, payload or mounted(model) or mounted(study.controller))
@@ -93,5 +91,6 @@ def montecarlo(
             workers=several,
             quiet=False,
         )
-    write_whole(output, PAGE, render_monte_carlo(found).encode())
-    present(summarise_monte_carlo(found), found.to_dict(), json)
+    page = describe_monte_carlo(found)
+    write_whole(output, "report.html", page.render().encode())
+    present(page.summarise(), found.to_dict(), json)

@@ -1,149 +1,351 @@
-"""A Monte Carlo study as a person reads it: in a terminal, and as one page with the figures' distributions."""
+"""A Monte Carlo study and a fleet as a person reads them: the same chapters in a terminal and as one page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from markupsafe import Markup
 
+from gimbal_pin.errors import shortened
+from gimbal_pin.fleet.fleet import Fleet, JudgedUnit, Verdict
 from gimbal_pin.fleet.montecarlo import SHOWN, MonteCarlo
+from gimbal_pin.fleet.population import Deviation, DeviationKind
 from gimbal_pin.fleet.study import PLATFORM, SCALES, STEPS
 from gimbal_pin.report import plots
-from gimbal_pin.report.format import PALETTE, figures, percent
-from gimbal_pin.report.html import Card, Section, cards, paragraph, render
+from gimbal_pin.report.format import DASH, PALETTE, figures, interval, percent
+from gimbal_pin.report.html import Card, Section, cards, folded, paragraph, render
 from gimbal_pin.report.table import Table, join
 
 if TYPE_CHECKING:
-    from gimbal_pin.report.plots import Figure
+    from gimbal_pin.report.plots import Axes, Figure
 
-ACROSS = 2
-"""Distributions in a row."""
-MOST = 40
-"""Most columns of a distribution."""
+Part = str | Table | Callable[[], Markup]
+"""A sentence or a table, which the terminal shows, too, or what makes something that only a page can show."""
+Chapter = tuple[str, str, Sequence[Part]]
+"""Heading, a sentence under it or nothing, and parts."""
+LONGEST = 80
+"""Most characters of a table's cell in a terminal."""
+FIRST = 20
+"""Units and causes that are listed one by one."""
+FACTS = 4
+"""Facts that are listed of one unit."""
+PANELS = 6
+"""Parameters that are drawn over time."""
+OUTSIDE = 3.0
+"""Deviation at which the axis ends, in what a unit's logs show: what lies beyond is drawn there as an arrow."""
 
 
-def format_figure(found: MonteCarlo, name: str, value: float | None) -> str:
-    """Return a figure's value as people read it."""
-    return figures(None if value is None else value / find_scale(found, name))
+@dataclass(frozen=True)
+class Page:
+    """Chapters under a title; those without parts are left out."""
+
+    title: str
+    subtitle: str
+    chapters: Sequence[Chapter]
+
+    def summarise(self) -> str:
+        """Return what a terminal shows."""
+        parts = [part for *_, several in self.chapters for part in several if isinstance(part, (str, Table))]
+        return "\n\n".join(part if isinstance(part, str) else _narrow_table(part) for part in parts)
+
+    def render(self) -> str:
+        """Return it as HTML."""
+        sections = [Section(title, join(map(_show_part, parts)), lead) for title, lead, parts in self.chapters if parts]
+        return render(self.title, sections, self.subtitle)
 
 
-def find_scale(found: MonteCarlo, name: str) -> float:
+def _narrow_table(table: Table) -> str:
+    """Return a table as lines under its caption, long cells cut."""
+    rows = [[row[0], *(x and shortened(x, LONGEST) for x in row[1:])] for row in table.rows]
+    return f"{table.caption}:\n" * bool(table.caption) + str(replace(table, rows=rows))
+
+
+def _show_part(part: Part) -> object:
+    """Return a part as an element of a page."""
+    return paragraph(part) if isinstance(part, str) else part if isinstance(part, Table) else part()
+
+
+def _make_panels(count: int, height: float, room: float) -> tuple[Figure, Sequence[Axes]]:
+    """Return a figure with so many panels, two in a row of 1.9 in, `height` in beside the rows, `room` between them."""
+    rows = -(-count // 2)
+    top = 0.1 if room < 0.8 else 0.35
+    figure, axes = plots.panels(rows, 2, height + 1.9 * rows, right=0.3, top=top, gaps=(0.75, room))
+    for panel in axes.flat[count:]:
+        panel.set_axis_off()
+    return figure, axes.flat[:count]
+
+
+# -- a Monte Carlo study -----------------------------------------------------------------------------------------------
+
+
+def describe_monte_carlo(found: MonteCarlo) -> Page:
+    """Return how many rigs meet what was asked for, how the figures are spread, what costs most, and the worst."""
+    own, lead = (
+        found.yield_,
+        "What each input does to how much of the specification a rig uses; without one, to the first figure.",
+    )
+    top = [
+        Card("Rigs", str(found.count), f"{len(found.inputs)} inputs vary"),
+        Card("Not simulated", str(found.failed), "impossible, or diverged", "poor" if found.failed else "good"),
+    ]
+    if own is not None:
+        share, low, high = (percent(100 * x) for x in (own.value, own.low, own.high))
+        top.insert(0, Card("Yield", share, f"{low} to {high}, 95 % confidence"))
+    picture = partial(
+        plots.picture,
+        partial(_draw_distributions, found),
+        "Histograms of the figures over all rigs",
+        "All rigs that could be simulated; dashed: the specification.",
+    )
+    influences = [_tabulate_influences(found)] if found.sensitivity else []
+    worst = "Rigs that failed, then those that use most."
+    chapters: list[Chapter] = [
+        ("Yield", "", [_describe_yield(found), partial(cards, top)]),
+        ("Distributions", "", [picture, _tabulate_spreads(found)]),
+        ("What costs most", lead, influences),
+        ("The worst", worst, [_tabulate_worst(found)]),
+    ]
+    return Page(f"Monte Carlo: {found.rig}", found.payload or "", chapters)
+
+
+def _find_scale(found: MonteCarlo, name: str) -> float:
     """Return a figure's unit for people in SI units."""
     unit = found.units[name]
     return SCALES.get(unit, {unit: 1.0})[unit]
 
 
-def label_figure(found: MonteCarlo, name: str) -> str:
+def _format_figure(found: MonteCarlo, name: str, value: float | None) -> str:
+    """Return a figure's value as people read it."""
+    return figures(None if value is None else value / _find_scale(found, name))
+
+
+def _label_figure(found: MonteCarlo, name: str) -> str:
     """Return a figure's name with its unit."""
     return f"{name}, {found.units[name] or 'share of the limit'}"
 
 
-def describe_yield(found: MonteCarlo) -> str:
+def _describe_yield(found: MonteCarlo) -> str:
     """How many rigs meet what was asked for, in a sentence."""
     rigs = f"{found.count} rig{'s' * (found.count != 1)}"
     rigs += f", {found.failed} of which could not be simulated" if found.failed else ""
     if found.yield_ is None:
         return f"{found.rig}: {rigs}; nothing was asked of them."
     own, asked = found.yield_, " and ".join(limit.text for limit in found.specification)
-    interval = f"95 % confidence: {percent(100 * own.low)} to {percent(100 * own.high)} of {own.of}"
-    return f"{found.rig}: {percent(100 * own.value)} meet {asked} ({interval}); {rigs}."
+    bounds = f"95 % confidence: {percent(100 * own.low)} to {percent(100 * own.high)} of {own.of}"
+    return f"{found.rig}: {percent(100 * own.value)} meet {asked} ({bounds}); {rigs}."
 
 
-def tabulate_spreads(found: MonteCarlo) -> Table:
+def _tabulate_spreads(found: MonteCarlo) -> Table:
     """The figures' medians and tails."""
     rows = [
-        (label_figure(found, name), *(format_figure(found, name, x) for x in (own.median, own.p5, own.p95, own.worst)))
+        (
+            _label_figure(found, name),
+            *(_format_figure(found, name, x) for x in (own.median, own.p5, own.p95, own.worst)),
+        )
         for name, own in found.figures.items()
     ]
     return Table(["Figure", "Median", "5 %", "95 %", "Worst"], rows, label="Figures")
 
 
-def tabulate_influences(found: MonteCarlo) -> Table:
+def _tabulate_influences(found: MonteCarlo) -> Table:
     """What each input does, largest first."""
+    first = found.sensitivity[:SHOWN]
     if any(own.total is not None for own in found.sensitivity):
-        rows: list[Sequence[str]] = [
-            (own.input, *map(figures, (own.first, own.first_confidence, own.total, own.total_confidence)))
-            for own in found.sensitivity[:SHOWN]
-        ]
+        columns = ("first", "first_confidence", "total", "total_confidence")
+        rows = [(own.input, *(figures(getattr(own, name)) for name in columns)) for own in first]
         return Table(["Input", "First order", "±", "Total", "±"], rows, label="Sobol indices")
-    rows = [(own.input, figures(own.rank_correlation)) for own in found.sensitivity[:SHOWN]]
     used = "the share of the specification used" if found.specification else next(iter(found.units))
-    return Table(["Input", f"Rank correlation with {used}"], rows, label="Rank correlations")
+    heads = ["Input", f"Rank correlation with {used}"]
+    return Table(heads, [(own.input, figures(own.rank_correlation)) for own in first], label="Rank correlations")
 
 
-def tabulate_worst(found: MonteCarlo) -> Table:
+def _tabulate_worst(found: MonteCarlo) -> Table:
     """The rigs that use most of the specification, with what costs most of it."""
     asked = list(dict.fromkeys(limit.figure for limit in found.specification)) or list(found.units)[:1]
     inputs = [own.input for own in found.sensitivity[:3]]
-    has_errors = any(row["error"] for row in found.worst)
-    rows: list[Sequence[Any]] = [
+    errors = ["error"] * any(row["error"] for row in found.worst)
+    rows = [
         (
             str(row["unit"]),
-            *([row["error"] or ""] if has_errors else []),
-            *(format_figure(found, name, row[name]) for name in asked),
+            *(row[name] or "" for name in errors),
+            *(_format_figure(found, name, row[name]) for name in asked),
             *(figures(row[name]) for name in inputs),
         )
         for row in found.worst
     ]
-    heads = ["Rig", *(["Error"] if has_errors else []), *(label_figure(found, name) for name in asked), *inputs]
-    return Table(heads, rows, texts=1 + has_errors, label="Worst rigs")
+    heads = ["Rig", *(name.title() for name in errors), *(_label_figure(found, name) for name in asked), *inputs]
+    return Table(heads, rows, texts=1 + len(errors), label="Worst rigs")
 
 
-def summarise_monte_carlo(found: MonteCarlo) -> str:
-    """What a terminal shows."""
-    parts = [describe_yield(found), str(tabulate_spreads(found))]
-    parts += [str(tabulate_influences(found))] if found.sensitivity else []
-    return "\n\n".join([*parts, str(tabulate_worst(found))])
-
-
-def draw_distributions(found: MonteCarlo, names: Sequence[str]) -> Figure:
-    """Draw how figures are spread, and where the specification ends."""
-    rows = -(-len(names) // ACROSS)
-    figure, axes = plots.panels(rows, ACROSS, 0.65 + 1.9 * rows, right=0.3, top=0.1, gaps=(0.75, 0.75))
+def _draw_distributions(found: MonteCarlo) -> Figure:
+    """Draw how the main figures and those that were asked for are spread, and where the specification ends."""
     bounds = {limit.figure: limit.bound for limit in found.specification}
-    for panel, name in zip(axes.flat, names):
-        values = found.table[name].to_numpy(dtype=float) / find_scale(found, name)
+    names = [name for name in found.figures if name in {*bounds, *STEPS, *PLATFORM}]
+    figure, panels = _make_panels(len(names), 0.65, 0.75)
+    for panel, name in zip(panels, names):
+        values = found.table[name].to_numpy(dtype=float) / _find_scale(found, name)
         there = values[np.isfinite(values)]
-        panel.hist(there, min(MOST, 1 + round(len(there) ** 0.5)), color=PALETTE[0])
+        panel.hist(there, min(40, 1 + round(len(there) ** 0.5)), color=PALETTE[0])
         panel.locator_params(axis="x", nbins=6)
         if name in bounds:
-            panel.axvline(bounds[name] / find_scale(found, name), color=plots.INK, lw=1.2, ls="--")
-        panel.set_xlabel(label_figure(found, name))
+            panel.axvline(bounds[name] / _find_scale(found, name), color=plots.INK, lw=1.2, ls="--")
+        panel.set_xlabel(_label_figure(found, name))
         panel.set_ylabel("rigs")
-    for panel in axes.flat[len(names) :]:
-        panel.set_axis_off()
     return figure
 
 
-def render_monte_carlo(found: MonteCarlo) -> str:
-    """Return the study as HTML."""
-    asked = {limit.figure for limit in found.specification}
-    names = [name for name in found.figures if name in asked or name in STEPS or name in PLATFORM]
-    own = found.yield_
+# -- a fleet -----------------------------------------------------------------------------------------------------------
+
+
+def describe_fleet(found: Fleet) -> Page:
+    """Return who passes and why the others do not, the fleet's parameters, what changed, and the causes."""
+    looks = {Verdict.FAIL: ("Fail", "poor"), Verdict.RETEST: ("Test again", "fair"), Verdict.PASS: ("Pass", "good")}
+    units, counts = len(found.units), found.counts
     top = [
-        Card("Rigs", str(found.count), f"{len(found.inputs)} inputs vary"),
-        Card("Not simulated", str(found.failed), "impossible, or diverged", "poor" if found.failed else "good"),
+        Card(title, str(counts[verdict]), f"of {units} units", tone * bool(counts[verdict]))
+        for verdict, (title, tone) in looks.items()
     ]
-    if own is not None:
-        top.insert(
-            0,
-            Card(
-                "Yield",
-                percent(100 * own.value),
-                f"{percent(100 * own.low)} to {percent(100 * own.high)}, 95 % confidence",
-            ),
+    unusable = f"{found.failed} could not be used" if found.failed else "all could be used"
+    top.append(Card("Logs", str(found.logs), unusable, "fair" if found.failed else "good"))
+    odd, passing = units - counts[Verdict.PASS], [one.unit for one in found.units if one.verdict is Verdict.PASS]
+    verdicts: list[Part] = [_describe_verdicts(found), partial(cards, top)]
+    verdicts += [_tabulate_units(found)] if odd else []
+    verdicts += [f"{odd - FIRST} more are in the JSON."] if odd > FIRST else []
+    verdicts += [f"Pass: {_join_names(passing, FIRST)}"] if passing else []
+    verdicts += [partial(folded, "All that pass", ", ".join(passing))] if len(passing) > FIRST else []
+    strip = partial(
+        plots.picture,
+        partial(_draw_units, found),
+        "Every log's parameters about the fleet's means",
+        "A dot per log. Dashed: the offset that the median unit's logs show in one of two cases. Named: units that are "
+        "not like their siblings; an arrow is beyond the axis. A dot beyond the dashes without a name is of a unit "
+        "whose logs, together, do not tell it from its siblings, such as an uncertain one.",
+    )
+    changes = [own for unit in found.units for own in unit.deviations if own.kind is not DeviationKind.OFFSET][:PANELS]
+    drawn = partial(
+        plots.picture,
+        partial(_draw_changes, found, changes),
+        "Parameters that changed, over time",
+        "Each log with its 95 % interval; grey: the fleet's mean, and what a unit's logs do not tell from it.",
+    )
+    rows = [(one.cause, one.joint or "the rig", f"{one.units} of {one.of}") for one in found.causes[:FIRST]]
+    causes = [Table(["Cause", "Joint", "Units"], rows, texts=2, label="Causes")] if rows else []
+    chapters: list[Chapter] = [
+        ("Verdict", "", verdicts),
+        ("Parameters", "", [strip, _tabulate_population(found)]),
+        ("Changes", "", [drawn] if changes else []),
+        ("Causes", "What diagnose names, and of how many units.", causes),
+    ]
+    return Page(f"Fleet: {found.rig}", found.payload or "", chapters)
+
+
+def _describe_verdicts(found: Fleet) -> str:
+    """How many units pass, in a sentence."""
+    units, logs = (f"{n} {word}{'s' * (n != 1)}" for n, word in ((len(found.units), "unit"), (found.logs, "log")))
+    failed = f", {found.failed} of which could not be used" if found.failed else ""
+    against = f", against {found.reference}" if found.reference else ""
+    passing, failing, others = (found.counts[one] for one in Verdict)
+    result = f"{passing} pass, {failing} fail" + (f", {others} to be tested again" if others else "")
+    return f"{found.rig}: {units}, {logs}{failed}{against}: {result}."
+
+
+def _join_names(names: Sequence[str], most: int) -> str:
+    """The first names, and how many more there are."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _list_facts(found: Fleet, unit: JudgedUnit) -> Iterator[tuple[str, str, str, str]]:
+    """Yield what speaks against a unit: what, its size, how many standard deviations, since when."""
+    for own in unit.deviations:
+        sign = "+" if own.shift > 0 else ""
+        size = f"{sign}{' '.join(interval(own.shift, own.shift_std))} {found.parameter_units[own.parameter]}"
+        since = found.since(own) or ("drifts" if own.kind is DeviationKind.DRIFT else "first log")
+        yield own.parameter, size, f"{sign}{figures(own.score, 2)}", since
+    yield from ((str(own), DASH, DASH, own.since or "first log") for own in unit.causes)
+    yield from ((error, DASH, DASH, DASH) for error in unit.errors)
+    if unit.uncertain:
+        yield f"its logs do not tell {_join_names(unit.uncertain, 2)}", DASH, DASH, DASH
+
+
+def _tabulate_units(found: Fleet) -> Table:
+    """The units that do not pass, with what speaks against them."""
+    rows = []
+    for unit in [one for one in found.units if one.verdict is not Verdict.PASS][:FIRST]:
+        facts = list(_list_facts(found, unit))
+        if len(facts) > FACTS:
+            facts[FACTS:] = [(f"and {len(facts) - FACTS} more", "", "", "")]
+        names = [unit.unit, f"{unit.verdict.value}: {', '.join(reason.value for reason in unit.reasons)}"]
+        rows += [(*(names if k == 0 else ("", "")), *fact) for k, fact in enumerate(facts)]
+    heads = ["Unit", "Verdict", "What", "By how much", "Deviations", "Since"]
+    return Table(heads, rows, texts=3, label="Units that do not pass")
+
+
+def _tabulate_population(found: Fleet) -> Table:
+    """The parameters over the fleet that units are judged against."""
+    rows, has_repeats = [], found.reference or any(unit.logs > 1 for unit in found.units)
+    for own in found.population:
+        repeat = own.repeat if has_repeats else None
+        spreads = (figures(x, 2) for x in (own.spread, own.p_value, repeat, found.detectable[own.name]))
+        rows.append((own.name, found.parameter_units[own.name], *interval(own.mean, own.mean_std), *spreads))
+    heads = ["Parameter", "Unit", "Mean", "±", "Between units", "p, all alike", "Between logs", "Shown from"]
+    caption = "Parameters of the reference fleet" if found.reference else "Parameters over the fleet"
+    return Table(heads, rows, texts=2, caption=caption)
+
+
+def _draw_units(found: Fleet) -> Figure:
+    """Draw every log's parameters about the fleet's means; those of units that deviate in them are named."""
+    figure, ((axes,),) = plots.panels(1, 1, 0.75 + 0.3 * len(found.population), left=2.6, top=0.1)
+    used = found.table[found.table["error"].isna()]
+    for row, own in enumerate(found.population):
+        off = (used[f"value.{own.name}"].astype(float) - own.mean) / found.detectable[own.name]
+        odd = sorted(unit.unit for unit in found.units if any(one.parameter == own.name for one in unit.deviations))
+        plain = (off.notna() & ~used["serial"].isin(odd)).to_numpy()
+        places = row + 0.12 * (np.arange(len(off)) % 5 - 2)
+        plots.dots(axes, np.clip(off.to_numpy()[plain], -OUTSIDE, OUTSIDE), places[plain], PALETTE[0])
+        for k, unit in enumerate(odd):
+            mine = off[used["serial"] == unit].dropna().to_numpy()
+            for marker, is_so in (("o", np.abs(mine) <= OUTSIDE), ("<", mine < -OUTSIDE), (">", mine > OUTSIDE)):
+                x = np.clip(mine[is_so], -OUTSIDE, OUTSIDE)
+                axes.plot(x, np.full(len(x), float(row)), marker, color=PALETTE[1], ms=5, clip_on=False)
+            farthest = float(np.clip(mine[np.abs(mine).argmax()], -OUTSIDE, OUTSIDE))
+            side, shift = ("right", -7) if farthest > 0 else ("left", 7)
+            beside = (shift, 5 - 12 * (k % 2))
+            text = shortened(unit, 16)
+            axes.annotate(text, (farthest, row), beside, textcoords="offset points", ha=side, fontsize=8)
+    for x in (-1, 1):
+        axes.axvline(x, color=plots.INK, lw=1.0, ls="--")
+    axes.set_yticks(range(len(found.population)), [shortened(own.name, 36) for own in found.population])
+    axes.set_ylim(len(found.population) - 0.4, -0.6)
+    axes.set_xlim(-OUTSIDE, OUTSIDE)
+    whose = "reference fleet" if found.reference else "fleet"
+    axes.set_xlabel(f"offset from the {whose}'s mean, in offsets that a unit's logs show")
+    return figure
+
+
+def _draw_changes(found: Fleet, changes: Sequence[Deviation]) -> Figure:
+    """Draw parameters over time that began to deviate or drift, about the fleet's mean and what is not told from it."""
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    figure, panels = _make_panels(len(changes), 0.9, 0.85)
+    means = {own.name: own.mean for own in found.population}
+    for panel, own in zip(panels, changes):
+        mine = found.table[(found.table["serial"] == own.unit) & found.table["error"].isna()].sort_values("time")
+        times, values, std = (
+            mine[name].astype(float) for name in ("time", f"value.{own.parameter}", f"std.{own.parameter}")
         )
-    drawn = "Histograms of the figures over all rigs"
-    dashed = "All rigs that could be simulated; dashed: the specification."
-    picture = plots.picture(partial(draw_distributions, found, names), drawn, dashed)
-    sections = [
-        Section("Yield", join([paragraph(describe_yield(found)), cards(top)])),
-        Section("Distributions", join([picture, tabulate_spreads(found)])),
-    ]
-    if found.sensitivity:
-        lead = "What each input does to how much of the specification a rig uses; without one, to the first figure."
-        sections.append(Section("What costs most", join([tabulate_influences(found)]), lead))
-    sections.append(Section("The worst", join([tabulate_worst(found)]), "Rigs that failed, then those that use most."))
-    return render(f"Monte Carlo: {found.rig}", sections, found.payload or "")
+        mean, half = means[own.parameter], found.detectable[own.parameter]
+        panel.axhspan(mean - half, mean + half, color=plots.PLAIN, alpha=0.2)
+        panel.axhline(mean, color=plots.PLAIN, lw=1.0)
+        x = times.astype("datetime64[s]") if found.is_dated else times
+        panel.errorbar(x, values, 1.96 * std, fmt="o-", color=PALETTE[1], ms=4, lw=1.2)
+        if found.is_dated:
+            locator = AutoDateLocator(minticks=3, maxticks=6)
+            panel.xaxis.set_major_locator(locator)
+            panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+        panel.set_title(shortened(f"{own.unit}: {own.parameter}", 44))
+        panel.set_ylabel(found.parameter_units[own.parameter])
+    return figure

@@ -140,7 +140,10 @@ class Study:
             "rig": model.rig.name,
             "model": [describe_rig(model.rig), convert_model(model)],
             "covariance": None if known is None else known.covariance.tolist(),
-            "controller": [vars(self.wish), None if law is None else [law.gains, repr(vars(law).get("robust")), believed]],
+            "controller": [
+                vars(self.wish),
+                None if law is None else [law.gains, repr(vars(law).get("robust")), believed],
+            ],
             "seconds": self.seconds,
             "platform": self.roster is not None,
             "vary": asdict(self.variation.vary),
