@@ -32,16 +32,12 @@ def read_curve(state: State, table: TorqueTable) -> Curve:
     ``√(2 log k)`` deviations are more than the largest of k knots has by chance (Donoho and Johnstone, Biometrika 81,
     1994).
     """
-    estimated = build_extended_model(state).estimated
-    assert estimated is not None
-    start = f"{table.joint}.{table.name}."
-    std = [x for name, x in zip(estimated.names, estimated.std.tolist()) if name.startswith(start)]
-    torque = state.coefficients(table)
-    clear = np.flatnonzero(np.abs(torque) > np.sqrt(2 * np.log(len(std))) * np.array(std))
+    torque, std = state.coefficients(table), np.sqrt(np.diag(state.fit.covariance)[state.places(table)])
+    clear = np.flatnonzero(np.abs(torque) > np.sqrt(2 * np.log(len(std))) * std)
     runs = [run for run in np.split(clear, np.flatnonzero(np.diff(clear) > 1) + 1) if len(run)]
     step = table.knots[1] - table.knots[0]
     acts = tuple((table.knots[run[0]] - step, table.knots[run[-1]] + step) for run in runs)
-    return Curve(table.over, table.knots, tuple(torque.tolist()), tuple(std), acts)
+    return Curve(table.over, table.knots, tuple(torque.tolist()), tuple(std.tolist()), acts)
 
 
 def add_tables(

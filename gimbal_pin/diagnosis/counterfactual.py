@@ -86,15 +86,11 @@ class _Comparison(NamedTuple):
         return Finding(
             cause=cause,
             joint=place,
-            alike=(cause,),
             parameters=tuple(figures),
             gain=gain,
             p_value=float(norm.sf(self.z)),
             explained_share=(before**2 - after**2) / max(whole["torque_rmse"][self.joint], 1e-300) ** 2,
-            visible_fraction=1.0,
-            rivals=(),
             sentence=f"{said}; {rig.in_units(self.joint, gained)}",
-            next_experiment=None,
         )
 
 

@@ -17,9 +17,9 @@ from gimbal_pin.diagnosis.counterfactual import SensorContext, add_sensor_findin
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
+from gimbal_pin.diagnosis.findings import report_findings, report_unusable_logs
 from gimbal_pin.diagnosis.given_model import compare_given_model, state_payload_with_causes
 from gimbal_pin.diagnosis.limit_cycle import find_limit_cycle
-from gimbal_pin.diagnosis.reported import report_findings, report_unusable_logs
 from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.reversals import open_turns
 from gimbal_pin.diagnosis.state import Problem, solved

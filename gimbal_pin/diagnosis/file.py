@@ -20,12 +20,12 @@ FILES = {
 """What `write_diagnosis` writes → the file's name. The next experiment is the motion that parts what is ambiguous."""
 
 
-def build_motion_writer(found: Diagnosis) -> Mapping[str, Callable[[Path], object]]:
-    """Return what writes the next experiment; nothing where none was planned, or no motion parts anything."""
-    plan = found.planned
-    if plan is None or plan.motion is None:
-        return {}
-    return {"next experiment": partial(write_motion, plan.motion, plan.joints)}
+def list_writers(found: Diagnosis) -> dict[str, Callable[[Path], object]]:
+    """Return what writes the extended model, and the next experiment where one was planned that parts anything."""
+    writers: dict[str, Callable[[Path], object]] = {"extended model": partial(write_extended, found.after)}
+    if found.planned is not None and found.planned.motion is not None:
+        writers["next experiment"] = partial(write_motion, found.planned.motion, found.planned.joints)
+    return writers
 
 
 def write_diagnosis(
@@ -36,11 +36,7 @@ def write_diagnosis(
     Returns:
         What → path, and the notes of `write_run`.
     """
-    writers: dict[str, Callable[[Path], object]] = {
-        "diagnosis": partial(write_json, found.to_dict()),
-        "extended model": partial(write_extended, found.after),
-        "report": partial(atomic_write, content=page),
-    }
-    writers |= build_motion_writer(found)
+    writers = list_writers(found) | {"diagnosis": partial(write_json, found.to_dict())}
+    writers["report"] = partial(atomic_write, content=page)
     notes = write_run(folder, {FILES[what]: write for what, write in writers.items()}, run or {})
     return {what: Path(folder) / FILES[what] for what in writers}, notes

@@ -1,8 +1,9 @@
-"""From an explained log to findings: each cause's gain, rivals and uncertainty; and causes that the log cannot show."""
+"""From an explained log to what is told: findings with their gain, what is left, and what the log cannot show."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import contextlib
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isnan
 from typing import NamedTuple
@@ -10,23 +11,148 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import orth
 
-from gimbal_pin.diagnosis.engine.criterion import added, criterion, without
+from gimbal_pin.checks import CheckedLog, collect_alterations
+from gimbal_pin.diagnosis.background import add_tables
+from gimbal_pin.diagnosis.engine.criterion import added, criterion, fitted, matters, rows, without
+from gimbal_pin.diagnosis.engine.discrepancy import place
 from gimbal_pin.diagnosis.engine.explained import Explained
-from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.engine.selection import promising, together
+from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import build_extended_model, find_settled
 from gimbal_pin.diagnosis.fit import project
-from gimbal_pin.diagnosis.gain import Figures, compare_errors, measure_errors, measure_gain
-from gimbal_pin.diagnosis.result import Finding, Likeness, Rival, Untestable, find_credible, get_joint, list_nearest
+from gimbal_pin.diagnosis.gain import Figures, compare_errors, measure_errors, measure_gain, simulate_tracking
+from gimbal_pin.diagnosis.result import (
+    Curve,
+    Diagnosis,
+    Finding,
+    Likeness,
+    Residual,
+    Rival,
+    Slight,
+    Untestable,
+    get_joint,
+    list_nearest,
+)
 from gimbal_pin.diagnosis.score import HIDDEN, visibility
-from gimbal_pin.diagnosis.shapes import shape_names
+from gimbal_pin.diagnosis.shapes import same, shape_names
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.diagnosis.uncertainty import estimate_figures
+from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.errors import digits
+from gimbal_pin.errors import DataError, digits
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.regression import Filtering
+from gimbal_pin.rig.rig import Rig
 
 ROUGH = 0.5
 """Deviation over its value from which a size is not known to two deviations."""
+
+
+def report_findings(
+    found: Explained, held: Evidence, checked: Sequence[CheckedLog], filtering: Filtering, rng: np.random.Generator
+) -> Diagnosis:
+    """Measure the gain on the reporting part, which drops nothing and moves nothing, and put it all together.
+
+    Args:
+        found: The model of the training part.
+        held: The reporting part, its torques at the same time.
+        checked: The logs.
+        filtering: The band.
+        rng: For simulated sensors.
+    """
+    said, before = _report_logs(held.rig, checked, filtering), build_extended_model(found.first)
+    model = confirm_causes(found, held)
+    found, findings = model.found, describe_findings(model, held)
+    state, best, curves = add_tables(found, held, model.baseline, model.figures)
+    after = build_extended_model(state)
+    return replace(
+        said,
+        notes=(*model.denied, *said.notes),
+        findings=findings,
+        residual=_list_residuals(found, curves),
+        immaterial=_list_immaterial(found),
+        untestable=list_untestable(found, findings),
+        detection_limit=dict(zip(held.rig.joints, _compute_limits(found).tolist())),
+        alignment=said.alignment + float(np.mean(found.alignment)),
+        baseline=model.baseline,
+        extended=best,
+        before=before,
+        after=after,
+        held=held,
+        state=found.final,
+        tracking=simulate_tracking(before, after, rng) if findings or curves else {},
+        likeness=tuple(compare_likeness(found, cause) for cause in found.final.causes),
+        instead=tuple(rival.cause for cause in found.final.causes for rival in found.rivals_of(cause)),
+    )
+
+
+def report_unusable_logs(
+    rig: Rig, logs: Sequence[Log], checked: Sequence[CheckedLog], filtering: Filtering
+) -> Diagnosis:
+    """The verdict *data*: the logs say nothing about physics that could be relied on."""
+    said = _report_logs(rig, checked, filtering)
+    with contextlib.suppress(DataError):  # too short for the band: then there is no figure either
+        figures = measure_errors(gather(rig, logs, filtering), said.before)
+        return replace(said, baseline=figures, extended=figures)
+    return said
+
+
+def _report_logs(rig: Rig, checked: Sequence[CheckedLog], filtering: Filtering) -> Diagnosis:
+    """What the checks say of the logs, and by how much later than its stamp a torque is taken to act at first."""
+    given = nominal(rig)
+    return Diagnosis(
+        rig=rig.name,
+        logs=tuple(one.log.name for one in checked),
+        faults=tuple(fault for one in checked for fault in one.faults),
+        notes=tuple(note for one in checked for note in one.notes),
+        altered=collect_alterations(checked),
+        alignment=checked[0].log.dt / 2 if filtering.alignment is None else filtering.alignment,
+        before=given,
+        after=given,
+    )
+
+
+def _list_residuals(found: Explained, curves: Mapping[str, Curve]) -> dict[str, Residual]:
+    """Return what is left at each joint; `curves`: joint → the table that the extended model carries."""
+    evidence, power = found.final.problem.evidence, found.final.fit.dispersion.tolist()
+    return {
+        joint: Residual(
+            "structured" if structured else "noise",
+            evidence.noise_floor(j),
+            power[j],
+            found.left(j),
+            place(found.final, j) if structured else "",
+            curves.get(joint),
+        )
+        for j, (joint, structured) in enumerate(zip(evidence.rig.joints, found.structured))
+    }
+
+
+def _compute_limits(found: Explained) -> Array:
+    """Return the torque that a cause with one coefficient would need to be found, N m rms, (n,): the threshold's."""
+    state = found.final
+    evidence, count = state.problem.evidence, rows(state)
+    share = np.expm1((found.search.threshold + np.log(count.max())) / np.maximum(count, 1.0))
+    floors = np.array([evidence.noise_floor(j) for j in range(evidence.rig.n)])
+    return np.asarray(floors * np.sqrt(state.fit.dispersion * share))
+
+
+def _list_immaterial(found: Explained) -> tuple[Slight, ...]:
+    """Return what else is significant, and less than an error of the model's form would be."""
+    state, search, small = found.state, found.search, list[Slight]()
+    n, torque = len(state.fit.scale), np.sum(state.problem.evidence.whiten_all(state.torque) ** 2, axis=0)
+    for cause in promising(state, search):
+        if any(same(cause, one) for one in state.causes):  # another harmonic of what was found
+            continue
+        new = fitted(search.problem, together(state.causes, cause), state)
+        clear = criterion(state) - criterion(new) > search.threshold
+        if clear and not matters(new, state):
+            fits = state.fit, new.fit
+            left, less = (np.sum((fit.residual.reshape(-1, n) / fit.scale) ** 2, axis=0) for fit in fits)
+            size = np.sqrt(np.maximum(left - less, 0.0) / np.maximum(torque, 1e-300))
+            small.append(Slight(cause.name, get_joint(cause), float(size.max())))
+    return tuple(small)
 
 
 class Confirmed(NamedTuple):
@@ -111,8 +237,10 @@ def _describe_finding(model: Confirmed, cause: Cause, held: Evidence) -> Finding
     gain = compare_errors(model.lacking[cause], model.figures, at)
     before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
     figures, within = estimate_figures(state, cause), final.holds(values)
-    rivals = list_nearest(cause.name, _list_rivals(found, cause))
-    alike = _list_alike(found, cause, rivals)
+    rivals = (
+        Rival(one.cause.name, one.delta, one.delta / max(one.std, 1e-12), get_joint(one.cause))
+        for one in found.rivals_of(cause)
+    )
     said = f"{final.sentence(values)}{_describe_vagueness(cause, figures)}{f' ({within})' if within else ''}"
     change = 100 * (after / max(before, 1e-300) - 1)
     gained = rig.in_units(at, f"held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)")
@@ -120,29 +248,16 @@ def _describe_finding(model: Confirmed, cause: Cause, held: Evidence) -> Finding
     return Finding(
         cause=cause.name,
         joint=get_joint(cause),
-        alike=alike,
         parameters=tuple(replace(p, unit=rig.in_units(cause.place, p.unit)) for p in figures),
         gain=gain,
         p_value=float(min(1.0, chance)),
         explained_share=min(1.0, (before**2 - after**2) / max(model.baseline["torque_rmse"][at] ** 2, 1e-300)),
-        visible_fraction=float(np.sqrt(visibility(base.fit, [base.columns(cause)])[0])),
-        rivals=rivals,
         sentence=f"{rig.in_units(cause.place, said)}; {gained}",
-        next_experiment=cause.experiment if len(alike) > 1 else None,
+        experiment=cause.experiment,
+        rivals=list_nearest(cause.name, rivals),
+        blurred=cause.blurred(base.problem.evidence.seen[rig.joint_index(cause.place)]) if cause.of_joint else (),
+        visible_fraction=float(np.sqrt(visibility(base.fit, [base.columns(cause)])[0])),
     )
-
-
-def _list_rivals(found: Explained, cause: Cause) -> Iterator[Rival]:
-    """Yield what else explains a cause."""
-    for one in found.rivals_of(cause):
-        yield Rival(one.cause.name, one.delta, one.delta / max(one.std, 1e-12), get_joint(one.cause))
-
-
-def _list_alike(found: Explained, cause: Cause, rivals: Sequence[Rival]) -> tuple[str, ...]:
-    """Return what holds a probability of `SURE` together, a cause's own name first, and what no log tells from it."""
-    evidence, names = found.first.problem.evidence, find_credible(cause.name, rivals)
-    blurred = cause.blurred(evidence.seen[evidence.rig.joint_index(cause.place)]) if cause.of_joint else ()
-    return tuple(dict.fromkeys((*names, *blurred)))
 
 
 def _describe_vagueness(cause: Cause, figures: Sequence[Parameter]) -> str:
@@ -176,8 +291,8 @@ def list_untestable(found: Explained, findings: Sequence[Finding]) -> tuple[Unte
     state, shelf, visible = found.first, found.search.shelf, dict[tuple[str, str | None], float]()
     shares = visibility(state.fit, [shelf.of(cause, state) for cause in shelf.causes])
     for cause, share in zip(shelf.causes, shares.tolist()):
-        place = cause.name, get_joint(cause)
-        visible[place] = max(visible.get(place, 0.0), share)
+        at = cause.name, get_joint(cause)
+        visible[at] = max(visible.get(at, 0.0), share)
     why = {cause.name: cause.hidden for cause in shelf.causes}
     known = {(one.cause, one.joint) for one in findings}
     return tuple(Untestable(*at, why[at[0]]) for at, share in visible.items() if share < HIDDEN and at not in known)

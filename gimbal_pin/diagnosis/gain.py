@@ -31,10 +31,6 @@ HORIZON = 0.2
 """Length of a rollout, s."""
 STARTS = 24
 """Rollouts, and at least one of each part: a mean square of so many is known to a third."""
-POSES = 16
-"""Poses at which a model's mass matrix is looked at."""
-FINE = 2e-3
-"""Longest step of a rollout, s."""
 DT = 0.004
 """Sampling interval of the simulated controllers, s."""
 BANDWIDTH = 4.0
@@ -52,10 +48,6 @@ NO_CLOSER = (
 """What is told of joints that are followed worse with compensation."""
 FULL = 0.1
 """Residual, as a share of the joint's torque rms, at which a joint is all red."""
-WINDOW = 0.3
-"""Time over which the residual's size is taken, s."""
-LEAST = 0.1
-"""Share of the window in which the joint has to move for its residual to count whole."""
 
 
 def describe_motion(rig: Rig) -> str:
@@ -133,21 +125,20 @@ def rollout_rmse(evidence: Evidence, model: Model) -> Array:
 
 
 def _is_massive(rig: Rig, q: Array) -> bool:
-    """Whether the mass matrix is positive definite at some of the angles q, (m, n)."""
-    data = rig.model.createData()
-    some = q[:: max(1, len(q) // POSES)]
-    least = [np.linalg.eigvalsh(pin.crba(rig.model, data, angles), UPLO="U")[0] for angles in some]
-    return min(least) > 0.0
+    """Whether the mass matrix is positive definite at 16 or more of the angles q, (m, n)."""
+    data, some = rig.model.createData(), q[:: max(1, len(q) // 16)]
+    return all(np.linalg.eigvalsh(pin.crba(rig.model, data, angles), UPLO="U")[0] > 0 for angles in some)
 
 
 def _roll_out(model: Model, part: Part, most: int) -> Iterator[Array]:
     """Yield the errors of so many rollouts, rad, (n,), from states evenly spread, clear of the ends and of holes.
 
-    What friction remembers at a start comes from the measured way to it, and it is as warm as the motor was.
+    What friction remembers at a start comes from the measured way to it, and it is as warm as the motor was. A step
+    takes 2 ms at most.
     """
     plant, tau = Plant(model, model.carried(part.time, part.platform)), compute_acting_torque(model, part)
     memory = plant.friction.remembered(part.sample)
-    horizon, steps = max(1, round(HORIZON / part.dt)), max(1, round(part.dt / FINE))
+    horizon, steps = max(1, round(HORIZON / part.dt)), max(1, round(part.dt / 2e-3))
     edge, count, dt = len(part.gate) // 20, len(part.gate), part.dt / steps
     starts = np.arange(edge, count - edge - horizon + 1)
     if part.channels.lost is not None:
@@ -197,8 +188,9 @@ def _measure_tracking(plant: Model, law: Controller, reference: Motion, rng: np.
 def heat(model: Model, log: Log, filtering: Filtering = BAND) -> Array:
     """``min(1, rms(tau - model) / (FULL rms(tau)))``, one value per sample and joint of the log, (N, n).
 
-    The residual is low-passed at the filtering's cutoff; its size is that over `WINDOW` around each sample, where the
-    joint moves: as it stands, dry friction bears any torque. Samples in gaps count as the nearest.
+    The residual is low-passed at the filtering's cutoff; its size is that over 0.3 s around each sample, where the
+    joint moves, a tenth of that at least: as it stands, dry friction bears any torque. Samples in gaps count as the
+    nearest.
 
     Args:
         model: The model, with drives and terms, of a rig with the log's joints.
@@ -214,8 +206,8 @@ def heat(model: Model, log: Log, filtering: Filtering = BAND) -> Array:
     ends = np.cumsum([len(part.gate) for part in evidence.parts])[:-1]
     sizes = []
     for part, error in zip(evidence.parts, np.split(compute_filtered_error(evidence, model), ends)):
-        window = max(1, round(WINDOW / part.dt))
+        window = max(1, round(0.3 / part.dt))
         power, moving = (uniform_filter1d(x**2, window, axis=0, mode="constant") for x in (error, part.gate))
-        sizes.append(np.sqrt(np.maximum(power / np.maximum(moving, LEAST), 0.0)) / np.maximum(FULL * torque, 1e-300))
+        sizes.append(np.sqrt(np.maximum(power / np.maximum(moving, 0.1), 0.0)) / np.maximum(FULL * torque, 1e-300))
     t, size = np.concatenate([part.channels.t for part in evidence.parts]), np.concatenate(sizes)
     return np.clip(np.stack([np.interp(log.t, t, column) for column in size.T], axis=1), 0.0, 1.0)

@@ -20,7 +20,7 @@ from gimbal_pin.diagnosis.given_causes import (
     change_rig,
     find_given_causes,
 )
-from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, find_credible, list_nearest
+from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, list_nearest
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause, RigEffect
@@ -195,8 +195,6 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
     """Describe one cause; before and after are the given URDF without and with it, all the rest as it was found."""
     rig, causes = case.held.rig, case.found.best.causes
     at = rig.joint_index(form.joint) if form.kind.of_joint else int(np.argmax(share))
-    rivals = _compare_rivals(case, form)
-    alike = tuple(find_credible(form.kind.name, rivals))
     stated = [x for one, x in causes.items() if one is not form], list(causes.values())
     errors = [measure_errors(case.held, _build_stated_model(case, x)) for x in stated]
     gain = compare_errors(errors[0], errors[1], rig.joints[at])
@@ -207,7 +205,6 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
     return Finding(
         cause=form.kind.name,
         joint=form.place[1],
-        alike=alike,
         parameters=tuple(
             replace(p, std=std.get(p.name, float("nan")), unit=rig.in_units(form.place[1], p.unit))
             for p in causes[form].shown()
@@ -215,10 +212,9 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
         gain=gain,
         p_value=case.found.p_values[form],
         explained_share=1 - after**2 / max(before**2, 1e-300),
-        visible_fraction=1.0,
-        rivals=rivals,
         sentence=f"{rig.in_units(form.place[1], told.told(rig))}; {rig.in_units(rig.joints[at], gained)}",
-        next_experiment=form.kind.experiment if len(alike) > 1 else None,
+        experiment=form.kind.experiment,
+        rivals=_compare_rivals(case, form),
     )
 
 

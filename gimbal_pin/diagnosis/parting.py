@@ -57,31 +57,26 @@ class Parting:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
-        after = self.expected
-        return {
-            "cause": self.cause,
-            "joint": self.joint,
-            "rival": self.rival,
-            "probability_now": self.now.probability,
-            "probability_expected": None if after is None else after.probability,
-            "deviations_now": self.now.deviations,
-            "deviations_expected": None if after is None else after.deviations,
-            "share_now": self.now.share,
-            "share_expected": None if after is None else after.share,
-            "sentence": together([self]),
+        both = {"now": self.now, "expected": self.expected}
+        figures = {
+            f"{name}_{when}": None if one is None else getattr(one, name)
+            for name in ("probability", "deviations", "share")
+            for when, one in both.items()
         }
+        own = {"cause": self.cause, "joint": self.joint, "rival": self.rival}
+        return {**own, **figures, "sentence": describe_partings([self])}
 
 
-def together(partings: Sequence[Parting]) -> str:
-    """What is to be said of a finding and some of its rivals that the next experiment does the same to."""
+def describe_partings(partings: Sequence[Parting]) -> str:
+    """Say what the next experiment does to a finding and some of its rivals, the same to all."""
     first = partings[0]
     who, rivals = first.joint or "rig", ", ".join(one.rival for one in partings)
     instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
-    if first.expected is None:
+    after = ", ".join(str(int(100 * one.expected.probability)) for one in partings if one.expected is not None)
+    if not after:
         same = f"{who}: {first.cause} and {rivals} can be the same torque in every motion that was tried"
         return f"{same}; what else may part them: {instead}"
     now = ", ".join(digits(100 * one.now.probability, 2) for one in partings)
-    after = ", ".join(str(int(100 * one.expected.probability)) for one in partings if one.expected is not None)
     said = f"{who}: beside {rivals}, the probability of {first.cause} is {now} % so far and, if it is there, at least "
     said += f"{after} % with the next experiment, in 19 of 20 logs"
     return said if first.outcome == "named" else f"{said}: too little to name it; try also {instead}"
@@ -112,12 +107,8 @@ class NextExperiment:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
-        return {
-            "seconds": self.seconds,
-            "finished": self.finished,
-            "alone": False,  # whether the logs so far are to be left out: more rows never bring two causes nearer
-            "partings": [parting.to_dict() for parting in self.partings],
-        }
+        partings = [parting.to_dict() for parting in self.partings]
+        return {"seconds": self.seconds, "finished": self.finished, "partings": partings}
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -125,12 +116,15 @@ class NextExperiment:
         groups: dict[tuple[str | None, str], dict[str, list[Parting]]] = {}
         for one in self.partings:
             groups.setdefault((one.joint, one.cause), {}).setdefault(one.outcome, []).append(one)
-        told = tuple(together(group) for outcomes in groups.values() for group in outcomes.values())
+        told = tuple(describe_partings(group) for outcomes in groups.values() for group in outcomes.values())
         if self.motion is None:
             return told
-        how = f"the motion lasts {digits(self.seconds)} s, from rest to rest within the rig's limits"
-        how += "" if self.finished else "; the search for it was interrupted, it is the best so far"
-        settled = any({*outcomes} == {"named"} for outcomes in groups.values())
-        how += "" if settled else "; it names no cause, as each keeps a rival, and can but rule out others"
-        how += ": play it, and diagnose its log with the others by --holdout last-third, and by itself"
-        return (*told, f"{how}; what either rules out is ruled out")
+        cut = "" if self.finished else "; the search for it was interrupted, it is the best so far"
+        names = any({*outcomes} == {"named"} for outcomes in groups.values())
+        vain = "" if names else "; it names no cause, as each keeps a rival, and can but rule out others"
+        return (
+            *told,
+            f"the motion lasts {digits(self.seconds)} s, from rest to rest within the rig's limits{cut}{vain}: play "
+            "it, and diagnose its log with the others by --holdout last-third, and by itself; what either rules out is "
+            "ruled out",
+        )

@@ -122,31 +122,36 @@ class Finding:
     Attributes:
         cause: Its name.
         joint: Where it sits; None for a cause of the whole rig.
-        alike: Every cause that this log cannot tell from it, itself first.
         parameters: Its figures with standard deviations.
         gain: Held-out torque and rollout errors without and with it, at its joint.
         p_value: Chance that a log without it shows as much anywhere in the library.
         explained_share: Share of the baseline's held-out residual power that it removes; one where it removes more,
             of a model whose other findings only fit beside it.
-        visible_fraction: Share of its column that the rigid model and friction do not explain.
-        rivals: The nearest other causes.
         sentence: All of it for a person.
-        next_experiment: What would part it from its rivals, or None.
+        experiment: What would part it from its rivals.
+        rivals: The nearest other causes.
+        blurred: Causes that no log of its range tells from it.
+        visible_fraction: Share of its column that the rigid model and friction do not explain.
     """
 
     cause: str
     joint: str | None
-    alike: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     gain: Mapping[str, float]
     p_value: float
     explained_share: float
-    visible_fraction: float
-    rivals: tuple[Rival, ...]
     sentence: str
-    next_experiment: str | None
+    experiment: str = ""
+    rivals: tuple[Rival, ...] = ()
+    blurred: tuple[str, ...] = ()
+    visible_fraction: float = 1.0
 
     __repr__ = brief
+
+    @property
+    def alike(self) -> tuple[str, ...]:
+        """Every cause that this log cannot tell from it, itself first."""
+        return tuple(dict.fromkeys((*find_credible(self.cause, self.rivals), *self.blurred)))
 
     @property
     def status(self) -> str:
@@ -208,7 +213,7 @@ class Finding:
             "visible_fraction": self.visible_fraction,
             "rivals": [asdict(rival) for rival in self.rivals],
             "sentence": self.sentence,
-            "next_experiment": self.next_experiment,
+            "next_experiment": self.experiment if self.open else None,
         }
 
 

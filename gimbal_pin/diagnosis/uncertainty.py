@@ -26,8 +26,6 @@ BINS = 10
 OPEN = 1e-2
 """Least share of a direction that counts as shown outside a cluster: under it the cluster's own residual is none."""
 Labels = NDArray[np.intp]
-NUDGE = 0.02
-"""Relative change of a shape parameter for its slope."""
 ROUNDING = 1e-9
 """Change of a column, as a share of it, up to which that shape parameter changes nothing."""
 HELD = 1e-5
@@ -158,7 +156,7 @@ def compute_tangent(state: State, cause: Cause, weights: Array) -> Array:
     columns = [now]
     for name in shape_names(cause):
         value = getattr(cause, name)
-        step = NUDGE * abs(value)
+        step = 0.02 * abs(value)
         other = cause.altered(**{name: value + step if value + step <= upper[name] else value - step})
         slope = state.columns(other).values - now
         slope = np.where(np.abs(slope) > ROUNDING * np.max(np.abs(now)), slope, 0.0)

@@ -17,7 +17,7 @@ from gimbal_pin.control.tracking import Tracking, tour, track
 from gimbal_pin.control.tuning import Tuning, tune
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
-from gimbal_pin.diagnosis.file import build_motion_writer
+from gimbal_pin.diagnosis.file import list_writers
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import plant_with, simulate
 from gimbal_pin.effects import RigEffect, Signal, Term
@@ -31,7 +31,7 @@ from gimbal_pin.identification import (
     refittable_effects,
     report_with_payload,
 )
-from gimbal_pin.identification.model_file import write_extended, write_model
+from gimbal_pin.identification.model_file import write_model
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
 from gimbal_pin.log.log import Log, find_interval
@@ -240,13 +240,10 @@ def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None, lat
 
 def paths(rig: Rig, folder: Path, wrong: Diagnosis | None, held: Verified | None) -> Mapping[str, Path]:
     """Return what `write` leaves in a folder, and where."""
-    lacking = {
-        "camera": held is None,
-        "next experiment": wrong is None or not build_motion_writer(wrong),
-        "extended model": wrong is None or wrong.held is None,
-    }
+    found = {} if wrong is None or wrong.held is None else list_writers(wrong)
+    kept = {name: name in found for name in ("extended model", "next experiment")} | {"camera": held is not None}
     names = {"urdf": f"{rig.name}.urdf", **FILES}
-    return {what: folder / name for what, name in names.items() if not lacking.get(what)}
+    return {what: folder / name for what, name in names.items() if kept.get(what, True)}
 
 
 def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping[str, object]) -> tuple[str, ...]:
@@ -280,9 +277,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
     }
     if found.held is not None:
         writers["camera"] = partial(atomic_write, content=pages.moving(rig, found.held))
-    if wrong is not None and wrong.held is not None:
-        writers["extended model"] = partial(write_extended, wrong.after)
-    writers |= {} if wrong is None else build_motion_writer(wrong)
+    writers |= {} if wrong is None or wrong.held is None else list_writers(wrong)
     return write_run(folder, {found.files[what].name: write for what, write in writers.items()}, run)
 
 

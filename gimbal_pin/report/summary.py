@@ -174,8 +174,8 @@ def to_do(wrong: Diagnosis | None, tuning: Tuning | None) -> tuple[str, ...]:
     open_, known = [], []
     compensated = "" if tuning is None else "; ".join(why for why in tuning.reasons if why.startswith("compensated"))
     for finding in [] if wrong is None else wrong.lacking:
-        if finding.open and finding.next_experiment:
-            open_.append(f"Find out whether it is {named(finding)}: {finding.next_experiment}.")
+        if finding.open:
+            open_.append(f"Find out whether it is {named(finding)}: {finding.experiment}.")
         elif finding.cause != MEASURED and f"{finding.cause} at {finding.joint}" not in compensated:
             known.append(f"Against {named(finding)}: {CAUSES[finding.cause].compensation}.")
     if tuning is not None and tuning.doubts:

@@ -377,7 +377,7 @@ def about_finding(finding: Finding) -> list[str]:
     from gimbal_pin.diagnosis.result import TOGETHER
 
     lines = [finding.sentence]
-    lines += [f"  {finding.open}; try {finding.next_experiment}"] if finding.open else []
+    lines += [f"  {finding.open}; try {finding.experiment}"] if finding.open else []
     loose = ", ".join(f"{p.name} {digits(p.value, 4)}{p.in_units}" for p in finding.unsized)
     sizes = ", ".join(map(sized, finding.sized)) or (f"{loose}: {TOGETHER}" if loose else "")
     said = "; ".join(part for part in (tables.state_probability(finding), sizes) if part)

@@ -224,7 +224,7 @@ def test_bias_and_asymmetric_friction_are_one_class(rig: Rig, motion: Motion) ->
     found = said(rig, recorded(rig, motion, ("torque-bias:pan:bias=0.03",), seed=6), FRICTION)
     assert found.verdict == "ambiguous"
     assert {"torque-bias", "asymmetric-friction"} <= set(found.findings[0].alike)
-    assert found.findings[0].next_experiment
+    assert found.findings[0].experiment
 
 
 def test_what_a_small_motion_hides_is_told_as_a_class_or_as_untestable(rig: Rig) -> None:

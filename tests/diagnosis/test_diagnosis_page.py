@@ -137,7 +137,7 @@ def test_rivals_are_the_nearest_of_each_other_name_in_order(found: Diagnosis) ->
 def test_a_rival_is_ruled_out_where_the_others_hold_the_probability(found: Diagnosis) -> None:
     (finding,) = found.findings
     rivals = (Rival("delay", 1.0, 1.2), Rival("torque-ripple", 90.0, 6.1))
-    table = tables.rivals(replace(finding, alike=("cogging", "delay"), rivals=rivals))
+    table = tables.rivals(replace(finding, rivals=rivals))
     assert [Markup(row[-1]).striptags() for row in table.rows] == ["no", "yes"]
 
 
@@ -198,7 +198,7 @@ def test_a_model_that_knows_leaves_joints_cold(rig: Rig, log: Log, found: Diagno
 def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
     assert missed(found) == "The rigid model misses cogging at tilt"
     (finding,) = found.findings
-    either = replace(finding, alike=("cogging", "cable-spring"))
+    either = replace(finding, blurred=("cable-spring",))
     assert missed(replace(found, findings=(either,))).endswith("cogging or cable-spring at tilt")
     left = {"pan": Residual("structured", 0.1, 9.0, 1.0)}
     assert "something at pan that no known cause" in missed(replace(found, findings=(), residual=left))
@@ -206,14 +206,14 @@ def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
     said = verdict(99.0, missed(found))
     assert "cogging at tilt" in said and "explains" not in said
     assert to_do(found, None) == ("Against cogging at tilt: cogging feed-forward by angle.",)
-    either = replace(either, rivals=(), next_experiment="turn slowly")
+    either = replace(either, rivals=(), experiment="turn slowly")
     assert to_do(replace(found, findings=(either,)), None)[0].endswith("cogging or cable-spring at tilt: turn slowly.")
 
 
 def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis) -> None:
     """The verdict is named where any finding is; of another that is ambiguous it says that it is open."""
     finding = found.findings[0]
-    either = replace(finding, joint="roll", alike=("cogging", "cable-spring"), next_experiment="it")
+    either = replace(finding, joint="roll", blurred=("cable-spring",), experiment="it")
     mixed = replace(found, findings=(finding, either))
     assert text.diagnosis(mixed, {}).startswith("verdict: named, but for cogging/cable-spring at roll: which of these")
     assert sections.verdict(mixed).endswith("It leaves open whether it is cogging or cable-spring at roll.")

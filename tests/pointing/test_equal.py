@@ -173,7 +173,7 @@ def test_what_was_planted_and_not_found_is_told() -> None:
     (alone,) = missed(known, texts, False, ())
     assert alone.startswith("roll: cogging was planted, and nobody looked for it")
     assert len(missed(plant(), texts, False, ())) == 2
-    stand_in = Finding("torque-ripple", "roll", ("torque-ripple", "cogging"), (), {}, *[0.0] * 3, (), "", None)
+    stand_in = Finding("torque-ripple", "roll", (), {}, 0.0, 0.0, "", blurred=("cogging",))
     (told,) = missed(known, texts, True, (stand_in,))
     assert "did not find it" in told and "it told torque-ripple" in told
     assert "torque-ripple" not in missed(known, texts, True, (replace(stand_in, joint="tilt"),))[0]

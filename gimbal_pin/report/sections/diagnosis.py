@@ -100,7 +100,7 @@ def described(finding: Finding, likest: Sequence[Likeness], colour: str, believe
     loose = [f"{p.name} {figures(p.value)}{p.in_units}" for p in finding.unsized]
     lines += [f"{', '.join(loose)}: {TOGETHER}."] if loose else []
     if finding.open:
-        lines.append(f"{finding.open[0].upper()}{finding.open[1:]}. Try {finding.next_experiment}.")
+        lines.append(f"{finding.open[0].upper()}{finding.open[1:]}. Try {finding.experiment}.")
     cause = CAUSES.get(finding.cause)
     if believed:
         lines.append(f"What to do about it: {COMPENSATION if cause is None else cause.compensation}.")
