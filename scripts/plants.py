@@ -323,9 +323,9 @@ HEAD = (
 def judge(result: dict[str, Any], verb: str) -> tuple[list[str], bool]:
     """A row of the table; whether all that was stated is within what is asked.
 
-    A mass that is not known leaves the place a function of it, which is asked at the true mass. A place or mass whose deviation
-    is beyond what is asked is no figure, if it is told what makes it one (a known gimbal, or the structure that is left
-    at a joint): it may be wrong by three deviations alone.
+    A mass that is not known leaves the place a function of it, which is asked at the true mass. A place or mass whose
+    deviation is beyond what is asked is no figure, if it is told what makes it one (a known gimbal, or the structure
+    that is left at a joint): it may be wrong by three deviations alone.
     `with the last body` compares the first moment of camera and last body together, across the last axis, y: the
     torques show no more than this sum.
     """
