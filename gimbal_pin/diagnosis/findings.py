@@ -20,7 +20,14 @@ from gimbal_pin.diagnosis.engine.selection import promising, together
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import build_extended_model, find_settled
 from gimbal_pin.diagnosis.fit import project
-from gimbal_pin.diagnosis.gain import Figures, compare_errors, measure_errors, measure_gain, simulate_tracking
+from gimbal_pin.diagnosis.gain import (
+    CONFIRMED,
+    Figures,
+    compare_errors,
+    measure_errors,
+    measure_gain,
+    simulate_tracking,
+)
 from gimbal_pin.diagnosis.result import (
     Curve,
     Diagnosis,
@@ -174,9 +181,10 @@ class Confirmed(NamedTuple):
 
 
 def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
-    """Leave out the causes that the reporting part speaks against, the one that costs most first.
+    """Leave out the causes that the reporting part does not confirm, the one that costs most first.
 
-    With such a cause the error grows, at its joint or in the whole rig, or is larger than without any.
+    With such a cause the error is no smaller at its joint (`CONFIRMED`), or grows in the whole rig, or is larger than
+    without any.
 
     Args:
         found: The model of the training part.
@@ -192,13 +200,14 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
         gains = {cause: measure_gain(figures, best, used) for cause, figures in lacking.items()}
         places = {cause: _find_joint(state, cause) for cause in lacking}
         errors = {cause: [x["torque_rmse"][places[cause]] for x in (lacking[cause], best)] for cause in lacking}
-        grown = [cause for cause, (before, after) in errors.items() if not helps or gains[cause] < 0 or after > before]
-        if not grown:
+        is_gain = {cause: before >= CONFIRMED * after for cause, (before, after) in errors.items()}
+        unconfirmed = [cause for cause in errors if not (helps and is_gain[cause] and gains[cause] >= 0)]
+        if not unconfirmed:
             return Confirmed(found, baseline, best, lacking, tuple(denied))
-        worst = min(grown, key=gains.__getitem__)
+        worst = min(unconfirmed, key=gains.__getitem__)
         at, (without_, with_) = places[worst], errors[worst]
         told = held.rig.in_units(at, f"from {digits(without_, 3)} N m to {digits(with_, 3)} N m")
-        whole = "" if with_ > without_ else ", and that of the whole rig grows"
+        whole = "" if not is_gain[worst] else ", and that of the whole rig grows"
         denied.append(
             f"{at}: {worst.name} explains the part that was fitted and is left out: on the part that no choice has "
             f"seen the torque error goes {told} with it{whole}"
