@@ -175,7 +175,7 @@ class Pages:
     def write(self, rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> None:
         """Write them."""
         from gimbal_pin.log.io.files import atomic_write, open_replacement
-        from gimbal_pin.pointing.chart import chart
+        from gimbal_pin.report.camera_chart import chart
         from gimbal_pin.report.pages import carried as whole
         from gimbal_pin.report.pages import moving
 

@@ -16,8 +16,6 @@ from .measurement import Station as Station
 from .measurement import parse_fault as parse_fault
 from .navigator import Fusion as Fusion
 from .navigator import attitude as attitude
-from .outlook import Outlook as Outlook
-from .outlook import outlook as outlook
 from .pointer import Pointer as Pointer
 from .result import Budget as Budget
 from .result import Contest as Contest

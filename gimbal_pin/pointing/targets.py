@@ -93,14 +93,6 @@ BANDWIDTH = 8.0
 JUDGED = "with-friction"
 """The law that is judged: on a base that stands, what all later ones on the roster are."""
 
-STANDING = {
-    **dict.fromkeys(("pid-joint", "pid-world"), "pid-joint"),
-    **dict.fromkeys(("computed-torque-fixed", "without-hidden", "computed-torque"), "computed-torque-fixed"),
-    **dict.fromkeys(("with-friction", "with-prediction", "with-gyros", "switch", "oracle"), JUDGED),
-    "lyapunov": "lyapunov",
-}
-"""What each controller of the roster is on a base that stands; the observer is not run there."""
-
 
 @dataclass(frozen=True)
 class Followed:

@@ -15,7 +15,6 @@ from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.identification import Identified, PayloadStatement
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
-from gimbal_pin.pointing.outlook import outlook, shown
 from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.format import controller_name
@@ -27,6 +26,7 @@ from gimbal_pin.report.sections.diagnosis import WRONG, diagnosis
 from gimbal_pin.report.sections.model import parameters, torque
 from gimbal_pin.report.summary import Summary
 from gimbal_pin.report.view.onboard import onboard
+from gimbal_pin.report.view.outlook import outlook, shown
 from gimbal_pin.rig.rig import Rig
 
 STEPS = "All axes to and fro under {}; the ghost is the reference."

@@ -30,17 +30,16 @@ from gimbal_pin.pointing import (
     Verified,
     attitude,
     learned,
-    outlook,
     unable,
     verify,
 )
-from gimbal_pin.pointing.outlook import liveliest
-from gimbal_pin.report import figures, render
+from gimbal_pin.report import figures, outlook, render
 from gimbal_pin.report import text as terminal
 from gimbal_pin.report.sections.camera import asked_for, gazes, headline, numbers, pointing
 from gimbal_pin.report.view import afar, gaze
 from gimbal_pin.report.view.motion import poses
 from gimbal_pin.report.view.onboard import onboard
+from gimbal_pin.report.view.outlook import liveliest
 from gimbal_pin.report.view.sight import rays
 from gimbal_pin.rig import Rig
 from tests.browsing import needs_browser, visit, wide

@@ -12,18 +12,18 @@ from markupsafe import Markup
 from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS, TUNED
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD, PUSHED, describe_limits
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing import chart
 from gimbal_pin.pointing.bench import WANTED
-from gimbal_pin.pointing.outlook import Outlook, outlook, shown
 from gimbal_pin.pointing.result import Budget, Contest, Row
 from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.pointing.verify import Verified
+from gimbal_pin.report import camera_chart as chart
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import angle, controller_name, figures, listed
 from gimbal_pin.report.html import Card, Section, bullets, cards, heading, notice, paragraph
 from gimbal_pin.report.table import join
 from gimbal_pin.report.view import gaze
 from gimbal_pin.report.view.gaze import ASPECT, Picture, Scenery
+from gimbal_pin.report.view.outlook import Outlook, outlook, shown
 
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
 FALLBACK = (

@@ -20,7 +20,7 @@ from gimbal_pin.report.format import controller_name
 from gimbal_pin.report.html import template
 
 if TYPE_CHECKING:
-    from gimbal_pin.pointing.outlook import Outlook, Shot
+    from gimbal_pin.report.view.outlook import Outlook, Shot
 
 WIDE = tan(radians(45.0))
 """Tangent of half the angle that a wide picture holds across."""

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from gimbal_pin.log.log import Array, Imu, Log
-from gimbal_pin.pointing.outlook import Outlook
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.report.view import gaze
 from gimbal_pin.report.view.motion import motion
+from gimbal_pin.report.view.outlook import Outlook
 from gimbal_pin.report.view.page import page
 from gimbal_pin.report.view.scene import scene
 from gimbal_pin.rig.rig import Rig
