@@ -255,7 +255,10 @@ def measure_bytes(platform: bool = False) -> None:
         platform: Hold the camera still on profile S.
     """
     work, design = campaign(engine.TASK_UNITS, 5.0, platform)
-    sizes = {n: len(pickle.dumps((engine.compute_task, work, 0, design[:n], "s3://bucket/rigs"))) for n in (1, 10, 100)}
+    sizes = {
+        n: len(pickle.dumps((engine.compute_task, work, 0, [design[k] for k in range(n)], "s3://bucket/rigs")))
+        for n in (1, 10, 100)
+    }
     print(json.dumps({f"{n} rigs": size for n, size in sizes.items()}))
     print(f"{(sizes[100] - sizes[1]) / 99:.0f} bytes per rig, {sizes[1] / 1000:.0f} kB per task")
 

@@ -143,7 +143,7 @@ def monte_carlo(
     Raises:
         UsageError: Something asked for cannot be; it names what.
     """
-    check_installed("monte_carlo", "pyarrow", "fsspec", *["SALib"] * sobol)
+    check_installed("monte_carlo", "pyarrow", "fsspec")
     known = nominal(rig) if model is None else model
     variation = Variation(known, choose_default_vary(known) if vary is None else vary)
     design = RigDesign(variation.inputs, count, seed, sobol, variation.vary.own_noise)
@@ -165,7 +165,7 @@ def summarise_rigs(
     figures = {name: table[name].to_numpy(dtype=float) for name in units}
     asked = limits or (Limit(next(iter(units)), 1.0, ""),)
     used = np.max([np.where(ran, figures[own.figure], np.inf) / own.bound for own in asked], axis=0)
-    drawn = design.independent
+    drawn = np.isin(np.arange(len(design)) % design.group, [0, design.group - 1])  # A and B are independent
     worst = table.iloc[np.argsort(-used, kind="stable")[:SHOWN]].astype(object)
     return MonteCarlo(
         rig=rig.name,

@@ -27,7 +27,7 @@ Part = str | Table | Callable[[], Markup]
 """A sentence or a table, which the terminal shows, too, or what makes something that only a page can show."""
 Chapter = tuple[str, str, Sequence[Part]]
 """Heading, a sentence under it or nothing, and parts."""
-LONGEST = 80
+LONGEST = 90
 """Most characters of a table's cell in a terminal."""
 FIRST = 20
 """Units and causes that are listed one by one."""

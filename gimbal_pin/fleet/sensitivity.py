@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 from scipy.stats import spearmanr
 
 from gimbal_pin.fleet.variation import RigDesign
@@ -36,48 +37,44 @@ class Influence:
     total_confidence: float | None = None
     rank_correlation: float | None = None
 
-    @property
-    def size(self) -> float:
-        """What inputs are ordered by."""
-        return abs((self.rank_correlation if self.total is None else self.total) or 0.0)
-
 
 def rank_influences(design: RigDesign, used: Array) -> tuple[Influence, ...]:
     """Return what each input does to the values of a design's rigs, (N,), largest first; infinite: it failed.
 
     A base point of which a rig failed has no indices and is left out whole; a rank it has.
     """
-    if not design.sobol:
-        shares = np.array([unit.shares for unit in design])
-        found = [
-            Influence(name, rank_correlation=correlate_ranks(own, used)) for name, own in zip(design.inputs, shares.T)
-        ]
-    else:
-        whole = np.isfinite(used).reshape(-1, design.group).all(axis=1)
-        found = compute_sobol_indices(design, used.reshape(-1, design.group)[whole].ravel())
-    return tuple(sorted(found, key=lambda own: -own.size))
+    if design.sobol:
+        points = used.reshape(-1, design.group)
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points) < 2 or np.ptp(points) == 0:
+            return tuple(map(Influence, design.inputs))
+        rows = zip(design.inputs, estimate_sobol_indices(points, design.seed).T.tolist())
+        return tuple(sorted((Influence(name, *row) for name, row in rows), key=lambda own: -abs(own.total or 0.0)))
+    if len(used) < 3 or np.all(used == used[0]):
+        return tuple(map(Influence, design.inputs))
+    shares = np.array([unit.shares for unit in design]).T
+    ranks = ((name, float(spearmanr(own, used).statistic)) for name, own in zip(design.inputs, shares))
+    found = (Influence(name, rank_correlation=rank) for name, rank in ranks)
+    return tuple(sorted(found, key=lambda own: -abs(own.rank_correlation or 0.0)))
 
 
-def correlate_ranks(share: Array, used: Array) -> float | None:
-    """Return Spearman's rank correlation; None where there is nothing to rank."""
-    if len(used) < 3 or (used == used[0]).all():
-        return None
-    return float(spearmanr(share, used).statistic)
+def estimate_sobol_indices(points: Array, seed: int) -> Array:
+    """Return first-order indices, half of their intervals, total indices, half of theirs, (4, d).
+
+    Args:
+        points: Values of A, of A with each input from B, and of B, (N, d + 2).
+        seed: Seed of the bootstrap.
+    """
+    resampled = np.random.default_rng(seed).integers(len(points), size=(len(points), RESAMPLED))
+    centred = points - points.mean()
+    std = np.std([compute_sobol_indices(centred[own]) for own in resampled.T], axis=0, ddof=1)
+    return np.stack([compute_sobol_indices(centred), ndtri(0.5 + CONFIDENCE / 2) * std], axis=1).reshape(4, -1)
 
 
-def compute_sobol_indices(design: RigDesign, used: Array) -> list[Influence]:
-    """Return each input's Sobol indices (SALib) from the values of whole base points; none where nothing differs."""
-    if len(used) < 2 * design.group or np.ptp(used) == 0:
-        return [Influence(name) for name in design.inputs]
-    from SALib.analyze import sobol
+def compute_sobol_indices(centred: Array) -> Array:
+    """``S = mean(f_B (f_AB - f_A)) / V,  T = mean((f_A - f_AB)²) / 2 V``, (2, d), from centred values (N, d + 2).
 
-    found = sobol.analyze(
-        design.problem,
-        (used - used.mean()) / used.std(),
-        calc_second_order=False,
-        num_resamples=RESAMPLED,
-        conf_level=CONFIDENCE,
-        seed=design.seed,
-    )
-    columns = (np.asarray(found[key]).tolist() for key in ("S1", "S1_conf", "ST", "ST_conf"))
-    return [Influence(name, *row) for name, *row in zip(design.inputs, *columns)]
+    Saltelli et al., Computer Physics Communications 181 (2010), table 2 (b) and (f).
+    """
+    a, mixed, b = centred[:, :1], centred[:, 1:-1], centred[:, -1:]
+    return np.array([(b * (mixed - a)).mean(axis=0), ((a - mixed) ** 2).mean(axis=0) / 2]) / np.var([a, b])

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from math import inf, isfinite, isnan, nan, radians
+from math import inf, isnan, radians
 from typing import ClassVar
 
 import numpy as np
 
 from gimbal_pin.control.controllers import OURS, TUNED
 from gimbal_pin.control.laws.design import Wish
-from gimbal_pin.control.tracking import StepMetrics, track
+from gimbal_pin.control.tracking import track
 from gimbal_pin.control.tuning import Law, Stored, Tuning, tune
 from gimbal_pin.dynamics.model import Model, convert_model
 from gimbal_pin.dynamics.sensors import Sensors
@@ -31,6 +31,7 @@ from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.sight import Sight, unable
 from gimbal_pin.pointing.sweep import trusted
 from gimbal_pin.rig.config import Noise
+from gimbal_pin.rig.reading import parse_decimal
 from gimbal_pin.rig.rig import Rig
 
 STEPS = {"rms_error": "°", "overshoot_percent": "%", "settling_time": "s", "peak_torque": ""}
@@ -58,35 +59,29 @@ def parse_limit(text: str, known: Mapping[str, str]) -> Limit:
     """
     figure, _, rest = (part.strip() for part in text.partition("<"))
     number, _, word = rest.partition(" ")
-    mend = f"write FIGURE < NUMBER with one of {', '.join(known)}"
+    place, mend = f"--spec '{text}'", f"write FIGURE < NUMBER with one of {', '.join(known)}"
     if figure not in known:
-        raise UsageError(f"--spec '{text}'", f"speaks of '{figure}', which is no figure of these runs", mend)
+        raise UsageError(place, f"speaks of '{figure}', which is no figure of these runs", mend)
     if rest.startswith("="):
-        raise UsageError(f"--spec '{text}'", "compares by <=", "write <")
-    unit = word.strip() or known[figure]
-    scales = SCALES.get(known[figure], {known[figure]: 1.0})
-    try:
-        bound = float(number)
-    except ValueError:
-        bound = nan
-    if unit not in scales or not (isfinite(bound) and bound > 0):
-        raise UsageError(f"--spec '{text}'", f"states no positive number of {known[figure] or 'a share'}", mend)
-    return Limit(figure, bound * scales[unit], text)
-
-
-def list_common_figures(rig: Rig) -> list[str]:
-    """Return the figures of a step whose largest is taken over all joints: no error where some slide and some turn."""
-    mixed = len(set(rig.slides)) > 1
-    return [name for name, unit in STEPS.items() if not (mixed and unit == "°")]
+        raise UsageError(place, "compares by <=", "write <")
+    unit = known[figure]
+    scale, bound = SCALES.get(unit, {unit: 1.0}).get(word.strip() or unit), parse_decimal(number)
+    if scale is None or not bound or bound < 0:
+        raise UsageError(place, f"states no positive number of {unit or 'a share'}", mend)
+    return Limit(figure, bound * scale, text)
 
 
 def list_figures(rig: Rig, platform: bool) -> dict[str, str]:
-    """Return the names of the figures, and their units for people."""
+    """Return the names of the figures, and their units for people.
+
+    Where some joints slide and some turn, no error is the largest of all.
+    """
     if platform:
         return PLATFORM | {f"peak_torque_{joint}": "" for joint in rig.joints}
     kinds = {joint: "mm" if slides else "°" for joint, slides in zip(rig.joints, rig.slides)}
     each = {f"{name}_{joint}": kinds[joint] if unit == "°" else unit for name, unit in STEPS.items() for joint in kinds}
-    return {name: each[f"{name}_{rig.joints[0]}"] for name in list_common_figures(rig)} | each
+    common = {name: {each[f"{name}_{joint}"] for joint in kinds} for name in STEPS}
+    return {name: units.pop() for name, units in common.items() if len(units) == 1} | each
 
 
 @dataclass(frozen=True)
@@ -174,13 +169,13 @@ class Study:
         return replace(plant, drive=(*plant.drive, *noise))
 
     def simulate_step(self, law: Law, plant: Model, values: Values, seed: int) -> dict[str, Value]:
-        """Return the figures of a step of all axes."""
+        """Return the figures of a step of all axes: of no overshoot 0, of a joint that did not settle infinite."""
         rig, sensors = plant.rig, Sensors.of(plant.rig, law.dt)
         if (density := values.get("gyro_noise")) is not None:
             sensors = replace(sensors, rate_std=np.full(rig.n, density / np.sqrt(2 * law.dt)))
         if (step := values.get("encoder_step")) is not None:
             sensors = replace(sensors, encoder_step=np.full(rig.n, step))
-        found = track(
+        run = track(
             plant,
             {"own": law},
             rng=np.random.default_rng([seed, 2]),
@@ -188,14 +183,16 @@ class Study:
             sensors=sensors,
             delay=self.wish.samples,
             one_by_one=False,
-        )
-        run = found.experiments[0]
-        rows = {
-            joint: dict(zip(STEPS, (*summarise_step(run.joints[joint]), share)))
-            for joint, share in compute_torque_shares(rig.joints, np.asarray(run.log.tau), rig.tau_max).items()
-        }
-        out: dict[str, Value] = {name: max(row[name] for row in rows.values()) for name in list_common_figures(rig)}
-        return out | {f"{name}_{joint}": row[name] for name in STEPS for joint, row in rows.items()}
+        ).experiments[0]
+        out = compute_torque_shares(rig, np.asarray(run.log.tau))
+        for joint, seen in run.joints.items():
+            stayed = isnan(seen.overshoot_percent)
+            settling = inf if isnan(seen.settling_time) else seen.settling_time
+            out[f"rms_error_{joint}"] = seen.rms_error
+            out[f"overshoot_percent_{joint}"] = 0.0 if stayed else seen.overshoot_percent
+            out[f"settling_time_{joint}"] = 0.0 if stayed else settling
+        largest = {name: max(out[f"{name}_{joint}"] for joint in rig.joints) for name in STEPS}
+        return {name: {**largest, **out}[name] for name in list_figures(rig, platform=False)}
 
     def hold_camera(self, holder: Holder, plant: Model, values: Values, seed: int) -> dict[str, Value]:
         """Return the figures of a camera held on profile S."""
@@ -207,22 +204,14 @@ class Study:
         ground = Shaken(Sight(rig).centre, self.seconds, holder.dt)(seed)
         noise, late = np.random.default_rng([seed, 2]), self.wish.samples
         run = point(plant, holder, ground, rng=noise, seconds=self.seconds, station=station, delay=late)
-        each = compute_torque_shares(rig.joints, np.asarray(run.tau)[run.counted], rig.tau_max)
-        out: dict[str, Value] = dict(zip(PLATFORM, (*run.jitter, max(each.values()))))
-        return out | {f"peak_torque_{joint}": share for joint, share in each.items()}
+        shares = compute_torque_shares(rig, np.asarray(run.tau)[run.counted])
+        return {**dict(zip(PLATFORM, (*run.jitter, max(shares.values())))), **shares}
 
 
-def summarise_step(seen: StepMetrics) -> tuple[float, float, float]:
-    """Return rms error, overshoot and settling time: infinite where a joint did not settle, 0 where it stayed."""
-    stayed = isnan(seen.overshoot_percent)
-    settling = inf if isnan(seen.settling_time) else seen.settling_time
-    return seen.rms_error, 0.0 if stayed else seen.overshoot_percent, 0.0 if stayed else settling
-
-
-def compute_torque_shares(joints: tuple[str, ...], tau: Array, limits: Array) -> dict[str, float]:
-    """Return joint → largest torque as a share of its motor's limit."""
-    peaks: list[float] = (np.abs(tau).max(axis=0) / limits).tolist()
-    return dict(zip(joints, peaks))
+def compute_torque_shares(rig: Rig, tau: Array) -> dict[str, float]:
+    """Return ``peak_torque_JOINT`` → largest torque as a share of its motor's limit."""
+    peaks: list[float] = (np.abs(tau).max(axis=0) / rig.tau_max).tolist()
+    return {f"peak_torque_{joint}": peak for joint, peak in zip(rig.joints, peaks)}
 
 
 def describe_rig(rig: Rig) -> list[str]:

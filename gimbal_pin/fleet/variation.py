@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
+from scipy.stats import qmc
 
 from gimbal_pin.control.laws.uncertainty import estimate
 from gimbal_pin.dynamics.apply import plant_with
@@ -35,32 +36,34 @@ MIN_PROBABILITY = 1e-12
 
 
 class Distribution(NamedTuple):
-    """A number's distribution: "fixed" at `a`, "uniform" from `a` to `b`, or "normal" of mean `a` and deviation `b`."""
+    """A number's distribution: "uniform" from `a` to `b`, or "normal" of mean `a` and deviation `b`."""
 
     kind: str
     a: float
-    b: float = 0.0
+    b: float
+
+    @property
+    def width(self) -> float:
+        """Length of the interval, or the deviation; 0 of a number that does not vary."""
+        return self.b - self.a if self.kind == "uniform" else self.b
 
     def quantile(self, share: float) -> float:
         """``F⁻¹(share)``: the value that this share of all draws does not exceed."""
-        if self.kind == "fixed":
-            return self.a
         inside = min(max(share, MIN_PROBABILITY), 1 - MIN_PROBABILITY)
-        return self.a + self.b * float(ndtri(inside)) if self.kind == "normal" else self.a + (self.b - self.a) * inside
+        return self.a + self.width * (inside if self.kind == "uniform" else float(ndtri(inside)))
 
 
 def parse_distribution(written: Any, place: str) -> Distribution:
-    """Return what a file states of a number; a width of zero is a fixed number."""
-    kind, *numbers = written if isinstance(written, (list, tuple)) and written else ("fixed", written)
+    """Return what a file states of a number."""
+    kind, *numbers = written if isinstance(written, (list, tuple)) and written else ("uniform", written, written)
     real = [isinstance(x, (int, float)) and not isinstance(x, bool) and isfinite(x) for x in numbers]
-    if not all(real) or len(numbers) != {"fixed": 1, "uniform": 2, "normal": 2}.get(str(kind)):
+    if kind not in ("uniform", "normal") or real != [True, True]:
         raise UsageError(place, f"is {written!r}", DISTRIBUTION_SYNTAX)
-    found = Distribution(str(kind), *map(float, numbers))
-    if found.b < (found.a if kind == "uniform" else 0.0):
+    found = Distribution(kind, *map(float, numbers))
+    if found.width < 0:
         wrong = "lowest exceeds its highest" if kind == "uniform" else "deviation is negative"
         raise UsageError(place, f"is {written!r}, whose {wrong}", DISTRIBUTION_SYNTAX)
-    constant = (kind == "uniform" and found.a == found.b) or (kind == "normal" and found.b == 0)
-    return Distribution("fixed", found.a) if constant else found
+    return found
 
 
 @dataclass(frozen=True)
@@ -90,10 +93,6 @@ class Vary:
     gyro_noise: Any = None
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     own_noise: bool = True
-
-
-NOTHING = Vary(parameters=0.0, own_noise=False)
-"""All units are the nominal one."""
 
 
 def choose_default_vary(model: Model) -> Vary:
@@ -129,11 +128,10 @@ class Variation:
     vary: Vary
     place: str = "vary"
 
-    @cached_property
+    @property
     def estimated(self) -> Estimated | None:
         """The estimate of the model's parameters, if it has one."""
-        found = estimate(self.model)
-        return None if found is None else found[0]
+        return (estimate(self.model) or (None,))[0]
 
     @cached_property
     def distributions(self) -> Mapping[str, Distribution]:
@@ -152,7 +150,7 @@ class Variation:
     @cached_property
     def inputs(self) -> tuple[str, ...]:
         """Names of those that vary."""
-        return tuple(name for name, own in self.distributions.items() if own.kind != "fixed")
+        return tuple(name for name, own in self.distributions.items() if own.width)
 
     def values(self, shares: Sequence[float]) -> dict[str, float]:
         """Return all numbers, from the inputs' places in their distributions, 0 to 1."""
@@ -257,38 +255,19 @@ class RigDesign(Sequence[Unit]):
         """Rigs of one base point: A, A with each input from B, B."""
         return len(self.inputs) + 2 if self.sobol else 1
 
-    @property
-    def independent(self) -> Array:
-        """Which rigs are independent draws, (N,): of a Sobol design A and B."""
-        place = np.arange(len(self)) % self.group
-        return np.asarray((place == 0) | (place == self.group - 1))
-
-    @property
-    def problem(self) -> dict[str, Any]:
-        """The unit cube as SALib takes it."""
-        return {"num_vars": len(self.inputs), "names": list(self.inputs), "bounds": [[0.0, 1.0]] * len(self.inputs)}
-
     @cached_property
-    def points(self) -> Array:
-        """Saltelli's sample, (N, d)."""
-        from SALib.sample import sobol
+    def base_points(self) -> Array:
+        """Scrambled Sobol sequence of A and B, (size, 2 inputs)."""
+        return np.asarray(qmc.Sobol(2 * len(self.inputs), seed=self.seed).random(self.size))
 
-        return np.asarray(sobol.sample(self.problem, self.size, calc_second_order=False, seed=self.seed))
-
-    @overload
-    def __getitem__(self, place: int) -> Unit: ...
-    @overload
-    def __getitem__(self, place: slice) -> list[Unit]: ...
-    def __getitem__(self, place: int | slice) -> Unit | list[Unit]:
-        """Draw one rig, or some."""
-        if isinstance(place, slice):
-            return [self[k] for k in range(len(self))[place]]
+    def __getitem__(self, place: Any) -> Any:
+        """Draw one rig."""
         k = range(len(self))[place]
         own, shared = (np.random.default_rng([self.seed, word, n]) for word, n in ((1, k), (2, 0)))
-        shares = self.points[k].tolist() if self.sobol else own.random(len(self.inputs)).tolist()
-        noise = own if self.own_noise and not self.sobol else shared
-        return Unit(tuple(shares), int(noise.integers(2**63)))
-
-    def __iter__(self) -> Iterator[Unit]:
-        """Draw one rig after the other."""
-        return (self[k] for k in range(len(self)))
+        if not self.sobol:
+            shares = own.random(len(self.inputs))
+            return Unit(tuple(shares.tolist()), int((own if self.own_noise else shared).integers(2**63)))
+        a, b = np.split(self.base_points[k // self.group], 2)
+        step = k % self.group
+        shares = b if step == self.group - 1 else np.where(np.arange(len(a)) == step - 1, b, a)
+        return Unit(tuple(shares.tolist()), int(shared.integers(2**63)))

@@ -16,7 +16,7 @@ from gimbal_pin import Rig, identify, monte_carlo, nominal, track, tune
 from gimbal_pin.dynamics import reduce_parameters
 from gimbal_pin.errors import UsageError
 from gimbal_pin.fleet import MonteCarlo, RigDesign, Variation, Vary, process_pool, rank_influences
-from gimbal_pin.fleet.variation import NOTHING, factor_covariance
+from gimbal_pin.fleet.variation import factor_covariance
 from gimbal_pin.identification import given_beta
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result
@@ -25,6 +25,8 @@ from tests.rigs import BODY, spelled
 
 SHORT = 0.65
 """Length of a run, s: the step and little more."""
+NOTHING = Vary(parameters=0.0, own_noise=False)
+"""All rigs are the nominal one."""
 LATE = Vary(inertials=("normal", 0.0, 0.001), delay=("uniform", 0.0, 0.004), own_noise=False)
 
 
@@ -203,9 +205,9 @@ def test_sobol_asks_for_a_power_of_two_and_for_something_that_varies(run: Run, t
 
 
 def test_a_missing_package_is_one_line(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "SALib", None)
-    call = ["montecarlo", "turret", "--sobol", "--count", 2, "--seconds", 0.6, "-o", tmp_path / "out"]
-    refused(run(*call), 2, "needs SALib, which is not installed; pip install gimbal-pin[fleet]")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    call = ["montecarlo", "turret", "--count", 2, "--seconds", 0.6, "-o", tmp_path / "out"]
+    refused(run(*call), 2, "needs pyarrow, which is not installed; pip install gimbal-pin[fleet]")
 
 
 def test_a_joint_that_slides_has_millimetres_and_no_share_in_the_angles() -> None:
