@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import Enum
+from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,14 @@ import numpy as np
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.fleet.engine import RUN, Capacity, ExecutorFactory, compute_table, file_system, read_table
 from gimbal_pin.fleet.manifest import Manifest, read_manifest
-from gimbal_pin.fleet.population import Deviation, DeviationKind, FleetParameter, UnitEstimate, compare_units
+from gimbal_pin.fleet.population import (
+    Comparison,
+    Deviation,
+    DeviationKind,
+    FleetParameter,
+    UnitEstimate,
+    compare_units,
+)
 from gimbal_pin.fleet.study import describe_rig
 from gimbal_pin.fleet.units import LogStudy
 from gimbal_pin.rig.brief import brief
@@ -32,16 +40,20 @@ MAJORITY = 0.5
 """Share of the siblings from which a cause or a fault is the fleet's way rather than a unit's own."""
 
 
-class Verdict(Enum):
+class Verdict(str, Enum):
     """What becomes of a unit."""
+
+    __str__ = str.__str__
 
     PASS = "pass"
     FAIL = "fail"
     RETEST = "retest"
 
 
-class Reason(Enum):
+class Reason(str, Enum):
     """Why a unit does not pass."""
+
+    __str__ = str.__str__
 
     ODD_PARAMETER = "odd-parameter"
     """A parameter is not like its siblings': fails."""
@@ -55,11 +67,8 @@ class Reason(Enum):
     """Its error in a parameter exceeds the fleet's spread and `SCATTER` times its siblings' error: test again."""
 
 
-CERTAIN = ("named", "data")
-"""Statuses of findings that are counted."""
-EARLIER = "earlier/"
-"""Put before the serial numbers of the fleet that units are judged against."""
-FAILING = {Reason.ODD_PARAMETER, Reason.OWN_CAUSE}
+Finding = tuple[str, str | None, str]
+"""Cause, joint or None for the rig, and status: "named", or "data" of a fault of the log."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +88,7 @@ class UnitCause:
     Attributes:
         cause: Its name.
         joint: Where; None for the whole rig.
-        status: One of `CERTAIN`.
+        status: "named", or "data" of a fault.
         since: When the first log with it was taken, as the manifest states it; None: the unit was never without it.
     """
 
@@ -174,30 +183,15 @@ class Fleet:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds; null for what is unknown."""
+        units = [asdict(one) for one in self.units]
+        for told, one in zip(units, self.units):
+            del told["estimate"]
+            for own, deviation in zip(told["deviations"], one.deviations):
+                own |= {"score": deviation.score, "since": self.since(deviation)}
         return {
             "schema": 1,
-            "rig": self.rig,
-            "payload": self.payload,
-            "reference": self.reference,
-            "logs": self.logs,
-            "failed": self.failed,
-            "counts": {verdict.value: count for verdict, count in self.counts.items()},
-            "units": [
-                {
-                    "unit": one.unit,
-                    "verdict": one.verdict.value,
-                    "reasons": [reason.value for reason in one.reasons],
-                    "logs": one.logs,
-                    "deviations": [
-                        {**asdict(own), "kind": own.kind.value, "score": own.score, "since": self.since(own)}
-                        for own in one.deviations
-                    ],
-                    "causes": [asdict(cause) for cause in one.causes],
-                    "uncertain": list(one.uncertain),
-                    "errors": list(one.errors),
-                }
-                for one in self.units
-            ],
+            **{name: getattr(self, name) for name in ("rig", "payload", "reference", "logs", "failed", "counts")},
+            "units": units,
             "population": [
                 {**asdict(own), "unit": self.parameter_units[own.name], "detectable": self.detectable[own.name]}
                 for own in self.population
@@ -213,8 +207,8 @@ class Fleet:
         return pd.DataFrame.from_records(
             {
                 "unit": one.unit,
-                "verdict": one.verdict.value,
-                "reasons": ", ".join(reason.value for reason in one.reasons),
+                "verdict": str(one.verdict),
+                "reasons": ", ".join(one.reasons),
                 "logs": one.logs,
                 **({} if one.estimate is None else dict(zip(names, one.estimate.values.tolist()))),
             }
@@ -267,7 +261,8 @@ def compare_fleet(
         raise UsageError(manifest.place, "has the logs of one unit", "add its siblings', or give --reference")
     study = LogStudy(loaded, manifest.cutoff, quick, seed)
     table = compute_table(study.examine, manifest.logs, settings, folder, executor, workers, quiet)
-    table["reported"] = table["log"].notna() if "log" in table else False
+    table = table.reindex(columns=list(dict.fromkeys(["unit", "error", "log", *table, "verdict", "findings"])))
+    table["reported"] = table["log"].notna()  # what ended the program left nothing but an error
     for column, name in (("log", "path"), ("serial", "unit"), ("time", "time"), ("taken", "taken")):
         table[column] = [getattr(log, name) for log in manifest.logs]
     return _judge_fleet(loaded, manifest, reference, table, earlier)
@@ -309,51 +304,39 @@ def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
     return known
 
 
-@dataclass(frozen=True)
-class _Causes:
-    """Which units have a cause: (cause, joint, "named" or "data") → units, of those that were diagnosed."""
-
-    having: Mapping[tuple[str, str | None, str], set[str]]
-    diagnosed: set[str]
-
-    def list_own(self, unit: str, findings: Sequence[Mapping[str, Any]]) -> list[tuple[str, str | None, str]]:
-        """Return those of a unit's findings that less than `MAJORITY` of its siblings have."""
-        others = self.diagnosed - {unit}
-        keys = dict.fromkeys(key for one in findings if (key := _key_of(one))[2] in CERTAIN)
-        return [key for key in keys if others and len(self.having.get(key, set()) - {unit}) < MAJORITY * len(others)]
+def _read_findings(table: DataFrame) -> list[list[Finding]]:
+    """Named causes and faults of each log; none of one that was not diagnosed."""
+    texts = table["findings"].fillna("[]") if "findings" in table else ["[]"] * len(table)
+    keys = [dict.fromkeys((one["cause"], one["joint"], one["status"]) for one in json.loads(text)) for text in texts]
+    return [[key for key in own if key[2] in ("named", "data")] for own in keys]
 
 
-def _key_of(finding: Mapping[str, Any]) -> tuple[str, str | None, str]:
-    """What is counted of a finding."""
-    return finding["cause"], finding["joint"], finding["status"]
-
-
-def _read_findings(table: DataFrame) -> list[list[dict[str, Any]]]:
-    """Findings of each log; none of one that was not diagnosed."""
-    if "findings" not in table:
-        return [[] for _ in range(len(table))]
-    return [json.loads(text) if isinstance(text, str) else [] for text in table["findings"]]
-
-
-def _count_causes(table: DataFrame) -> _Causes:
-    """Which units have which named cause or fault."""
-    having: dict[tuple[str, str | None, str], set[str]] = {}
+def _list_owners(table: DataFrame) -> tuple[dict[Finding, set[str]], set[str]]:
+    """Finding → the units that have it, and the units that were diagnosed."""
+    owners: dict[Finding, set[str]] = {}
     for unit, findings in zip(table["serial"], _read_findings(table)):
-        for key in map(_key_of, findings):
-            if key[2] in CERTAIN:
-                having.setdefault(key, set()).add(unit)
-    is_diagnosed = table["verdict"].notna() if "verdict" in table else np.zeros(len(table), bool)
-    return _Causes(having, set(table["serial"][is_diagnosed]))
+        for key in findings:
+            owners.setdefault(key, set()).add(unit)
+    return owners, set(table["serial"][table["verdict"].notna()]) if "verdict" in table else set()
+
+
+def _find_own(table: DataFrame, siblings: DataFrame) -> list[list[Finding]]:
+    """Of each log the findings that less than `MAJORITY` of its unit's siblings have."""
+    owners, diagnosed = _list_owners(siblings)
+
+    def is_own(unit: str, key: Finding) -> bool:
+        others = diagnosed - {unit}
+        return bool(others) and len(owners.get(key, set()) - {unit}) < MAJORITY * len(others)
+
+    rows = zip(table["serial"], _read_findings(table))
+    return [[key for key in keys if is_own(unit, key)] for unit, keys in rows]
 
 
 def _list_parameters(table: DataFrame) -> dict[str, str]:
     """Parameters that at least half of the logs tell, as a base that moves shows more → their units."""
-    units, count = dict[str, str](), Counter[str]()
-    for text, logs in table["units"].value_counts().items():
-        own = json.loads(str(text))
-        units |= own
-        count.update(dict.fromkeys(own, int(logs)))
-    return {name: unit for name, unit in units.items() if count[name] >= MAJORITY * len(table)}
+    told = [json.loads(text) for text in table["units"]]
+    count = Counter(name for own in told for name in own)
+    return {name: unit for own in told for name, unit in own.items() if count[name] >= MAJORITY * len(table)}
 
 
 def _judge_fleet(
@@ -362,51 +345,35 @@ def _judge_fleet(
     """Return what the rows say of each unit."""
     import pandas as pd
 
-    of_these = _count_causes(table)
-    causes = of_these if earlier is None else _count_causes(earlier)
     for rows in (table,) if earlier is None else (table, earlier):
-        rows["own"] = [causes.list_own(*row) for row in zip(rows["serial"], _read_findings(rows))]
-        rows["spoilt"] = [any(key[2] == "data" for key in keys) for keys in rows["own"]]
+        rows["own"] = _find_own(rows, table if earlier is None else earlier)
+        rows["spoilt"] = [any(status == "data" for *_, status in own) for own in rows["own"]]
     used = table[table["error"].isna() & ~table["spoilt"]]
     if used.empty:
         why = f": {table['error'].dropna().iloc[0]}" if table["error"].notna().any() else ""
         raise DataError(manifest.place, f"has no log that can be used{why}", "record them as 'gimbal-pin check' says")
-    compared_logs, of_fleet = used.assign(label=used["serial"]), None
+    logs, of_fleet = used.assign(label=used["serial"]), None
     if earlier is not None:  # a unit may have been in the earlier fleet under the same serial number
-        earlier = earlier[~earlier["spoilt"]]
-        of_fleet = sorted({f"{EARLIER}{unit}" for unit in earlier["serial"]})
-        compared_logs = pd.concat([compared_logs, earlier.assign(label=EARLIER + earlier["serial"])])
+        earlier = earlier[~earlier["spoilt"]].assign(label="earlier/" + earlier["serial"])
+        logs, of_fleet = pd.concat([logs, earlier]), sorted(set(earlier["label"]))
     siblings = of_fleet or sorted(set(used["serial"]))
     if len(siblings) < 2:
         raise DataError(manifest.place, "has fewer than two units whose logs can be used", "record more")
-    units = _list_parameters(compared_logs)
+    units = _list_parameters(logs)
     values, stds = (
-        compared_logs.reindex(columns=[f"{kind}.{name}" for name in units]).to_numpy(dtype=float)
-        for kind in ("value", "std")
+        logs.reindex(columns=[f"{kind}.{name}" for name in units]).to_numpy(dtype=float) for kind in ("value", "std")
     )
-    times = compared_logs["time"].to_numpy(dtype=float)
-    compared = compare_units(list(units), values, stds, list(compared_logs["label"]), times, reference=of_fleet)
-    spread, repeat = (np.array([getattr(own, kind) for own in compared.population]) for kind in ("spread", "repeat"))
-    precision = pd.DataFrame(1 / (stds**2 + repeat**2), columns=list(units)).groupby(list(compared_logs["label"])).sum()
-    errors = precision**-0.5  # of a unit without any such value infinite
-    is_vague = errors > np.hypot(spread, SCATTER * errors.loc[siblings].median())
-    detectable = np.median([compared.estimates[unit].detectable for unit in siblings], axis=0)
-    deviations: dict[str, list[Deviation]] = {}
-    for deviation in compared.deviations:
-        deviations.setdefault(deviation.unit, []).append(deviation)
-    judged = [
-        _judge_unit(
-            str(unit),
-            rows,
-            deviations.get(str(unit), ()),
-            compared.estimates.get(str(unit)),
-            tuple(name for name in units if unit in is_vague.index and is_vague.at[unit, name]),
-        )
-        for unit, rows in table.groupby("serial", sort=True)
-    ]
-    worst = {unit: own[0].p_value for unit, own in deviations.items()}
+    labels, times = logs["label"].tolist(), logs["time"].to_numpy(dtype=float)
+    compared = compare_units(list(units), values, stds, labels, times, reference=of_fleet)
+    is_vague = _find_vague(compared, pd.DataFrame(stds, labels, list(units)), siblings)
+    judged = []
+    for unit, rows in table.groupby("serial", sort=True):
+        uncertain = tuple(is_vague.columns[is_vague.loc[unit]]) if unit in is_vague.index else ()
+        judged.append(_judge_unit(str(unit), rows, compared, uncertain))
     order = [Verdict.FAIL, Verdict.RETEST, Verdict.PASS]
-    judged.sort(key=lambda one: (order.index(one.verdict), worst.get(one.unit, 1.0)))
+    judged.sort(key=lambda one: (order.index(one.verdict), min((own.p_value for own in one.deviations), default=1.0)))
+    owners, diagnosed = _list_owners(table)
+    detectable = np.median([compared.estimates[unit].detectable for unit in siblings], axis=0)
     return Fleet(
         rig=rig.name,
         payload=rig.payload,
@@ -418,52 +385,53 @@ def _judge_fleet(
         parameter_units=units,
         detectable=dict(zip(units, detectable.tolist())),
         causes=tuple(
-            FleetCause(cause, joint, len(having), len(of_these.diagnosed))
-            for (cause, joint, _), having in sorted(of_these.having.items(), key=lambda one: -len(one[1]))
+            FleetCause(cause, joint, len(having), len(diagnosed))
+            for (cause, joint, _), having in sorted(owners.items(), key=lambda one: -len(one[1]))
         ),
         is_dated=manifest.is_dated,
         table=table.drop(columns=["own", "reported"]),
     )
 
 
-def _find_start(rows: DataFrame, key: tuple[str, str | None, str]) -> str | None:
+def _find_vague(compared: Comparison, stds: DataFrame, siblings: Sequence[str]) -> DataFrame:
+    """Whether a unit's logs, together, tell a parameter worse than `Reason.UNCERTAIN` allows: units by parameters."""
+    spread, repeat = (np.array([getattr(own, kind) for own in compared.population]) for kind in ("spread", "repeat"))
+    errors = (1 / (stds**2 + repeat**2)).groupby(level=0).sum() ** -0.5  # of a unit without any such value infinite
+    return errors > np.hypot(spread, SCATTER * errors.loc[siblings].median())
+
+
+def _find_start(rows: DataFrame, key: Finding) -> str | None:
     """When the first of a unit's logs was taken that has a cause; None where no earlier one was diagnosed."""
     ordered = rows.sort_values("time", kind="stable")
-    has = np.array([key in own for own in ordered["own"]])
-    first = int(has.argmax())
-    is_diagnosed = ordered["verdict"].notna().to_numpy() & (ordered["time"] < ordered["time"].iloc[first]).to_numpy()
-    return str(ordered["taken"].iloc[first]) if is_diagnosed.any() else None
+    first = ordered[[key in own for own in ordered["own"]]].iloc[0]
+    return str(first["taken"]) if ordered["verdict"][ordered["time"] < first["time"]].notna().any() else None
 
 
-def _judge_unit(
-    unit: str,
-    rows: DataFrame,
-    deviations: Sequence[Deviation],
-    estimate: UnitEstimate | None,
-    uncertain: tuple[str, ...],
-) -> JudgedUnit:
+def _judge_unit(unit: str, rows: DataFrame, compared: Comparison, uncertain: tuple[str, ...]) -> JudgedUnit:
     """Return a unit's verdict from its logs."""
-    failed = rows[rows["error"].notna()]
-    keys = list(dict.fromkeys(key for own in rows["own"] for key in own))
-    is_so = {
+    failed, has_error = rows[rows["error"].notna()], rows["error"].notna()
+    deviations = tuple(own for own in compared.deviations if own.unit == unit)
+    fails = {
         Reason.ODD_PARAMETER: bool(deviations),
-        Reason.OWN_CAUSE: any(key[2] == "named" for own in rows["own"][~rows["spoilt"]] for key in own),
-        Reason.DATA: bool(failed["reported"].any() or rows["spoilt"].any()),
-        Reason.ERROR: bool((~failed["reported"]).any()),
+        Reason.OWN_CAUSE: any(status == "named" for own in rows["own"][~rows["spoilt"]] for *_, status in own),
+    }
+    doubts = {
+        Reason.DATA: bool((has_error & rows["reported"] | rows["spoilt"]).any()),
+        Reason.ERROR: bool((has_error & ~rows["reported"]).any()),
         Reason.UNCERTAIN: bool(uncertain),
     }
-    reasons = tuple(reason for reason, holds in is_so.items() if holds)
-    verdict = Verdict.FAIL if FAILING & set(reasons) else Verdict.RETEST if reasons else Verdict.PASS
+    verdict = Verdict.FAIL if any(fails.values()) else Verdict.RETEST if any(doubts.values()) else Verdict.PASS
     return JudgedUnit(
         unit,
         verdict,
-        reasons,
+        tuple(reason for reason, holds in {**fails, **doubts}.items() if holds),
         len(rows),
-        tuple(deviations),
+        deviations,
         tuple(
-            UnitCause(cause, joint, status, _find_start(rows, (cause, joint, status))) for cause, joint, status in keys
+            UnitCause(cause, joint, status, _find_start(rows, (cause, joint, status)))
+            for cause, joint, status in dict.fromkeys(chain(*rows["own"]))
         ),
         uncertain,
         tuple(error.replace(log, PurePosixPath(log).name) for log, error in zip(failed["log"], failed["error"])),
-        estimate,
+        compared.estimates.get(unit),
     )

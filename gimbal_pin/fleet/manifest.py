@@ -8,7 +8,8 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from datetime import datetime, timezone
+from datetime import date, datetime, timezone
+from math import isfinite
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,8 +18,8 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.fleet.engine import check_installed, file_system
 from gimbal_pin.log.io.readers import FORMATS, files_of
 from gimbal_pin.log.mapping import read_mapping
-from gimbal_pin.rig.files import bundled_payloads, bundled_rigs
-from gimbal_pin.rig.reading import LARGEST_TEXT, check_size, parse_decimal, read_bytes, read_yaml
+from gimbal_pin.rig.files import YAML_SUFFIXES, bundled_payloads, bundled_rigs
+from gimbal_pin.rig.reading import check_size, parse_decimal, read_bytes, read_yaml
 from gimbal_pin.rig.records import bounded_field, read_record
 
 MANIFESTS = ("manifest.yaml", "manifest.yml", "manifest.parquet", "manifest.csv")
@@ -96,50 +97,48 @@ def read_manifest(folder: str | Path) -> Manifest:
         UsageError: The folder or the manifest cannot be used; it names the entry.
     """
     check_installed("fleet", "pyarrow", "fsspec")
-    files, root = file_system(str(folder))
-    is_remote = "://" in str(folder)
-    try:
-        names = sorted(PurePosixPath(path).name for path in files.ls(root, detail=False)) if files.isdir(root) else None
-    except (OSError, ValueError) as error:
-        raise UsageError(str(folder), f"cannot be listed ({error})", "give a folder with logs") from error
-    if names is None:
-        raise UsageError(str(folder), "is no folder", "give the one that holds the logs and their manifest")
+    base = str(folder).rstrip("/") if "://" in str(folder) else str(Path(folder).resolve())
+    names = _list_names(base)
     found = [name for name in MANIFESTS if name in names]
     if len(found) > 1:
-        raise UsageError(str(folder), f"holds {' and '.join(found)}", "leave one of them")
-    base = str(folder).rstrip("/") if is_remote else str(Path(folder).resolve())
+        raise UsageError(base, f"holds {' and '.join(found)}", "leave one of them")
+    place = "/".join([base, *found])
+    stated = _Statement(tuple(_Entry(name) for name in names if PurePosixPath(name).suffix.lower() in FORMATS))
     if found:
-        place = f"{base}/{found[0]}"
         with local_copy(place) as copy:
-            stated = read_record(_Statement, _read_statement(copy, place), place, UsageError)
-    else:
-        place = base
-        stated = _Statement(tuple(_Entry(name) for name in names if PurePosixPath(name).suffix.lower() in FORMATS))
+            stated = read_record(_Statement, _read_tables(copy, place), place, UsageError)
     if not stated.logs:
         raise UsageError(place, "names no logs", f"put logs there, or list them in {MANIFESTS[0]}")
-    common = _read_map(stated.map, base, f"{place}: map", is_remote)
-    times = [_read_time(entry.time, f"{place}: logs[{k}].time") for k, entry in enumerate(stated.logs)]
-    kinds = [None if time is None else time[1] for time in times]
-    if len(set(kinds)) > 1:
-        odd = next(k for k, kind in enumerate(kinds) if kind != kinds[0])
-        words = {None: "no time", True: "a date", False: "a number"}
-        what = f"has {words[kinds[odd]]} where logs[0] has {words[kinds[0]]}"
-        raise UsageError(f"{place}: logs[{odd}]", what, "give all logs a date, all a number, or none a time")
-    logs = tuple(
-        _read_entry(entry, float(k) if time is None else time[0], base, f"{place}: logs[{k}]", common, is_remote)
-        for k, (entry, time) in enumerate(zip(stated.logs, times))
-    )
-    seen: dict[str, int] = {}
-    for k, log in enumerate(logs):
-        if (first := seen.setdefault(log.path, k)) != k:
-            raise UsageError(
-                f"{place}: logs[{k}]", f"is {stated.logs[k].log}, which is logs[{first}], too", "list it once"
-            )
+    common, logs, places, usual = _read_map(stated.map, base, f"{place}: map"), [], dict[str, int](), ""
+    for k, entry in enumerate(stated.logs):
+        own, name = f"{place}: logs[{k}]", PurePosixPath(entry.log)
+        path = _locate(entry.log, base, own)
+        time, kind = _read_time(entry.time, k, f"{own}.time")
+        usual = usual or kind
+        if kind != usual:
+            mend = "give all logs a date, all a number, or none a time"
+            raise UsageError(own, f"has {kind} where logs[0] has {usual}", mend)
+        if (before := places.setdefault(path, k)) != k:
+            raise UsageError(own, f"is {entry.log}, which is logs[{before}], too", "list it once")
+        taken = name.name if entry.time is None else str(entry.time)
+        mapping = {**common, **_read_map(entry.map, base, f"{own}.map")}
+        logs.append(FleetLog(path, entry.unit or name.stem, time, taken, mapping))
     rig, payload = (
-        name if name is None or name in known else _locate(name, base, f"{place}: {key}", is_remote, known)
+        name if name is None or name in known else _locate(name, base, f"{place}: {key}", known)
         for key, name, known in (("rig", stated.rig, bundled_rigs()), ("payload", stated.payload, bundled_payloads()))
     )
-    return Manifest(place, logs, rig, payload, stated.cutoff, kinds[0] is True)
+    return Manifest(place, tuple(logs), rig, payload, stated.cutoff, usual == "a date")
+
+
+def _list_names(base: str) -> list[str]:
+    """Names of a folder's files."""
+    files, root = file_system(base)
+    try:
+        if files.isdir(root):
+            return sorted(PurePosixPath(path).name for path in files.ls(root, detail=False))
+    except (OSError, ValueError) as error:
+        raise UsageError(base, f"cannot be listed ({error})", "give a folder with logs") from error
+    raise UsageError(base, "is no folder", "give the one that holds the logs and their manifest")
 
 
 @contextmanager
@@ -163,58 +162,44 @@ def local_copy(path: str) -> Iterator[Path]:
         yield copy
 
 
-def _read_statement(path: Path, place: str) -> Any:
-    """The tables of a manifest as YAML would have them."""
-    if path.suffix in (".yaml", ".yml"):
-        return read_yaml(path)
-    rows = _read_csv(path, place) if path.suffix == ".csv" else _read_parquet(path, place)
-    rows = [{key: x for key, x in row.items() if x is not None and x != ""} for row in rows]
-    whole: dict[str, Any] = {}
-    for k, row in enumerate(rows):
-        for key in WHOLE:
-            if key in row and whole.setdefault(key, x := row.pop(key)) != x:
-                what = f"states the {key} {x}, and another log states {whole[key]}"
-                raise UsageError(f"{place}: logs[{k}]", what, "give each a folder of its own: they are no siblings")
-    return {**whole, "logs": rows}
-
-
-def _read_csv(path: Path, place: str) -> list[dict[str, Any]]:
-    """Rows of a CSV, all texts: a serial number keeps its zeros."""
-    try:
-        text = read_bytes(path, UsageError, LARGEST_TEXT).decode("utf-8-sig")
-        return list(csv.DictReader(io.StringIO(text), restkey="?"))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise UsageError(place, f"is not CSV in UTF-8 ({error})", "write it again") from error
-
-
-def _read_parquet(path: Path, place: str) -> list[dict[str, Any]]:
-    """Rows of a Parquet file; dates as texts."""
+def _read_tables(path: Path, place: str) -> Any:
+    """The tables of a manifest as YAML would have them; of a CSV all are texts: a serial number keeps its zeros."""
     import pyarrow
     import pyarrow.parquet
 
+    if path.suffix in YAML_SUFFIXES:
+        return read_yaml(path)
+    content, is_csv = read_bytes(path, UsageError), path.suffix == ".csv"
     try:
-        rows = pyarrow.parquet.read_table(pyarrow.BufferReader(read_bytes(path, UsageError))).to_pylist()
-    except (pyarrow.ArrowException, OSError, ValueError) as error:
-        raise UsageError(place, f"is not Parquet ({error})", "write it again") from error
-    return [{key: x.isoformat() if hasattr(x, "isoformat") else x for key, x in row.items()} for row in rows]
+        if is_csv:
+            rows = list(csv.DictReader(io.StringIO(content.decode("utf-8-sig")), restkey="?"))
+        else:
+            rows = pyarrow.parquet.read_table(pyarrow.BufferReader(content)).to_pylist()
+    except (csv.Error, pyarrow.ArrowException, OSError, ValueError) as error:
+        raise UsageError(
+            place, f"is not {'CSV in UTF-8' if is_csv else 'Parquet'} ({error})", "write it again"
+        ) from error
+    whole: dict[str, Any] = {}
+    for k, row in enumerate(rows):
+        for key in WHOLE:
+            value = row.pop(key, None)
+            if value not in (None, "") and whole.setdefault(key, value) != value:
+                what = f"states the {key} {value}, and another log states {whole[key]}"
+                raise UsageError(f"{place}: logs[{k}]", what, "give each a folder of its own: they are no siblings")
+    logs = [
+        {key: x.isoformat() if isinstance(x, date) else x for key, x in row.items() if x not in (None, "")}
+        for row in rows
+    ]
+    return {**whole, "logs": logs}
 
 
-def _read_entry(
-    entry: _Entry, time: float, base: str, place: str, common: Mapping[str, str], is_remote: bool
-) -> FleetLog:
-    """The log of an entry."""
-    path, name = _locate(entry.log, base, place, is_remote), PurePosixPath(entry.log)
-    mapping = {**common, **_read_map(entry.map, base, f"{place}.map", is_remote)}
-    return FleetLog(path, entry.unit or name.stem, time, name.name if entry.time is None else str(entry.time), mapping)
-
-
-def _locate(name: str, base: str, place: str, is_remote: bool, bundled: Sequence[str] = ()) -> str:
-    """Absolute path, or URL, of what a manifest names; `bundled`: the names that it could have been instead.
+def _locate(name: str, base: str, place: str, bundled: Sequence[str] = ()) -> str:
+    """Absolute path, or URL, of what a manifest in `base` names; `bundled`: names that it could have been instead.
 
     Raises:
         UsageError: It is not there, or lies outside of a folder behind a URL.
     """
-    if is_remote:
+    if "://" in base:
         if "://" in name or name.startswith("/") or ".." in PurePosixPath(name).parts:
             raise UsageError(place, f"is {name}, outside of {base}", "give a path inside that folder")
         return f"{base}/{name}"
@@ -227,30 +212,27 @@ def _locate(name: str, base: str, place: str, is_remote: bool, bundled: Sequence
     return path
 
 
-def _read_map(stated: Any, base: str, place: str, is_remote: bool) -> dict[str, str]:
+def _read_map(stated: Any, base: str, place: str) -> dict[str, str]:
     """A mapping, target → expression, stated as a table or as the path of a YAML file."""
-    if stated is None:
-        return {}
     if isinstance(stated, str):
-        with local_copy(_locate(stated, base, place, is_remote)) as copy:
+        with local_copy(_locate(stated, base, place)) as copy:
             stated = read_yaml(copy)
-    if not isinstance(stated, dict):
-        raise UsageError(
-            place, f"is {stated!r}", "write a table of 'q_yaw: pos1*pi/180', or the path of such a YAML file"
-        )
-    read_mapping(stated)
-    return stated
+    if not isinstance(stated, dict | None):
+        mend = "write a table of 'q_yaw: pos1*pi/180', or the path of such a YAML file"
+        raise UsageError(place, f"is {stated!r}", mend)
+    read_mapping(stated or {})
+    return stated or {}
 
 
-def _read_time(stated: Any, place: str) -> tuple[float, bool] | None:
-    """A time and whether it is a date, then in s since 1970, UTC unless it says otherwise."""
+def _read_time(stated: Any, count: int, place: str) -> tuple[float, str]:
+    """A time and its kind: a number, a date in s since 1970, UTC unless it says otherwise, or none: the log's place."""
     if stated is None:
-        return None
+        return float(count), "no time"
     number = parse_decimal(stated) if isinstance(stated, str) else stated
-    if isinstance(number, (int, float)) and not isinstance(number, bool) and abs(number) < float("inf"):
-        return float(number), False
+    if isinstance(number, (int, float)) and not isinstance(number, bool) and isfinite(number):
+        return float(number), "a number"
     try:
-        date = datetime.fromisoformat(stated.replace("Z", "+00:00"))
-        return (date if date.tzinfo else date.replace(tzinfo=timezone.utc)).timestamp(), True
+        when = datetime.fromisoformat(stated.replace("Z", "+00:00"))
+        return (when if when.tzinfo else when.replace(tzinfo=timezone.utc)).timestamp(), "a date"
     except (ValueError, AttributeError, OverflowError) as error:
         raise UsageError(place, f"is {stated!r}", "write a date such as 2026-11-24, or a number") from error

@@ -38,8 +38,10 @@ ROUNDS = 20
 """Most times that the deviating units are left out and looked for again; two or three are usual."""
 
 
-class DeviationKind(Enum):
+class DeviationKind(str, Enum):
     """How a unit deviates."""
+
+    __str__ = str.__str__
 
     OFFSET = "offset"
     """From its first log on."""

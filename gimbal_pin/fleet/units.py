@@ -53,8 +53,8 @@ class LogStudy:
         """Identify and diagnose a log."""
         filtering = None if self.cutoff is None else Filtering(cutoff=self.cutoff)
         whole = identify(self.rig, [log], holdout="none", filtering=filtering)
-        row: dict[str, Value] = {"seconds": float(log.t[-1] - log.t[0]), "samples": len(log)}
-        row["units"] = json.dumps(dict(zip(whole.names, whole.units)))
+        units = json.dumps(dict(zip(whole.names, whole.units)))
+        row: dict[str, Value] = {"seconds": float(log.t[-1] - log.t[0]), "samples": len(log), "units": units}
         row |= zip((f"value.{name}" for name in whole.names), whole.estimate.theta.tolist())
         row |= zip((f"std.{name}" for name in whole.names), whole.estimate.std.tolist())
         try:
@@ -62,7 +62,7 @@ class LogStudy:
         except DataError:  # its first two thirds do not show every parameter
             judged = None
         for figure in ("torque_rmse", "fit_percent"):
-            known = {} if judged is None else getattr(judged, figure)
+            known = getattr(judged, figure, {})
             row |= {f"{figure}.{joint}": known.get(joint) for joint in self.rig.joints}
         return row if self.quick else {**row, **self.diagnose(log)}
 
@@ -72,7 +72,6 @@ class LogStudy:
             found = diagnose(self.rig, [log], rng=np.random.default_rng(self.seed))
         except DataError as error:
             return {"verdict": None, "findings": "[]", "undiagnosed": str(error)}
-        physical = [(one.cause, one.joint, one.status) for one in found.findings]
-        spoiling = [(one.cause, one.joint, "data") for one in found.spoiling]
-        findings = [dict(zip(("cause", "joint", "status"), one)) for one in spoiling + physical]
+        findings = [{"cause": one.cause, "joint": one.joint, "status": "data"} for one in found.spoiling]
+        findings += [{"cause": one.cause, "joint": one.joint, "status": one.status} for one in found.findings]
         return {"verdict": found.verdict, "findings": json.dumps(findings), "undiagnosed": None}
