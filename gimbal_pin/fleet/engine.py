@@ -16,16 +16,8 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent import futures
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -199,7 +191,7 @@ def compute(run: Run, missing: list[UnitRange], factory: ExecutorFactory, capaci
                     pending[pool.submit(compute_task, run.work, block.first, inputs, run.folder)] = block
                     queue.popleft()
                     queue.extendleft(rest)
-                for future in wait(pending, return_when=FIRST_COMPLETED).done:
+                for future in futures.wait(pending, return_when=futures.FIRST_COMPLETED).done:
                     done, failed = read_counts(future)
                     queue.extendleft(pending.pop(future).split(done)[1:])
                     yield done, failed
@@ -222,7 +214,7 @@ def read_counts(future: Future[Counts]) -> Counts:
         BrokenExecutor: A process was killed, and took the executor or at least this task with it.
         UsageError: The executor is gone, or a worker cannot read the task or write its rows.
     """
-    error = CancelledError() if future.cancelled() else future.exception()
+    error = futures.CancelledError() if future.cancelled() else future.exception()
     if error is None:
         return future.result()
     if isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker":  # Dask's

@@ -286,17 +286,15 @@ def _list_settings(rig: Rig, manifest: Manifest, quick: bool, seed: int) -> dict
 def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
     """The identified logs of an earlier fleet; `UsageError` unless it was of the same rig and filter."""
     files, place = file_system(folder)
+    mend = "give what 'gimbal-pin fleet -o' wrote"
     try:
         earlier = json.loads(files.cat_file(f"{place}/{RUN}"))["settings"]
         table = read_table(folder)
-        known = table[table["error"].isna()].assign(reported=True)
-        lacking = {"serial", "time", "units"} - set(known)
+        known = table[table["error"].isna()].dropna(subset=["serial", "time", "units"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        missing = isinstance(error, FileNotFoundError)
-        what = "is no folder of an earlier fleet" + ("" if missing else f" ({type(error).__name__}: {error})")
-        raise UsageError("--reference", f"{folder} {what}", "give what 'gimbal-pin fleet -o' wrote") from error
-    if lacking or known.empty:
-        raise UsageError("--reference", f"{folder} has no identified logs", "give what 'gimbal-pin fleet -o' wrote")
+        raise UsageError("--reference", f"{folder} is no folder of an earlier fleet ({error!r})", mend) from error
+    if known.empty:
+        raise UsageError("--reference", f"{folder} has no identified logs", mend)
     for key in ("rig", "payload", "cutoff"):
         if earlier.get(key) != settings[key]:
             what = f"has the {key} {earlier.get(key)}, and these logs {settings[key]}"

@@ -69,11 +69,10 @@ def _show_part(part: Part) -> object:
     return paragraph(part) if isinstance(part, str) else part if isinstance(part, Table) else part()
 
 
-def _make_panels(count: int, height: float, room: float) -> tuple[Figure, Sequence[Axes]]:
-    """Return a figure with so many panels, two in a row of 1.9 in, `height` in beside the rows, `room` between them."""
+def _make_panels(count: int, top: float) -> tuple[Figure, Sequence[Axes]]:
+    """Return a figure with so many panels, two in a row, with room for titles at the `top`, in."""
     rows = -(-count // 2)
-    top = 0.1 if room < 0.8 else 0.35
-    figure, axes = plots.panels(rows, 2, height + 1.9 * rows, right=0.3, top=top, gaps=(0.75, room))
+    figure, axes = plots.panels(rows, 2, 0.55 + top + 1.9 * rows, right=0.3, top=top, gaps=(0.75, 0.8))
     for panel in axes.flat[count:]:
         panel.set_axis_off()
     return figure, axes.flat[:count]
@@ -112,15 +111,9 @@ def describe_monte_carlo(found: MonteCarlo) -> Page:
     return Page(f"Monte Carlo: {found.rig}", found.payload or "", chapters)
 
 
-def _find_scale(found: MonteCarlo, name: str) -> float:
-    """Return a figure's unit for people in SI units."""
-    unit = found.units[name]
-    return SCALES.get(unit, {unit: 1.0})[unit]
-
-
-def _format_figure(found: MonteCarlo, name: str, value: float | None) -> str:
-    """Return a figure's value as people read it."""
-    return figures(None if value is None else value / _find_scale(found, name))
+def _format_figure(unit: str, value: float | None) -> str:
+    """Return a figure's value in its unit for people."""
+    return figures(None if value is None else value / SCALES[unit][unit])
 
 
 def _label_figure(found: MonteCarlo, name: str) -> str:
@@ -141,13 +134,10 @@ def _describe_yield(found: MonteCarlo) -> str:
 
 def _tabulate_spreads(found: MonteCarlo) -> Table:
     """The figures' medians and tails."""
-    rows = [
-        (
-            _label_figure(found, name),
-            *(_format_figure(found, name, x) for x in (own.median, own.p5, own.p95, own.worst)),
-        )
-        for name, own in found.figures.items()
-    ]
+    rows = []
+    for name, own in found.figures.items():
+        spread = (own.median, own.p5, own.p95, own.worst)
+        rows.append((_label_figure(found, name), *(_format_figure(found.units[name], x) for x in spread)))
     return Table(["Figure", "Median", "5 %", "95 %", "Worst"], rows, label="Figures")
 
 
@@ -172,7 +162,7 @@ def _tabulate_worst(found: MonteCarlo) -> Table:
         (
             str(row["unit"]),
             *(row[name] or "" for name in errors),
-            *(_format_figure(found, name, row[name]) for name in asked),
+            *(_format_figure(found.units[name], row[name]) for name in asked),
             *(figures(row[name]) for name in inputs),
         )
         for row in found.worst
@@ -185,14 +175,14 @@ def _draw_distributions(found: MonteCarlo) -> Figure:
     """Draw how the main figures and those that were asked for are spread, and where the specification ends."""
     bounds = {limit.figure: limit.bound for limit in found.specification}
     names = [name for name in found.figures if name in {*bounds, *STEPS, *PLATFORM}]
-    figure, panels = _make_panels(len(names), 0.65, 0.75)
+    figure, panels = _make_panels(len(names), top=0.1)
     for panel, name in zip(panels, names):
-        values = found.table[name].to_numpy(dtype=float) / _find_scale(found, name)
-        there = values[np.isfinite(values)]
+        scale, values = SCALES[found.units[name]][found.units[name]], found.table[name].to_numpy(dtype=float)
+        there = values[np.isfinite(values)] / scale
         panel.hist(there, min(40, 1 + round(len(there) ** 0.5)), color=PALETTE[0])
         panel.locator_params(axis="x", nbins=6)
         if name in bounds:
-            panel.axvline(bounds[name] / _find_scale(found, name), color=plots.INK, lw=1.2, ls="--")
+            panel.axvline(bounds[name] / scale, color=plots.INK, lw=1.2, ls="--")
         panel.set_xlabel(_label_figure(found, name))
         panel.set_ylabel("rigs")
     return figure
@@ -330,7 +320,7 @@ def _draw_changes(found: Fleet, changes: Sequence[Deviation]) -> Figure:
     """Draw parameters over time that began to deviate or drift, about the fleet's mean and what is not told from it."""
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
-    figure, panels = _make_panels(len(changes), 0.9, 0.85)
+    figure, panels = _make_panels(len(changes), top=0.35)
     means = {own.name: own.mean for own in found.population}
     for panel, own in zip(panels, changes):
         mine = found.table[(found.table["serial"] == own.unit) & found.table["error"].isna()].sort_values("time")

@@ -32,8 +32,6 @@ NORMAL_MAD = 0.6745
 """Median of the absolute value of a normal variable, in standard deviations."""
 FLOOR, LARGEST = 1e-12, 1e12
 """Bounds of variances, in the square of a parameter's scatter."""
-NO_FOLD = -2
-"""Fold of no unit."""
 ROUNDS = 20
 """Most times that the deviating units are left out and looked for again; two or three are usual."""
 
@@ -218,7 +216,7 @@ def compare_units(
     logs = _arrange(np.asarray(values, float), np.asarray(stds, float), units, np.asarray(times, float), reference)
     directions = [_directions(logs.when[rows]) for rows in logs.rows]
     deviates = np.zeros((len(logs.labels), len(names)), bool)
-    fits = dict.fromkeys(logs.fold.tolist(), _start_fit(logs, logs.select_rows(deviates, NO_FOLD)))
+    fits = dict.fromkeys(logs.fold.tolist(), _start_fit(logs, logs.select_rows(deviates, -1)))
     for turn in range(ROUNDS):
         tests = [
             _test_directions(logs.y[rows], logs.variance[rows], own, fits[fold], false_alarms)
@@ -228,7 +226,7 @@ def compare_units(
         if turn and (deviates == before).all():
             break
         fits = {fold: _fit(logs, logs.select_rows(deviates, fold)) for fold in fits}
-    whole = _fit(logs, logs.select_rows(deviates, NO_FOLD))
+    whole = _fit(logs, logs.select_rows(deviates, -1))
     estimates = {
         unit: _estimate_unit(logs, u, own, fits[int(logs.fold[u])], deviates[u])
         for u, (unit, own) in enumerate(zip(logs.labels, tests))
@@ -254,9 +252,9 @@ def _arrange(y: Array, stds: Array, units: Sequence[str], times: Array, referenc
     y, variance = y[order], np.square(stds[order])
     variance[~np.isfinite(y + variance)] = np.inf
     shown = np.where(np.isfinite(variance) & is_fleet[group, None], y, np.nan)
-    middle = _nanmedian(shown)
-    error = _nanmedian(np.where(np.isfinite(shown), variance, np.nan))
-    scale = np.hypot(_nanmedian(np.abs(shown - middle)), np.sqrt(error))
+    middle = _find_median(shown)
+    error = _find_median(np.where(np.isfinite(shown), variance, np.nan))
+    scale = np.hypot(_find_median(np.abs(shown - middle)), np.sqrt(error))
     scale = np.where(scale > 0, scale, np.maximum(np.abs(middle), 1.0) * np.finfo(float).eps ** 0.5)
     y = np.where(np.isfinite(variance), (y - middle) / scale, 0.0)
     rows = tuple(slice(*own) for own in pairwise(ends))
@@ -320,33 +318,30 @@ def _start_fit(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:
 
     Of fewer than three units with several logs no median says what logs differ by: that is left to the spread.
     """
-    shown = np.where(is_in, logs.y, np.nan)
-    error = _nanmedian(np.where(is_in, logs.variance, np.nan))
-    means = np.array([_nanmean(shown[rows]) for rows in logs.rows])
-    scatter = np.array([_nanmean(np.abs(np.diff(shown[rows], axis=0))) for rows in logs.rows])
-    total = np.square(_nanmedian(np.abs(means - _nanmedian(means))) / NORMAL_MAD)
+    import pandas as pd
+
+    shown = pd.DataFrame(np.where(is_in, logs.y, np.nan)).groupby(logs.group)
+    means, scatter = (own.to_numpy() for own in (shown.mean(), shown.diff().abs().groupby(logs.group).mean()))
+    error = _find_median(np.where(is_in, logs.variance, np.nan))
+    total = np.square(_find_median(np.abs(means - _find_median(means))) / NORMAL_MAD)
     repeated = np.isfinite(scatter).sum(axis=0)
     repeated = np.where(repeated < 3, 0, repeated)
     between = np.maximum(total - error, 0.0)
     # The mean distance of two draws is 2 / √π standard deviations.
-    within = np.where(repeated > 0, np.maximum(np.pi / 4 * np.square(_nanmedian(scatter)) - error, 0.0), 0.0)
+    within = np.where(repeated > 0, np.maximum(np.pi / 4 * np.square(_find_median(scatter)) - error, 0.0), 0.0)
     count = np.maximum(np.isfinite(means).sum(axis=0), 2)
     covariance = np.zeros((len(error), 2, 2))
     covariance[:, 0, 0] = 2 / 0.37 * np.square(between + error) / (count - 1)
     covariance[:, 1, 1] = 2 / 0.37 * np.square(within + error) / np.maximum(repeated, 1)
     mean_var, freedom = np.pi / 2 * (between + error) / count, 0.37 * np.stack([count - 1.0, repeated], axis=1)
-    return _Fit(_nanmedian(means), mean_var, between, within, covariance, between, freedom)
+    return _Fit(_find_median(means), mean_var, between, within, covariance, between, freedom)
 
 
-def _nanmedian(x: Array) -> Array:
+def _find_median(x: Array) -> Array:
     """Median of each column without NaN, 0 of none."""
-    return np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in x.T])
+    import pandas as pd
 
-
-def _nanmean(x: Array) -> Array:
-    """Mean of each column without NaN, NaN of none."""
-    count = np.isfinite(x).sum(axis=0)
-    return np.where(count > 0, np.nansum(x, axis=0) / np.maximum(count, 1), np.nan)
+    return np.asarray(pd.DataFrame(x).median().fillna(0.0))
 
 
 def _fit(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:

@@ -38,7 +38,11 @@ STEPS = {"rms_error": "°", "overshoot_percent": "%", "settling_time": "s", "pea
 """Figures of a step and their units for people (none: a share of the limit), joint by joint and the largest of all."""
 PLATFORM = {"jitter": "°", "jitter_max": "°", "drift": "°", "peak_torque": ""}
 """The same of a camera on profile S; only the torque is joint by joint, too."""
-SCALES = {"°": {"°": radians(1.0), "deg": radians(1.0), "rad": 1.0}, "mm": {"mm": 1e-3, "m": 1.0}}
+SCALES = {
+    "°": {"°": radians(1.0), "deg": radians(1.0), "rad": 1.0},
+    "mm": {"mm": 1e-3, "m": 1.0},
+    **{unit: {unit: 1.0} for unit in ("%", "s", "")},
+}
 """A figure's unit for people → the units that a requirement may be in, in SI units."""
 
 
@@ -65,7 +69,7 @@ def parse_limit(text: str, known: Mapping[str, str]) -> Limit:
     if rest.startswith("="):
         raise UsageError(place, "compares by <=", "write <")
     unit = known[figure]
-    scale, bound = SCALES.get(unit, {unit: 1.0}).get(word.strip() or unit), parse_decimal(number)
+    scale, bound = SCALES[unit].get(word.strip() or unit), parse_decimal(number)
     if scale is None or not bound or bound < 0:
         raise UsageError(place, f"states no positive number of {unit or 'a share'}", mend)
     return Limit(figure, bound * scale, text)

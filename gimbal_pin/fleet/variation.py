@@ -128,7 +128,7 @@ class Variation:
     vary: Vary
     place: str = "vary"
 
-    @property
+    @cached_property
     def estimated(self) -> Estimated | None:
         """The estimate of the model's parameters, if it has one."""
         return (estimate(self.model) or (None,))[0]
