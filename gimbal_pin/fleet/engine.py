@@ -60,6 +60,7 @@ RESUME = "the same call goes on with what is missing"
 FAILURES = (
     GimbalPinError,
     ArithmeticError,
+    AssertionError,
     AttributeError,
     LookupError,
     MemoryError,
