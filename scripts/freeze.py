@@ -43,6 +43,7 @@ TOLERANCE = 1e-9
 SHARE_OF_DEVIATION = 0.1
 UNCOMPARED = ("seconds_taken", "elapsed", "version", "command", "file", "path")
 """Keys of times, paths and the like."""
+FEW = ("--plants", "3")
 LIST_LENGTH = 24
 """Lists of more numbers are kept as three figures."""
 WITHOUT_JSON = ("new-rig", "simulate", "animate")
@@ -82,7 +83,7 @@ def calls(made: Path) -> dict[str, tuple[str, ...]]:
         chosen[f"check-{rig}"] = ("check", *of)
         chosen[f"base-{rig}"] = ("base", *of)
         chosen[f"identify-{rig}"] = ("identify", rig, f"{{F}}/log-{rig}.csv", "--payload", payload, "-o", "{O}/m.yaml")
-        chosen[f"tune-{rig}"] = ("tune", rig, f"{{F}}/log-{rig}.csv", "--payload", payload, "-o", "{O}/c.yaml")
+        chosen[f"tune-{rig}"] = ("tune", rig, f"{{F}}/log-{rig}.csv", "--payload", payload, "-o", "{O}/c.yaml", *FEW)
         words = ("--payload", payload, "--seconds", "3", "--bandwidth-hz", "4", "-o", "{O}/l.csv")
         chosen[f"simulate-{rig}"] = ("simulate", rig, "--reference", f"{{F}}/motion-{rig}.csv", *words)
     for estimator in ("ols", "robust", "instrumental", "output-error", "ridge", "physical"):
@@ -103,14 +104,14 @@ def calls(made: Path) -> dict[str, tuple[str, ...]]:
         chosen[f"diagnose-{name}"] = ("diagnose", *words)
     chosen["diagnose-clean"] = ("diagnose", "turret", "{F}/log-turret.csv", "--payload", RIGS["turret"])
     chosen["diagnose-shaken"] = ("diagnose", "drone", "{F}/shaken-drone.csv")
-    chosen["auto"] = ("auto", "turret", "{F}/log-cogging.csv", "-o", "{O}/auto")
-    chosen["demo"] = ("demo", "--rig", "turret", "-o", "{O}/demo")
+    chosen["auto"] = ("auto", "turret", "{F}/log-cogging.csv", "-o", "{O}/auto", *FEW)
+    chosen["demo"] = ("demo", "--rig", "turret", "-o", "{O}/demo", *FEW)
     chosen["excite"] = ("excite", "turret", "--starts", "1", "--seconds", "5", "-o", "{O}/e.csv")
     chosen["animate"] = ("animate", "turret", "{F}/log-turret.csv", "-o", "{O}/a.html")
-    chosen["tune-tracked"] = ("tune", "turret", "{F}/log-turret.csv", "-o", "{F}/controller.yaml")
-    chosen["tune-margin"] = ("tune", "turret", "{F}/model.yaml", "--disk-margin", "1.0", "-o", "{O}/c.yaml")
+    chosen["tune-tracked"] = ("tune", "turret", "{F}/log-turret.csv", "-o", "{F}/controller.yaml", *FEW)
+    chosen["tune-margin"] = ("tune", "turret", "{F}/model.yaml", "--disk-margin", "1.0", "-o", "{O}/c.yaml", *FEW)
     chosen["export"] = ("export", "{F}/controller.yaml", "--c", "{O}/c", "--simplefoc", "{O}/s")
-    chosen["track-steps"] = ("track", "turret", "{F}/controller.yaml")
+    chosen["track-steps"] = ("track", "turret", "{F}/controller.yaml", *FEW)
     short = ("--seeds", "1", "--seconds", "2")
     chosen["track-platform"] = ("track", "turret", "--platform", "S", *short)
     chosen["track-learned"] = ("track", "thesis", "--platform", "S", *short, "--learn", "{F}/shaken-thesis.csv",

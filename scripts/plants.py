@@ -11,7 +11,7 @@ import argparse
 import json
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,11 @@ from lxml import etree
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from gimbal_pin.log import Array
+from gimbal_pin.cli.inputs import read_controller
+from gimbal_pin.control import pair_rivals, plan_step
+from gimbal_pin.dynamics import Controller, Model, Reference
+from gimbal_pin.log import Array, Motion
+from gimbal_pin.rig import Rig
 from tests.mujoco_peer import rigid_bodies
 
 Vector = tuple[float, float, float]
@@ -222,42 +226,102 @@ def swap_camera(gimbal: Gimbal, situation: str, rng: np.random.Generator) -> Gim
     return replace(gimbal, camera=camera)
 
 
-def record(truth: Gimbal, friction: Array, motion: Path, log: Path, rng: np.random.Generator) -> None:
-    """A PID of each joint follows the motion in MuJoCo against Coulomb and viscous friction (2, n); writes its log."""
-    table = np.genfromtxt(motion, delimiter=",", names=True)
-    names = [each.name for each in truth.axes]
+@dataclass(frozen=True)
+class Mover:
+    """A PID of each joint with `poles`, rad/s, on filtered differences of the angles: what moves a rig for its log."""
+
+    inertia: Array
+    dt: float
+    poles: float
+
+    def start(self) -> tuple[Array, Array, Array | None]:
+        """No integral, no rate, no angle before."""
+        return np.zeros_like(self.inertia), np.zeros_like(self.inertia), None
+
+    def torque(
+        self, t: float, q: Array, v: Array, aim: Reference, memory: tuple[Array, Array, Array | None]
+    ) -> tuple[Array, tuple[Array, Array, Array | None]]:
+        """Torque, N m, (n,), and the next memory; `v` is not read."""
+        integral, rate, before = memory
+        rate = rate + 0.3 * ((q - (q if before is None else before)) / self.dt - rate)
+        error, pole = aim.q - q, self.poles
+        integral = integral + error * self.dt
+        wanted = 3 * pole**2 * error + 3 * pole * (aim.v - rate) + pole**3 * integral
+        return self.inertia * wanted, (integral, rate, q)
+
+
+@dataclass(frozen=True)
+class Flaws:
+    """What a plant has that no URDF states.
+
+    Attributes:
+        friction: Coulomb and viscous friction, (2, n), N m and N m s/rad.
+        late: From measurement to torque, s.
+        bits: Of the encoders, over a turn.
+        stribeck: By how much more joints rub at rest than sliding, as a share.
+        gyro: Density of the noise on the rates, rad/s/√Hz.
+    """
+
+    friction: Array
+    late: float
+    bits: int = 16
+    stribeck: float = 0.0
+    gyro: float = 0.0
+
+
+class Peer:
+    """The plant in MuJoCo."""
+
+    def __init__(self, truth: Gimbal, flaws: Flaws) -> None:
+        """Read the URDF of the truth."""
+        self.names, self.dt, self.flaws = [each.name for each in truth.axes], 1 / truth.rate, flaws
+        self.model = rigid_bodies(etree.fromstring(truth.write_urdf(payload=True)))
+        self.model.opt.timestep = self.dt / SUBSTEPS
+        self.at = [int(self.model.joint(name).dofadr[0]) for name in self.names]
+
+    def inertia(self, q: Array) -> Array:
+        """Diagonal of the mass matrix, (n,)."""
+        data, full = mujoco.MjData(self.model), np.zeros((self.model.nv, self.model.nv))
+        data.qpos[self.at] = q
+        mujoco.mj_forward(self.model, data)
+        mujoco.mj_fullM(self.model, data, full)
+        return np.diag(full)[self.at]
+
+    def run(self, law: Controller, reference: Motion, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Measured and true angles and commanded torques along a reference, (N, n) each."""
+        at, flaws, step = self.at, self.flaws, 2 * np.pi / 2**self.flaws.bits
+        late, (coulomb, viscous) = round(flaws.late * SUBSTEPS / self.dt), flaws.friction
+        data, memory = mujoco.MjData(self.model), law.start()
+        data.qpos[at] = reference.q[0]
+        mujoco.mj_forward(self.model, data)
+        held, seen, true, torques, acting = np.array(data.qfrc_bias[at]), [], [], [], list[Array]()
+        for k, aim in enumerate(map(Reference, reference.q, reference.v, reference.a)):
+            true.append(np.array(data.qpos[at]))
+            seen.append(step * np.round(true[-1] / step))
+            rate = data.qvel[at]
+            if flaws.gyro:
+                rate = rate + rng.normal(0, flaws.gyro / np.sqrt(2 * self.dt), len(at))
+            torque, memory = law.torque(k * self.dt, seen[-1], rate, aim, memory)
+            torques.append(torque)
+            acting.append(torque + rng.normal(0, 0.002, len(at)))
+            for substep in range(k * SUBSTEPS - late, (k + 1) * SUBSTEPS - late):
+                v = data.qvel[at]
+                rubbing = coulomb * np.tanh(v / 0.02) * (1 + flaws.stribeck * np.exp(-np.abs(v) / 0.1)) + viscous * v
+                data.qfrc_applied[at] = (acting[substep // SUBSTEPS] if substep >= 0 else held) - rubbing
+                mujoco.mj_step(self.model, data)
+        return np.array(seen), np.array(true), np.array(torques)
+
+
+def record(plant: Peer, motion: Path, log: Path, rng: np.random.Generator, poles: float = 25.0) -> None:
+    """A PID of each joint follows the motion; writes its log."""
+    table, names, dt = np.genfromtxt(motion, delimiter=",", names=True), plant.names, plant.dt
     reference = np.column_stack([table[f"q_{name}"] for name in names])
-    dt = 1 / truth.rate
-    wanted = np.gradient(reference, dt, axis=0)
-    model = rigid_bodies(etree.fromstring(truth.write_urdf(payload=True)))
-    model.opt.timestep = dt / SUBSTEPS
-    data, step = mujoco.MjData(model), 2 * np.pi / 2**16
-    at = [int(model.joint(name).dofadr[0]) for name in names]
-    inertia = np.zeros((model.nv, model.nv))
-    data.qpos[at] = reference[0]
-    mujoco.mj_forward(model, data)
-    mujoco.mj_fullM(model, data, inertia)
-    gains = np.diag(inertia)[at]
-    coulomb, viscous = friction
-    pole, integral = min(25.0, truth.rate / 16), np.zeros(len(at))  # what delay and rate's filter leave stable
-    late = [np.array(data.qfrc_bias[at])] * (truth.delay + 1)
-    angles, torques, before = [], [], step * np.round(reference[0] / step)
-    rate = np.zeros(len(at))
-    for aim, speed in zip(reference, wanted):
-        angle = step * np.round(data.qpos[at] / step)
-        rate += 0.3 * ((angle - before) / dt - rate)
-        before, error = angle, aim - angle
-        integral += error * dt
-        torque: Array = gains * (3 * pole**2 * error + 3 * pole * (speed - rate) + pole**3 * integral)
-        late = [*late[1:], torque + rng.normal(0, 0.002, len(at))]
-        angles.append(angle)
-        torques.append(torque)
-        for _ in range(SUBSTEPS):
-            v = data.qvel[at]
-            data.qfrc_applied[at] = late[0] - coulomb * np.tanh(v / 0.02) - viscous * v
-            mujoco.mj_step(model, data)
+    t, wanted = dt * np.arange(len(reference)), np.gradient(reference, dt, axis=0)
+    stable = 1 / (16 * dt)  # with the delay and the rate's filter
+    mover = Mover(plant.inertia(reference[0]), dt, min(poles, stable))
+    seen, _, torques = plant.run(mover, Motion(t, reference, wanted, 0 * wanted), rng)
     head = ["t", *(f"{kind}_{name}" for kind in ("q", "tau", "q_ref") for name in names)]
-    rows = np.column_stack([np.arange(len(angles)) * dt, angles, torques, reference])
+    rows = np.column_stack([t, seen, torques, reference])
     np.savetxt(log, rows, delimiter=",", header=",".join(head), comments="", fmt="%.9g")
 
 
@@ -272,6 +336,16 @@ def call(folder: Path, verb: str, *arguments: str, name: str = "") -> dict[str, 
     return result
 
 
+def write_rig(gimbal: Gimbal, folder: Path, more: str = "") -> None:
+    """The rig and its camera as their URDFs state them; `more` of its YAML."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "plant.urdf").write_text(gimbal.write_urdf(payload=False))
+    camera = f'<robot name="camera">{gimbal.camera.write_link("camera_body")}</robot>'
+    (folder / "camera.urdf").write_text(camera)
+    joints = "".join(f"  {each.name}: {{acceleration: 20}}\n" for each in gimbal.axes)
+    (folder / "rig.yaml").write_text(f"urdf: plant.urdf\npayload: camera.urdf\nlimits:\n{joints}{more}")
+
+
 def examine(name: str, situation: str, seed: int, folder: Path) -> dict[str, Any]:
     """All verbs on one log; their results and the truth."""
     gimbal = PLANTS[name]
@@ -281,15 +355,11 @@ def examine(name: str, situation: str, seed: int, folder: Path) -> dict[str, Any
     friction = rng.uniform([[0.01], [0.005]], [[0.03], [0.02]], (2, len(rig.axes)))
     rng = np.random.default_rng([*drawn, SITUATIONS.index(situation)])
     truth = swap_camera(rig, situation, rng)
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "plant.urdf").write_text(gimbal.write_urdf(payload=False))
-    camera = f'<robot name="camera">{gimbal.camera.write_link("camera_body")}</robot>'
-    (folder / "camera.urdf").write_text(camera)
-    joints = "".join(f"  {each.name}: {{acceleration: 20}}\n" for each in gimbal.axes)
-    (folder / "rig.yaml").write_text(f"urdf: plant.urdf\npayload: camera.urdf\nlimits:\n{joints}")
+    write_rig(gimbal, folder)
     results = {"excite": call(folder, "excite", "rig.yaml", "-o", "motion.csv", "--rate", str(gimbal.rate))}
     if "error" not in results["excite"]:
-        record(truth, friction, folder / "motion.csv", folder / "log.csv", rng)
+        plant = Peer(truth, Flaws(friction, truth.delay / truth.rate))
+        record(plant, folder / "motion.csv", folder / "log.csv", rng)
         told = ["--mass", str(truth.camera.mass)] if situation == "weighed" else []
         results["identify"] = call(folder, "identify", "rig.yaml", "log.csv", *told, "-o", "model.yaml")
         known = folder.parent / f"{name}-urdf" / "model.yaml"
@@ -364,15 +434,56 @@ def judge(result: dict[str, Any], verb: str) -> tuple[list[str], bool]:
     beyond += sum(score > DEVIATIONS for score in scores)
     good &= not beyond
     largest = [f"{max(each):.2f}" if each else "unknown" for each in (errors, scores, sums)]
-    experiments = results.get("track", {}).get("experiments", [])
-    rms = {
-        each["controller"]: np.mean([joint["rms_error"] for joint in each["joints"].values()])
-        for each in experiments
-        if each["name"] == "all-axes"
-    }
-    ratio = f"{rms['pid'] / rms['computed-torque']:.1f}" if {"pid", "computed-torque"} <= set(rms) else "none"
+    claims = results.get("track", {}).get("judged", {}).get("ratios", {}).get("computed-torque")
+    ratio = f"{claims['median']['all']:.1f}" if claims else "none"
     verdict = results.get("diagnose", {}).get("verdict", "error")
     return [*row, *mass_words, *largest, str(beyond), verdict, ratio], bool(good)
+
+
+def measure_truth(
+    plant: Peer, laws: Mapping[str, Controller], model: Model, rng: np.random.Generator
+) -> tuple[Array, float]:
+    """Errors of the steps that controllers are judged by, on the true plant, rad rms, (laws, n), and their ratio."""
+    rest = 2.0
+    reference = plan_step(model, plant.dt, rest)
+    error = np.array([reference.q - plant.run(law, reference, rng)[1] for law in laws.values()])
+    resolved = 2 * np.pi / 2**plant.flaws.bits / np.sqrt(12)
+    sizes = np.maximum(np.sqrt(np.mean(error[:, reference.t >= rest] ** 2, axis=1)), resolved)
+    return sizes, float(np.exp(np.mean(np.log(sizes[-1] / sizes[0]))))
+
+
+CLAIMED = ("plant", "late, ms", "believed", "tuned °", "PID °", "claimed ratio", "worst", "true", "claimed / true")
+BITS = 14
+
+
+def compare_claim(name: str, seed: int, folder: Path) -> list[str]:
+    """What `tune` claims over a PID beside the truth: 14-bit encoders, 2 to 6 ms of delay, Stribeck friction."""
+    gimbal, rng = PLANTS[name], np.random.default_rng([seed, list(PLANTS).index(name), 1])
+    bodies = tuple(replace(each, body=draw_body(each.body, rng)) for each in gimbal.axes)
+    truth = replace(gimbal, axes=bodies, camera=draw_body(gimbal.camera, rng))
+    friction, late = rng.uniform([[0.01], [0.005]], [[0.03], [0.02]], (2, len(bodies))), rng.uniform(0.002, 0.006)
+    believed = late * rng.uniform(0.8, 1.2)
+    plant = Peer(truth, Flaws(friction, late, BITS, 0.4, 8.7e-5))
+    motors = "".join(f"  {each.name}: {{encoder_bits: {BITS}}}\n" for each in bodies)
+    write_rig(gimbal, folder, f"noise: {{gyro: 8.7e-5}}\nmotors:\n{motors}")
+    found = call(folder, "excite", "rig.yaml", "-o", "motion.csv", "--rate", str(gimbal.rate))
+    if "error" not in found:
+        record(plant, folder / "motion.csv", folder / "log.csv", rng, poles=12.0)
+        found = call(folder, "identify", "rig.yaml", "log.csv", "-o", "model.yaml")
+    if "error" not in found:
+        told = ("--delay", f"{believed:.4g}", "-o", "controller.yaml")
+        found = call(folder, "tune", "rig.yaml", "model.yaml", *told)
+    row = [name, f"{1e3 * late:.1f}", f"{1e3 * believed:.1f}"]
+    if "error" in found:
+        return [*row, found["error"][:80], *[""] * (len(CLAIMED) - 4)]
+    rig = Rig.load(str(folder / "rig.yaml"))
+    stored = read_controller(str(folder / "controller.yaml"), rig)
+    errors, true = measure_truth(plant, pair_rivals(stored), stored.model, np.random.default_rng(seed))
+    told = found["judged"]["ratios"][stored.wish.kind]
+    sizes = [f"{np.degrees(np.mean(each)):.4f}" for each in errors]
+    claimed, worst = (told[of]["all"] for of in ("median", "worst"))
+    ratios = claimed, worst, true, claimed / true
+    return [*row, *sizes, *(f"{x:.2f}" for x in ratios)]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -382,7 +493,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--situations", nargs="+", choices=SITUATIONS, default=SITUATIONS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--output", type=Path, default=Path("out/plants"), help="goes on there where it stopped")
+    parser.add_argument("--claims", action="store_true", help="compare what is claimed over a PID with the truth")
     told = parser.parse_args(arguments)
+    if told.claims:
+        print("| " + " | ".join(CLAIMED) + " |\n" + "|---" * len(CLAIMED) + "|")
+        for name in list(PLANTS)[: told.plants]:
+            row = compare_claim(name, told.seed, told.output.resolve() / "claims" / str(told.seed) / name)
+            print("| " + " | ".join(row) + " |", flush=True)
+        return 0
     print("| " + " | ".join(HEAD) + " |\n" + "|---" * len(HEAD) + "|")
     outcomes = []
     for name in list(PLANTS)[: told.plants]:

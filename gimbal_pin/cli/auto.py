@@ -20,6 +20,7 @@ from gimbal_pin.cli.options import (
     Map,
     Mass,
     Payload,
+    Plants,
     RigName,
     Seed,
     Verbose,
@@ -42,6 +43,7 @@ def auto(
     holdout: Holdout = None,
     gains: Annotated[Gains, OmitArgPrefixes] = USUAL,
     live: Annotated[bool, arg(help="show the result in a browser")] = False,
+    plants: Plants = 50,
     seed: Seed = 0,
     verbose: Verbose = False,
     json: Json = None,
@@ -67,6 +69,7 @@ def auto(
         wish=gains.to_wish(find_interval(log.dt for log in read)),
         run=asked_for,
         mass=mass,
+        plants=plants,
     )
     noted(found.notes)
     present(text.auto(found, verbose), found.to_dict(), json)

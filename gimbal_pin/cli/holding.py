@@ -18,6 +18,7 @@ from gimbal_pin.control.controllers import COMPILED, HOLDING, TUNED
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
+    from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Law
     from gimbal_pin.dynamics.model import Model
@@ -172,7 +173,9 @@ class Pages:
             if path is not None and not moving:
                 raise UsageError(option, "has no platform to show", f"name a motion: {MOTIONS}")
 
-    def write(self, rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> None:
+    def write(
+        self, rig: Rig, held: Verified | None, steps: Tracking | None, plant: str, judged: Judgement | None
+    ) -> None:
         """Write them."""
         from gimbal_pin.log.io.files import atomic_write, open_replacement
         from gimbal_pin.report.camera_chart import chart
@@ -183,7 +186,7 @@ class Pages:
             with open_replacement(self.plot) as temporary:
                 chart(held.contest).savefig(temporary)
         if self.report is not None:
-            atomic_write(self.report, whole(rig, held, steps, plant))
+            atomic_write(self.report, whole(rig, held, steps, plant, judged))
         if self.animation is not None and held is not None:
             atomic_write(self.animation, moving(rig, held))
 

@@ -179,6 +179,12 @@ class Gains:
         return Wish.sampled(**{**vars(self), "dt": self.dt or dt})
 
 
+Plants = Annotated[
+    int,
+    between("--plants", 1, 10000, kind=int),
+    arg(help="perturbed plants on which the controller is judged beside a PID"),
+]
+
 USUAL = Gains()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +9,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin.cli.holding import MOTIONS, NO_PAGES, STILL, Holding, Pages
 from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
-from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, RigName, Seed, Verbose, optional
+from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, Plants, RigName, Seed, Verbose, optional
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
 from gimbal_pin.control.controllers import COMPILED
@@ -18,8 +17,9 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.report import text
 
 if TYPE_CHECKING:
+    from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.tracking import Tracking
-    from gimbal_pin.control.tuning import Law, Stored
+    from gimbal_pin.control.tuning import Stored
     from gimbal_pin.dynamics.model import Model
     from gimbal_pin.dynamics.simulation import Controller
     from gimbal_pin.export import Library
@@ -54,6 +54,7 @@ def track(
     ] = None,
     held: Annotated[Holding, OmitArgPrefixes] = STILL,
     pages: Annotated[Pages, OmitArgPrefixes] = NO_PAGES,
+    plants: Plants = 50,
     seed: Seed = 0,
     verbose: Verbose = False,
     json: Json = None,
@@ -72,33 +73,24 @@ def track(
     late, held_late = (1, 1) if wish is None else (wish.samples, wish.holding_samples)
     if delay_samples is not None:
         late = held_late = delay_samples
-    stood = "the rig as its URDF states it" if model is None else f"the model in {model}"
+    stood = "the controller's own model" if model is None else f"the model in {model}"
     log = held.taught(rig, loaded.payload) if held.moving else None
-    steps = None if tuned is None else stepped(tuned, machine, plant_of(model, loaded), late, seed)
+    steps, judged = None, None
+    if tuned is not None:
+        believed = tuned.model if model is None else plant_of(model, loaded)
+        steps, judged = stepped(tuned, machine, believed, late, plants, seed)
     verified = None
     if held.moving:
         plant = None if model is None else plant_of(model, loaded)
         known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
         verified = held.verified(loaded, plant, known, law, log, held_late, pages.report is not None, machine)
-    pages.write(loaded, verified, steps, stood)
-    told = [] if steps is None else [text.tracking(steps, stood, loaded if verbose else None)]
+    pages.write(loaded, verified, steps, stood, judged)
+    told = [] if steps is None or judged is None else [text.tracking(steps, judged, loaded)]
     told += [] if verified is None else [text.verified(verified, verbose)]
     own, more = ({} if one is None else one.to_dict() for one in (steps, verified))
+    own |= {} if judged is None else {"judged": judged.to_dict()}
     experiments = [*own.get("experiments", ()), *more.get("experiments", ())]
     present("\n\n".join(told), {"schema": 1, **own, **more, "experiments": experiments}, json)
-
-
-def rivals(tuned: Stored) -> dict[str, Law]:
-    """Return a controller under its kind, and beside it a PID that was asked for the same."""
-    from gimbal_pin.control.tuning import tune as run
-
-    if tuned.wish.kind == "pid":
-        return {"pid": tuned.law}
-    wish = replace(tuned.wish, kind="pid", robust=False)
-    if wish.disk_margin is not None:  # a PID may not have it at any bandwidth
-        granted = {joint: hz for joint, hz in tuned.bandwidth_hz.items() if hz is not None}
-        wish = replace(wish, bandwidth_hz=granted, disk_margin=None)
-    return {tuned.wish.kind: tuned.law, "pid": run(tuned.model, **vars(wish)).controller}
 
 
 def library(path: Path, rig: Rig) -> Library:
@@ -108,11 +100,18 @@ def library(path: Path, rig: Rig) -> Library:
     return Library.load(path, rig)
 
 
-def stepped(tuned: Stored, machine: Library | None, plant: Model, late: int, seed: int) -> Tracking:
-    """Step a controller, its compiled twin if there is one, and its rival."""
+def stepped(
+    tuned: Stored, machine: Library | None, plant: Model, late: int, plants: int, seed: int
+) -> tuple[Tracking, Judgement]:
+    """Step a controller, its compiled twin if there is one, and its rival; judge them on plants around that one."""
     import numpy as np
 
+    from gimbal_pin.control.judging import judge_controllers
     from gimbal_pin.control.tracking import track as run
+    from gimbal_pin.control.tuning import RIVAL, pair_rivals
 
     twin: dict[str, Controller] = {} if machine is None else {COMPILED: machine.law}
-    return run(plant, {**rivals(tuned), **twin}, rng=np.random.default_rng(seed), delay=late)
+    laws = {tuned.wish.kind: tuned.law, **twin, RIVAL: pair_rivals(tuned)[RIVAL]}
+    delay = tuned.wish.delay if late == tuned.wish.samples else late * tuned.wish.dt
+    steps = run(plant, laws, rng=np.random.default_rng(seed), delay=late)
+    return steps, judge_controllers(plant, laws, rng=seed, plants=plants, delay=delay)

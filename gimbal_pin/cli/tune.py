@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin.cli.inputs import filtering, load_logs, load_rig, mounted
-from gimbal_pin.cli.options import USUAL, Cutoff, Gains, Json, Map, MaybeYaml, Payload, Plotted, RigName, Verbose
+from gimbal_pin.cli.options import (
+    USUAL,
+    Cutoff,
+    Gains,
+    Json,
+    Map,
+    MaybeYaml,
+    Payload,
+    Plants,
+    Plotted,
+    RigName,
+    Verbose,
+)
 from gimbal_pin.cli.paths import Reads, logs
 from gimbal_pin.cli.present import present
 from gimbal_pin.report import text
@@ -28,11 +40,14 @@ def tune(
     map: Map = (),
     cutoff: Cutoff = None,
     gains: Annotated[Gains, OmitArgPrefixes] = USUAL,
+    plants: Plants = 50,
     plot: Annotated[Plotted, arg(metavar="FILE", help="write the loops' plots: .png, .svg or .pdf")] = None,
     verbose: Verbose = False,
     json: Json = None,
 ) -> None:
     """Gains, margins and robust term from logs or from a model."""
+    from gimbal_pin.control.judging import judge_controllers
+    from gimbal_pin.control.tuning import pair_rivals
     from gimbal_pin.control.tuning import tune as run
     from gimbal_pin.log.io.files import open_replacement, write_yaml
 
@@ -43,7 +58,9 @@ def tune(
     if plot is not None:
         with open_replacement(plot) as temporary:
             found.plot().savefig(temporary)
-    present(text.tuning(found, verbose), found.to_dict(), json)
+    judged = judge_controllers(model, pair_rivals(found.stored), rng=0, plants=plants, delay=found.wish.delay)
+    told = f"{text.tuning(found, verbose)}\n\n{text.judgement(judged, model.rig)}"
+    present(told, {**found.to_dict(), "judged": judged.to_dict()}, json)
 
 
 def model_of(

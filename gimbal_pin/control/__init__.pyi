@@ -7,6 +7,9 @@ from .drive_gains import convert_gains as convert_gains
 from .experiment import bench_run as bench_run
 from .experiment import perturbed as perturbed
 from .experiment import repeated as repeated
+from .judging import Judgement as Judgement
+from .judging import judge_controllers as judge_controllers
+from .judging import plan_step as plan_step
 from .laws import Bounds as Bounds
 from .laws import ComputedTorque as ComputedTorque
 from .laws import JointPid as JointPid
@@ -28,6 +31,7 @@ from .laws.design import Wish as Wish
 from .laws.equal import Equal as Equal
 from .laws.observer import Observer as Observer
 from .laws.observer import observed_margins as observed_margins
+from .laws.uncertainty import draw_model as draw_model
 from .laws.uncertainty import estimate as estimate
 from .laws.uncertainty import home as home
 from .laws.uncertainty import inertia as inertia
@@ -39,7 +43,9 @@ from .tracking import metrics as metrics
 from .tracking import minimum_jerk as minimum_jerk
 from .tracking import tour as tour
 from .tracking import track as track
+from .tuning import RIVAL as RIVAL
 from .tuning import Stored as Stored
 from .tuning import Tuning as Tuning
+from .tuning import pair_rivals as pair_rivals
 from .tuning import stored as stored
 from .tuning import tune as tune

@@ -17,7 +17,6 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.limited import compute_limit_shares
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.rig.brief import brief
-from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
 PEAK_RATE = 15 / 8
@@ -99,6 +98,11 @@ BEFORE = 0.1
 """Rest before the step, s."""
 BAND = 0.02
 """A joint has settled once it stays within this share of its step."""
+
+
+def scale_steps(plant: Model, angles_deg: Sequence[float] = STEPS_DEG, move: float = 0.5) -> Array:
+    """Return steps of so many degrees, cycled over the joints, rad, (n,), made smaller where limits ask for it."""
+    return within(plant, [float(np.deg2rad(angles_deg[j % len(angles_deg)])) for j in range(plant.rig.n)], move)
 
 
 @dataclass(frozen=True)
@@ -209,11 +213,6 @@ class Witness(Sensors):
 
     seen: list[Array] = field(default_factory=list)
 
-    @staticmethod
-    def of(rig: Rig, dt: float, torque_std: float = 0.0) -> Witness:
-        """The rig's own sensors, as a witness."""
-        return Witness(**vars(Sensors.of(rig, dt, torque_std)))
-
     def angle(self, q: Array) -> Array:
         """The angle as the encoder reports it."""
         self.seen.append(q.copy())
@@ -253,7 +252,7 @@ def track(
     rig = plant.rig
     if seconds < BEFORE + move:
         raise UsageError("seconds", f"is {seconds:g}, shorter than the step", f"give at least {BEFORE + 2 * move:g}")
-    steps = within(plant, [float(np.deg2rad(angles_deg[j % len(angles_deg)])) for j in range(rig.n)], move)
+    steps = scale_steps(plant, angles_deg, move)
     single = [(joint, steps * (np.arange(rig.n) == j)) for j, joint in enumerate(rig.joints)]
     plan = [("all-axes", steps), *(single if one_by_one and rig.n > 1 else [])]
     generator, seed = make_generator(rng)

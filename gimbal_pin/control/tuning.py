@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import MISSING, asdict, dataclass, fields, replace
 from functools import cached_property
 from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
@@ -12,8 +12,8 @@ import numpy as np
 
 from gimbal_pin.control.drive_gains import DriveGains, convert_gains
 from gimbal_pin.control.laws import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
-from gimbal_pin.control.laws.computed_torque import lyapunov
-from gimbal_pin.control.laws.design import Wish, braking, granted, inner, layered, seen_inertia
+from gimbal_pin.control.laws.computed_torque import CompensatedPid, lyapunov
+from gimbal_pin.control.laws.design import Wish, braking, granted, inner, layered, lowered, seen_inertia
 from gimbal_pin.control.laws.reasons import (
     UNSEEN,
     about_inertia,
@@ -28,6 +28,7 @@ from gimbal_pin.control.laws.uncertainty import DRAWS, Ratios, drawn, widened
 from gimbal_pin.dynamics.model import Model, convert_model, read_model_data
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import ModelError, UsageError
+from gimbal_pin.identification.model_file import describe_uncertainty, read_known_parameters
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
@@ -155,7 +156,7 @@ class Tuning:
             "warnings": list(self.warnings),
             "reasons": list(self.reasons),
             "doubts": list(self.doubts),
-            "model": convert_model(self.model),
+            "model": {**convert_model(self.model), **describe_uncertainty(self.model.estimated)},
         }
 
 
@@ -247,6 +248,33 @@ def law_of(
     return ComputedTorque(model, gains, wish.dt, lead=lead, braking=brakes, robust=robust)
 
 
+RIVAL = "compensated-pid"
+"""What a controller is compared with; see `pair_rivals`."""
+
+
+def pair_rivals(tuned: Stored) -> dict[str, Law]:
+    """Return a controller under its kind, and beside it a PID with gravity and friction fed forward.
+
+    Each joint of the PID has the highest bandwidth that keeps the disk margin which the controller has, both for the
+    worst of the models drawn from the covariance; the controller's bandwidth where none keeps it.
+    """
+    law, model, wish = tuned.law, tuned.model, tuned.wish
+    known = [
+        widened(seen_inertia(model, kind)[1], drawn(model, kind, np.random.default_rng(0)))
+        for kind in (wish.kind, "pid")
+    ]
+    loops = inner(law.gains, law.robust if isinstance(law, ComputedTorque) else None)
+    gains = []
+    for pid, loop, own, ratios, drive in zip(law.gains, loops, *known, model.drives):
+        disk = min(max(wish.smallest(loop, own, drive), 0.01), 1.99)
+        hz = lowered(inf, replace(wish, disk_margin=disk, robust=False), ratios, drive)
+        gains.append(pid if hz is None else wish.gains(hz))
+    moments = tuple((np.array(seen_inertia(model, "pid")[0]) - model.armature).tolist())
+    lead = wish.delay + wish.dt / 2
+    rival = CompensatedPid(model, tuple(gains), wish.dt, lead=lead, braking=braking(model), inertia=moments)
+    return {wish.kind: law, RIVAL: rival}
+
+
 @dataclass(frozen=True)
 class Row:
     """What `Tuning.to_dict` writes of a joint, as far as its law needs it; see there."""
@@ -331,6 +359,8 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> Stored:
         inertia = tuple(row.inertia for row in rows)
         brakes = tuple(inf if row.braking is None else row.braking for row in rows)
         model = read_model_data(filed.model, rig, f"{place}: model")
+        if "covariance" in filed.model:
+            model = replace(model, estimated=read_known_parameters(filed.model, f"{place}: model"))
         robust = None
         if filed.robust is not None:
             known = {key: x for key, x in vars(filed.robust).items() if key != "gain"}

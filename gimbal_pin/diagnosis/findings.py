@@ -44,7 +44,7 @@ from gimbal_pin.diagnosis.score import HIDDEN, visibility
 from gimbal_pin.diagnosis.shapes import same, shape_names
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.diagnosis.uncertainty import estimate_figures
-from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
@@ -72,12 +72,13 @@ def report_findings(
     model = confirm_causes(found, held)
     found, findings = model.found, describe_findings(model, held)
     state, best, curves = add_tables(found, held, model.baseline, model.figures)
-    after = build_extended_model(state)
+    residual = _list_residuals(found, curves)
+    after = _add_rest(build_extended_model(state), residual, best["torque_rmse"], held.band)
     return replace(
         said,
         notes=(*model.denied, *said.notes),
         findings=findings,
-        residual=_list_residuals(found, curves),
+        residual=residual,
         immaterial=_list_immaterial(found),
         untestable=list_untestable(found, findings),
         detection_limit=dict(zip(held.rig.joints, _compute_limits(found).tolist())),
@@ -92,6 +93,15 @@ def report_findings(
         likeness=tuple(compare_likeness(found, cause) for cause in found.final.causes),
         instead=tuple(rival.cause for cause in found.final.causes for rival in found.rivals_of(cause)),
     )
+
+
+def _add_rest(model: Model, residual: Mapping[str, Residual], errors: Mapping[str, float], band: float) -> Model:
+    """Return the model with what it knows of the rest: noise, and what of held-out torque no cause explains."""
+    assert model.estimated is not None
+    rows = [(errors[joint], left.noise_floor, left.state == "structured") for joint, left in residual.items()]
+    missed = tuple(max(error**2 - floor**2, 0.0) ** 0.5 if structured else 0.0 for error, floor, structured in rows)
+    noise = tuple(floor / band**0.5 for _, floor, _ in rows)
+    return replace(model, estimated=replace(model.estimated, missed=missed, noise=noise))
 
 
 def report_unusable_logs(

@@ -9,17 +9,17 @@ import numpy as np
 import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
-from gimbal_pin.control.tracking import Witness, tour
+from gimbal_pin.control.judging import measure_error
+from gimbal_pin.control.tracking import tour
 from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis.band import BAND
 from gimbal_pin.diagnosis.evidence import Evidence, Part, gather
 from gimbal_pin.diagnosis.extended import compute_acting_torque, compute_asked_torque
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.plant import Plant, State
-from gimbal_pin.dynamics.simulation import Controller, simulate
-from gimbal_pin.errors import UsageError
+from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.log import signals
-from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
@@ -165,7 +165,8 @@ def simulate_tracking(before: Model, after: Model, rng: np.random.Generator) -> 
     if not all(_is_massive(model.rig, reference.q) for model in (before, after)):
         return {}
     laws = [tune(model, bandwidth_hz=BANDWIDTH, dt=DT).controller for model in (before, after)]
-    figures = [_measure_tracking(after, law, reference, np.random.default_rng(seed)).tolist() for law in laws]
+    sense = Sensors.of(after.rig, DT)
+    figures = [measure_error(after, law, reference, 0.0, sense, seed, delay=1).tolist() for law in laws]
     return {joint: dict(zip(("rms_before", "rms_after"), row)) for joint, *row in zip(after.rig.joints, *figures)}
 
 
@@ -173,16 +174,6 @@ def describe_worse_tracking(tracking: Figures) -> list[str]:
     """Say at which joints the controller that knows what was found follows clearly worse; nothing where none does."""
     worse = [joint for joint, row in tracking.items() if row["rms_after"] > WORSE * row["rms_before"]]
     return [f"{', '.join(worse)}: {NO_CLOSER}"] if worse else []
-
-
-def _measure_tracking(plant: Model, law: Controller, reference: Motion, rng: np.random.Generator) -> Array:
-    """Root mean square of reference less true angle, rad, (n,); nan where the loop diverges."""
-    witness = Witness.of(plant.rig, law.dt)
-    try:
-        simulate(plant, law, reference, rng=rng, sensors=witness, name="tracking gain")
-    except UsageError:
-        return np.full(plant.rig.n, nan)
-    return np.sqrt(np.mean(np.square(reference.q - np.array(witness.seen)), axis=0))
 
 
 def heat(model: Model, log: Log, filtering: Filtering = BAND) -> Array:

@@ -43,6 +43,8 @@ class Estimated:
         theta: Their values (k).
         covariance: Their covariance (k, k).
         dt: Sampling interval of the logs, s; None: not known.
+        missed: What of each joint's torque the model misses and the motion decides, N m rms, (n,); empty: not known.
+        noise: Density of the noise on each joint's torque, N m/√Hz, (n,), what the sensors add included; as above.
     """
 
     names: tuple[str, ...]
@@ -50,6 +52,8 @@ class Estimated:
     theta: Array
     covariance: Array
     dt: float | None = None
+    missed: tuple[float, ...] = ()
+    noise: tuple[float, ...] = ()
 
     __repr__ = brief
 

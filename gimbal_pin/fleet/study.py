@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from math import inf, isnan, radians
-from typing import ClassVar
 
 import numpy as np
 
 from gimbal_pin.control.controllers import OURS, TUNED
+from gimbal_pin.control.judging import FlawedDrive
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import track
 from gimbal_pin.control.tuning import Law, Stored, Tuning, tune
 from gimbal_pin.dynamics.model import Model, convert_model
 from gimbal_pin.dynamics.sensors import Sensors
-from gimbal_pin.effects import Signal
-from gimbal_pin.effects.signal import Memory
 from gimbal_pin.errors import GimbalPinError, UsageError
 from gimbal_pin.fleet.engine import Value
 from gimbal_pin.fleet.variation import Unit, Values, Variation
@@ -88,29 +86,6 @@ def list_figures(rig: Rig, platform: bool) -> dict[str, str]:
     return {name: units.pop() for name, units in common.items() if len(units) == 1} | each
 
 
-@dataclass(frozen=True)
-class TorqueNoise(Signal):
-    """``acting = command + draw``, the draws in turn, N m."""
-
-    draws: tuple[float, ...]
-
-    name: ClassVar[str] = "torque-noise"
-    compensation: ClassVar[str] = "none"
-
-    def start(self, level: float = 0.0) -> Memory:
-        """Begin with the first draw."""
-        return (0,)
-
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
-        """Add the next draw."""
-        place = int(memory[0])
-        return ((place + 1) % len(self.draws),), x + self.draws[place]
-
-    def says(self, values: object = ()) -> str:
-        """Say that there is noise."""
-        return "the motor's torque is noisy"
-
-
 @dataclass(frozen=True, eq=False)
 class Study:
     """What every unit goes through; workers get it with their units.
@@ -169,7 +144,7 @@ class Study:
             return plant
         shape = plant.rig.n, round(self.seconds / self.wish.dt) + 1
         draws = values["torque_noise"] * np.random.default_rng([seed, 1]).standard_normal(shape)
-        noise = [TorqueNoise(joint, tuple(own)) for joint, own in zip(plant.rig.joints, draws.tolist())]
+        noise = [FlawedDrive(joint, 0.0, draws=tuple(own)) for joint, own in zip(plant.rig.joints, draws.tolist())]
         return replace(plant, drive=(*plant.drive, *noise))
 
     def simulate_step(self, law: Law, plant: Model, values: Values, seed: int) -> dict[str, Value]:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from gimbal_pin.control.laws.uncertainty import estimate
+from gimbal_pin.control.laws.uncertainty import change_parameters, estimate
 from gimbal_pin.dynamics.apply import plant_with
 from gimbal_pin.dynamics.model import Estimated, Model, _replace_bodies, is_motor_friction
 from gimbal_pin.effects import RigEffect, Signal, Term
@@ -24,7 +24,6 @@ from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.rig_effect import get_payload
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.sweep import changed
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import read_record
 from gimbal_pin.rig.rig import Rig
@@ -173,7 +172,7 @@ class Variation:
         model, rig = self.model, self.model.rig
         if self.estimated is not None:
             off = np.array([values[f"parameters.{name}"] for name in self.estimated.names])
-            model = changed(model, factor_covariance(self.estimated.covariance) @ off)
+            model = change_parameters(model, factor_covariance(self.estimated.covariance) @ off)
         phi = model.rig.phi * np.repeat([1 + values[f"inertials.{link}"] for link in rig.links[: rig.n]], 10)
         share = {joint: 1 + values[f"friction.{joint}"] for joint in rig.joints}
         rubbed = [

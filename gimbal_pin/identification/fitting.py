@@ -207,9 +207,12 @@ def identify(
     unused = [log.name for log in test if any(log is one for one in logs)]
     notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
     found = assemble_result(blocks, estimate, tested, how, trust)
+    density = tuple(one.noise / filters.cutoff**0.5 for one in missed)
+    assert found.model.estimated is not None
+    known = replace(found.model.estimated, missed=tuple(one.size for one in missed), noise=density)
     found = replace(
         found,
-        model=replace(found.model, doubts=(*left_out, *found.model.doubts)),
+        model=replace(found.model, doubts=(*left_out, *found.model.doubts), estimated=known),
         logs=tuple(log.name for log in logs),
         mountings={one.log.name: one.mountings for one in checked if one.mountings},
         notes=notes,

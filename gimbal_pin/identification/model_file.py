@@ -47,8 +47,8 @@ def _describe_payload_model(identified: Identified, path: str | Path) -> dict[st
         **report,
         "phi": model.rig.phi.tolist(),
         "terms": [term.to_dict() for term in model.terms],
-        "covariance": known.covariance.tolist(),
-        "dt": known.dt,
+        **describe_uncertainty(known),
+        "base_parameters": report["base_parameters"],
         **_describe_doubts(model),
     }
 
@@ -62,7 +62,7 @@ def write_extended(model: Model, path: str | Path) -> None:
             "schema": 1,
             **rows,
             **convert_model(model),
-            **_describe_uncertainty(model.estimated),
+            **describe_uncertainty(model.estimated),
             **_describe_doubts(model),
         },
         path,
@@ -74,13 +74,14 @@ def _describe_doubts(model: Model) -> dict[str, Any]:
     return {"doubts": [asdict(doubt) for doubt in model.doubts]}
 
 
-def _describe_uncertainty(estimated: Estimated | None) -> dict[str, Any]:
-    """Return the parameters' values and covariance as `_read_known_parameters` reads them."""
+def describe_uncertainty(estimated: Estimated | None) -> dict[str, Any]:
+    """Return values and covariance of the parameters, and the rest, as `read_known_parameters` reads them."""
     if estimated is None:
         return {}
     columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
     rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
-    return {"base_parameters": rows, "covariance": estimated.covariance.tolist(), "dt": estimated.dt}
+    rest = {name: list(getattr(estimated, name)) for name in ("missed", "noise")}
+    return {"base_parameters": rows, "covariance": estimated.covariance.tolist(), "dt": estimated.dt, **rest}
 
 
 def read_model(path: str | Path, rig: Rig) -> Model:
@@ -91,7 +92,7 @@ def read_model(path: str | Path, rig: Rig) -> Model:
     """
     own = _read_own_part(path, rig)
     model = replace(read_model_data(own, rig, str(path)), doubts=_read_doubts(own, str(path)))
-    return model if "covariance" not in own else replace(model, estimated=_read_known_parameters(own, str(path)))
+    return model if "covariance" not in own else replace(model, estimated=read_known_parameters(own, str(path)))
 
 
 def _read_doubts(data: Mapping[str, Any], path: str) -> tuple[Doubt, ...]:
@@ -111,7 +112,7 @@ def read_known(path: str | Path, rig: Rig) -> Model:
     own = _read_own_part(path, rig)
     return replace(
         read_model_data({**own, "phi": rig.phi.tolist()}, rig, str(path)),
-        estimated=_read_known_parameters(own, str(path)),
+        estimated=read_known_parameters(own, str(path)),
     )
 
 
@@ -143,9 +144,11 @@ class Known:
     base_parameters: tuple[Any, ...]
     covariance: tuple[tuple[float, ...], ...]
     dt: float | None = bounded_field(None, 1e-6, 1.0)  # between what `tune` can sample at
+    missed: tuple[float, ...] = ()
+    noise: tuple[float, ...] = ()
 
 
-def _read_known_parameters(data: Any, place: str) -> Estimated:
+def read_known_parameters(data: Any, place: str) -> Estimated:
     """Return the parameters' uncertainty from a model file; `ModelError` if that is none.
 
     The correlations' matrix has no negative eigenvalue but for rounding: a millionth, as whoever writes digits may.
@@ -163,7 +166,8 @@ def _read_known_parameters(data: Any, place: str) -> Estimated:
     if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or (np.linalg.eigvalsh(correlation) < -1e-6).any():
         raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
     names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
-    return Estimated(names, units, np.array([row.value for row in rows]), covariance, filed.dt)
+    values = np.array([row.value for row in rows])
+    return Estimated(names, units, values, covariance, filed.dt, filed.missed, filed.noise)
 
 
 def is_model(path: str | Path) -> bool:

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.control.laws.carried import CarriedTorque
-from gimbal_pin.control.laws.uncertainty import columns, estimate
+from gimbal_pin.control.laws.uncertainty import change_parameters, columns, estimate
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array, Motion
@@ -67,29 +67,6 @@ def doubtful(model: Model, wanted: Array, platform: Platform) -> Array | None:
     L = size * np.sqrt(np.maximum(power, 0.0))
     seen = L.T @ np.einsum("njk,njl->kl", Y, Y) @ L / len(Y)
     return np.asarray(L @ np.linalg.eigh(seen)[1][:, -1])
-
-
-def drawn(model: Model, rng: np.random.Generator) -> Model:
-    """Return a model whose parameters are drawn from the covariance of another one's; the same where it has none."""
-    known = estimate(model)
-    if known is None:
-        return replace(model, estimated=None)
-    covariance = known[0].covariance
-    return changed(model, rng.multivariate_normal(np.zeros(len(covariance)), covariance, method="eigh"))
-
-
-def changed(model: Model, change: Array) -> Model:
-    """Return a model with its estimated parameters changed, (k,): base parameters, then the terms'."""
-    known = estimate(model)
-    if known is None:
-        return replace(model, estimated=None)
-    phi, places, terms = model.rig.phi.copy(), known[1], []
-    phi[places] += change[: len(places)]
-    rest = change[len(places) :]
-    for term in model.terms:
-        own, rest = np.split(rest, [len(term.values)])
-        terms.append(replace(term, values=tuple((np.array(term.values) + own).tolist())))
-    return replace(model, rig=model.rig.with_phi(phi), terms=tuple(terms), estimated=None)
 
 
 SHARES = (-0.3, -0.15, 0.0, 0.15, 0.3)
@@ -164,7 +141,7 @@ def sweep(course: Course, roster: Roster) -> Sweep:
     model, way = roster.model, doubtful(roster.model, roster.wanted, course.ground(0))
     models = {("scaled", share): model if share == 0 else heavier(model, share) for share in SHARES}
     if way is not None:
-        models |= {("uncertain", size): changed(model, size * way) for size in DEVIATIONS}
+        models |= {("uncertain", size): change_parameters(model, size * way) for size in DEVIATIONS}
     found: dict[str, dict[float, float]] = {"scaled": {}, "uncertain": {}}
     bar = tqdm(models.items(), "jitter against model error", unit="run", disable=None, leave=False)
     for (kind, error), wrong in bar:

@@ -14,6 +14,7 @@ from tqdm import tqdm
 from gimbal_pin.control.controllers import BASELINE, COMPILED, TUNED
 from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.loop import Margins, worst
+from gimbal_pin.control.laws.uncertainty import draw_model
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.diagnosis.result import Finding
@@ -33,7 +34,7 @@ from gimbal_pin.pointing.result import Contest, Pointing
 from gimbal_pin.pointing.roster import NAMES, Machine, Roster, slack
 from gimbal_pin.pointing.run import Course, Ground, compete
 from gimbal_pin.pointing.sight import Sight, unable
-from gimbal_pin.pointing.sweep import Sweep, drawn, sweep
+from gimbal_pin.pointing.sweep import Sweep, sweep
 from gimbal_pin.pointing.targets import Target, step_targets, stepped, targets
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -237,7 +238,7 @@ def verify(rig: Rig, asked: Asked) -> Verified:
         model, found = modelled(rig, asked.log, asked)
         known = model or identify(rig, [asked.log], holdout="none").model
         planted_once(known, asked.causes)
-        plant = drawn(known, np.random.default_rng(LEARNED))
+        plant = draw_model(known, np.random.default_rng(LEARNED))
         held = verify(rig, replace(asked, plant=plant, known=known, find=False))
         sentences = tuple(finding.sentence for finding in found)
         return replace(held, causes=sentences, missed=missed(known, asked.causes, asked.find, found, True))

@@ -208,6 +208,7 @@ def joint_colours(joints: Sequence[str]) -> tuple[str, ...]:
 
 CONTROLLERS = {
     "pid": "PID",
+    "compensated-pid": "PID with feed-forward",
     "pid-joint": "joint PID",
     "pid-world": "world-frame PID",
     "computed-torque-fixed": "computed torque, base taken as fixed",

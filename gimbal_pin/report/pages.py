@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 from markupsafe import Markup
 from tqdm import tqdm
 
+from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.diagnosis import Diagnosis
@@ -41,8 +42,9 @@ def full(
     rig: Rig,
     logs: Sequence[Log],
     found: Identified,
-    tunings: Mapping[str, Tuning],
+    tuning: Tuning,
     result: Tracking,
+    judged: Judgement,
     payload: PayloadStatement,
     recording: str,
     head: Summary,
@@ -59,8 +61,9 @@ def full(
         rig: The rig.
         logs: Its logs.
         found: The model from them.
-        tunings: The controllers; the recording shows the first.
-        result: Steps with them.
+        tuning: The controller that the recording shows.
+        result: Steps with it and its rival.
+        judged: The same on perturbed plants.
         payload: What the log says of the payload.
         recording: The page of the animation.
         head: What was found, what to do and what not to trust.
@@ -71,7 +74,7 @@ def full(
         why: Why it was not held.
         undiagnosed: Why the logs were not diagnosed.
     """
-    evaluated, law = evaluate(found, logs), next(iter(tunings.values())).wish.kind
+    evaluated, law = evaluate(found, logs), tuning.wish.kind
     steps: list[Callable[[], Section]] = [
         lambda: head.section,
         *([] if wrong is None else [partial(diagnosis, wrong)]),
@@ -79,8 +82,8 @@ def full(
         lambda: animation(recording, STEPS.format(controller_name(law))),
         lambda: parameters(found, evaluated, payload),
         lambda: torque(found, evaluated),
-        lambda: margins(*tunings.values()),
-        lambda: tracking(result, rig, plant),
+        lambda: margins(tuning),
+        lambda: tracking(result, rig, plant, judged),
         *([] if held is None else [partial(pointing, held, HELD.format(held_on))]),
         *([partial(Section, "Camera", paragraph(NOT_HELD.format(why)))] if why and rig.aims else []),
         lambda: data(rig, logs),
@@ -95,7 +98,9 @@ def diagnosed(rig: Rig, logs: Sequence[Log], found: Diagnosis) -> str:
     return render(rig.title, [diagnosis(found), data(rig, logs), rig_section(rig)], rig.config.description)
 
 
-def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str) -> str:
+def carried(
+    rig: Rig, held: Verified | None, steps: Tracking | None, plant: str, judged: Judgement | None = None
+) -> str:
     """Return the report of a tracking as HTML; `plant`: what the steps were simulated on, within a sentence."""
     parts: list[Section] = []
     if held is not None:
@@ -104,7 +109,7 @@ def carried(rig: Rig, held: Verified | None, steps: Tracking | None, plant: str)
         parts += [pointing(one, title=OTHER) for one in alone]
         parts += [] if held.steps is None else [tracking(held.steps, rig, "that of the camera")]
     if steps is not None:
-        parts.append(tracking(steps, rig, plant))
+        parts.append(tracking(steps, rig, plant, judged))
     return render(rig.title, [*parts, rig_section(rig)], rig.config.description)
 
 

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.control.experiment import bench_run, perturbed
+from gimbal_pin.control.judging import Judgement, judge_controllers
 from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import Tracking, tour, track
-from gimbal_pin.control.tuning import Tuning, tune
+from gimbal_pin.control.tuning import Tuning, pair_rivals, tune
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
 from gimbal_pin.diagnosis.file import list_writers
@@ -45,7 +46,6 @@ from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
-MODEL_BASED, PID = "computed-torque", "pid"
 COGGING, TEETH = 0.01, 12
 """Share of the largest torque, and teeth where the motor's slots are not stated, that the demo's motor cogs with."""
 MODEL_PLANT, TRUE_PLANT = "the identified model", "the true rig, which the model has not seen"
@@ -76,8 +76,9 @@ class Auto:
         identified: Model from the logs.
         diagnosis: What that model gets wrong; None where the logs are too short to say.
         model: What the controllers were made for: the identified model, or the extended one where causes were found.
-        tunings: "computed-torque" and "pid", at the same bandwidth; the one that was asked for first.
-        tracking: Steps with both.
+        tuning: The controller.
+        tracking: Steps with it and a PID of the same disk margin, see `pair_rivals`.
+        judged: The same on perturbed plants.
         animated: The log that the animation shows: all axes to and fro, with the controller that was asked for.
         files: What → path.
         plant: What the steps were simulated on, in words.
@@ -94,8 +95,9 @@ class Auto:
     identified: Identified
     diagnosis: Diagnosis | None
     model: Model
-    tunings: Mapping[str, Tuning]
+    tuning: Tuning
     tracking: Tracking
+    judged: Judgement
     animated: Log
     files: Mapping[str, Path]
     plant: str
@@ -109,11 +111,6 @@ class Auto:
     mass: float | None = None
 
     __repr__ = brief
-
-    @property
-    def tuning(self) -> Tuning:
-        """The tuning that was asked for."""
-        return next(iter(self.tunings.values()))
 
     @property
     def payload(self) -> PayloadStatement:
@@ -131,7 +128,7 @@ class Auto:
             "schema": 1,
             "identify": report_with_payload(self.identified, self.payload),
             "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
-            "tune": self.tuning.to_dict(),
+            "tune": {**self.tuning.to_dict(), "judged": self.judged.to_dict()},
             "track": {**self.tracking.to_dict(), **({} if self.held is None else self.held.to_dict())},
             "not_held": self.why or None,
             "not_diagnosed": self.undiagnosed or None,
@@ -152,6 +149,7 @@ def auto(
     plant: Model | None = None,
     run: Mapping[str, object] | None = None,
     mass: float | None = None,
+    plants: int = 50,
 ) -> Auto:
     """Identify, diagnose, tune, verify, and write models, URDF, controller, report and animation into `folder`.
 
@@ -166,11 +164,11 @@ def auto(
         estimator: Blocks → `Estimate`.
         holdout: As for `identify`.
         filtering: As for `identify`.
-        wish: What is asked of `tune`; None: nothing, at the logs' rate. The steps are also run with the other kind of
-            controller.
+        wish: What is asked of `tune`; None: nothing, at the logs' rate.
         plant: The plant that the steps are verified on; None: the model that the controllers were made for.
         run: What the folder's ``run.json`` says of the run, see `write_run`.
         mass: Of the payload, kg, where it was weighed.
+        plants: On how many perturbed plants the controller is judged.
 
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
@@ -182,34 +180,20 @@ def auto(
     extended = wrong is not None and wrong.is_extended
     model = wrong.after if wrong is not None and extended else identified.model
     asked = wish or Wish.sampled(find_interval(log.dt for log in logs))
-    tunings, late = tuned(model, asked), asked.samples
-    laws = {kind: tunings[kind].controller for kind in (MODEL_BASED, PID)}
+    first, late = tune(model, **vars(asked)), asked.samples
+    laws, law = pair_rivals(first.stored), first.controller
     tracking = track(plant or model, laws, rng=generator, delay=late)
-    first = next(iter(tunings.values()))
-    law = first.controller
+    judged = judge_controllers(model, laws, rng=generator, plants=plants, delay=asked.delay)
     animated = simulate(model, law, tour(model, law.dt), rng=generator, name="all axes to and fro", delay=late)
     held, why = (None, BARRED) if first.doubts else carried(rig, logs[0], model, law, plant, asked.holding_samples)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, Path(folder), wrong, held)
     causes = refittable_effects(model)
     beside = identify(rig, logs, causes, estimator=estimator, holdout=holdout, filtering=filtering) if causes else None
-    steps = identified, wrong, model, tunings, tracking, animated
-    head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed)
+    steps = identified, wrong, model, first, tracking, judged, animated
+    head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed, judged)
     found = Auto(*steps, files, stood, head, held, why, undiagnosed, beside=beside, seed=seed, mass=mass)
     return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
-
-
-def tuned(model: Model, wish: Wish) -> Mapping[str, Tuning]:
-    """Tune the kind that was asked for, then the other one; Lyapunov redesign is the model-based one's alone."""
-    first = tune(model, **vars(wish))
-    other = PID if wish.kind == MODEL_BASED else MODEL_BASED
-    same = {} if wish.disk_margin is None else alike(first)
-    return {wish.kind: first, other: first.with_(kind=other, robust=False, **same)}
-
-
-def alike(tuning: Tuning) -> dict[str, Any]:
-    """What to ask of another kind of controller for the same bandwidths, its disk margin being what it may."""
-    return {"bandwidth_hz": dict(zip(tuning.model.rig.joints, tuning.bandwidth_hz)), "disk_margin": None}
 
 
 def examined(
@@ -254,8 +238,9 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
         rig,
         logs,
         identified,
-        found.tunings,
+        found.tuning,
         found.tracking,
+        found.judged,
         found.payload,
         animation,
         found.summary,
@@ -295,6 +280,7 @@ def demo(
     rng: np.random.Generator,
     seconds: float = 22.0,
     run: Mapping[str, object] | None = None,
+    plants: int = 50,
 ) -> Auto:
     """Simulate a log of a rig that differs from its URDF, and run `auto` on it.
 
@@ -304,4 +290,4 @@ def demo(
     plant = plant_with(perturbed(rig, 0.1, rng), [hidden(rig)]).plant
     mover = tune(nominal(rig), bandwidth_hz=4.0).controller
     log = bench_run(plant, mover, rng=rng, seconds=seconds, name=f"simulated {rig.name}, {seconds:g} s")
-    return auto(rig, [log], folder, rng=rng, plant=plant, run=run)
+    return auto(rig, [log], folder, rng=rng, plant=plant, run=run, plants=plants)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gimbal_pin.control.tuning import RIVAL
 from gimbal_pin.diagnosis.result import MEASURED
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD
@@ -25,10 +26,11 @@ from gimbal_pin.report.format import (
     torque_text,
 )
 from gimbal_pin.report.html import Card, Section, bullets, cards, join, notice, paragraph
-from gimbal_pin.report.tables import BASELINE, FAIR, GOOD, TOGETHER, grade
+from gimbal_pin.report.tables import FAIR, GOOD, TOGETHER, grade
 from gimbal_pin.rig.brief import brief
 
 if TYPE_CHECKING:
+    from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding
@@ -81,6 +83,7 @@ def summary(
     plant: str = "the identified model",
     wrong: Diagnosis | None = None,
     undiagnosed: str = "",
+    judged: Judgement | None = None,
 ) -> Summary:
     """Return the verdict on a rig's identification, controller and tracking.
 
@@ -116,19 +119,20 @@ def summary(
         crossover = between(one.crossover_hz for one in margins)
         numbers.append(Card("Bandwidth", hertz, f"crossover {crossover} Hz"))
         numbers.append(Card("Phase margin", f"{figures(phase, 2)}°", f"disk margin {disk}, worst joint"))
+    if judged is not None:
+        ratios = judged.compute_ratios(next(iter(judged.errors)))[:, -1]
+        note = f"median; worst {figures(ratios.min(), 2)}, of {judged.plants} perturbed plants, all joints"
+        numbers.append(Card("Error of a PID over the controller's", figures(float(np.median(ratios)), 2), note))
     unknown = [f"Not diagnosed: {undiagnosed}."] if undiagnosed else []
     simulated = [] if result is None else [SIMULATED.format(plant)]
-    doubts = (*cautions(tuning, result), *unexplained(wrong), *unknown, *simulated)
+    doubts = (*cautions(tuning, result, judged), *unexplained(wrong), *unknown, *simulated)
     return Summary(verdict(fit, missing, barred), tone, to_do(wrong, tuning), doubts, tuple(details), tuple(numbers))
 
 
-def outdone(result: Tracking) -> list[str]:
-    """Return the joints that the baseline follows at least as closely as the last controller, all axes moving."""
-    together = {one.controller: one.joints for one in result.experiments if one.name == TOGETHER}
-    if BASELINE not in together:
-        return []
-    theirs, ours = together.pop(BASELINE), list(together.values())[-1:]
-    return [joint for best in ours for joint in theirs if theirs[joint].rms_error <= best[joint].rms_error]
+def outdone(judged: Judgement) -> list[str]:
+    """Return the joints that the PID follows at least as closely as the controller on half of the plants."""
+    median = np.median(judged.compute_ratios(next(iter(judged.errors))), axis=0)
+    return [joint for joint, ratio in zip(judged.joints, median.tolist()) if ratio <= 1]
 
 
 def missed(wrong: Diagnosis | None) -> str:
@@ -193,20 +197,20 @@ def unexplained(wrong: Diagnosis | None) -> list[str]:
     return [*found, f"{wrong.hidden[:1].upper()}{wrong.hidden[1:]}."] if wrong.hidden else found
 
 
-def cautions(tuning: Tuning | None, result: Tracking | None) -> list[str]:
+def cautions(tuning: Tuning | None, result: Tracking | None, judged: Judgement | None = None) -> list[str]:
     """Return what speaks against taking the headline at its word."""
     found = []
     if tuning is not None:  # where the controller is not to be run, a PID for the same model is no safer
         safer = [f"{why[:1].upper()}{why[1:]}." for why in tuning.reasons if "is safer" in why]
         found = [f"{doubt}." for doubt in tuning.doubts] or safer
+    if judged is not None and (worse := outdone(judged)):
+        found.append(f"On {listed(worse)}, a {controller_name(RIVAL)} follows at least as closely.")
     if result is None:
         return found
-    if worse := outdone(result):
-        found.append(f"On {listed(worse)}, {controller_name(BASELINE)} follows at least as closely.")
     for name in dict.fromkeys(one.controller for one in result.experiments):
         joint, share = at_limit(result, name)
         if share >= LEAST_SHARE_TOLD:
-            unfair = ": no fair rival, so that its errors say little" if name == BASELINE else ""
+            unfair = ": no fair rival, so that its errors say little" if name == RIVAL else ""
             law = controller_name(name)
             found.append(f"{law} is at the torque limit of {joint} in {100 * share:.0f} % of the step{unfair}.")
     return found

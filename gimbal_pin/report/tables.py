@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import degrees, isfinite, isnan, nan
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -28,8 +28,9 @@ from gimbal_pin.report.html import bar, toned
 from gimbal_pin.report.table import Content, Table
 
 if TYPE_CHECKING:
+    from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.laws import Margins
-    from gimbal_pin.control.tracking import Experiment, StepMetrics, Tracking
+    from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding, Residual
     from gimbal_pin.identification import Agreement, Identified
@@ -40,8 +41,8 @@ if TYPE_CHECKING:
     from gimbal_pin.report.format import Joint
     from gimbal_pin.report.pipeline import Auto
 
-BASELINE, TOGETHER = "pid", "all-axes"
-"""The controller that model-based ones are compared with in steps, and the experiment in which all axes move."""
+TOGETHER = "all-axes"
+"""The experiment in which all axes move."""
 ALONE = "A finding's error before is without it and with all others; the table's is the refitted model's alone"
 """Why the errors before differ."""
 GOOD, FAIR = 95.0, 80.0
@@ -52,8 +53,6 @@ MOST = 6
 """Most rivals in a table."""
 OPINIONS = {"explained": "", "structure left": "fair", "not explained": "poor"}
 """Tone of what is left of a joint's torque: noise is no merit."""
-STEADY = 1e-3 * np.pi / 180
-"""Smallest difference of a steady-state error that is called one, rad: a sensor's noise makes as much."""
 
 
 def better(text: str, own: float, every: Sequence[float], least: float = 0.0) -> Content:
@@ -274,51 +273,29 @@ def drive_gains(found: Tuning) -> Table:
     return Table(["For a drive, at home", *(joint.label for joint in joints)], shown, label="Gains for drives")
 
 
-class Column(NamedTuple):
-    """A figure of steps; the smaller is the better, if it differs by more than `least` and a twentieth."""
-
-    title: str
-    value: Callable[[StepMetrics], float]
-    text: Callable[[Joint, float], str]
-    least: float
-
-
-COLUMNS = (
-    Column("RMS error", lambda m: m.rms_error, lambda joint, x: joint.text(x), 0.0),
-    Column("Peak error", lambda m: m.peak_error, lambda joint, x: joint.text(x), 0.0),
-    Column("Overshoot", lambda m: m.overshoot_percent, lambda _, x: f"{figures(x, 2)} %", 0.05),
-    Column("Settling, s", lambda m: m.settling_time, lambda _, x: figures(x), 0.02),
-    Column("Steady state", lambda m: abs(m.steady_state_error), lambda joint, x: joint.text(x, digits=2), STEADY),
-    Column("At torque limit", lambda m: 100 * m.saturated, lambda _, x: f"{figures(x, 2)} %", 0.5),
+JUDGED = (
+    "steps simulated on {} plants that are off as the model may be, with the drives' noise and a delay up to a third "
+    "more or less, from settled starts: error rms, median (worst), no less than the encoders resolve; ratio: the "
+    "error of a PID of the same disk margin, with gravity and friction fed forward, over the controller's"
 )
+"""What the figures of a `Judgement` are; within it the number of plants."""
 
 
-def steps(joints: Sequence[Joint], experiments: Sequence[Experiment]) -> Table:
-    """Metrics of the joints that move, controllers below each other, the better of them marked."""
-    rows: list[list[Content]] = []
-    for joint in joints:
-        for one in experiments:
-            if isnan(one.joints[joint.name].overshoot_percent):
-                continue  # it should stay
-            rivals = [other.joints[joint.name] for other in experiments if other.name == one.name]
-            row: list[Content] = [joint.label, controller_name(one.controller)]
-            for column in COLUMNS:
-                own, every = column.value(one.joints[joint.name]), [column.value(rival) for rival in rivals]
-                row.append(better(DASH if isnan(own) else column.text(joint, own), own, every, column.least))
-            rows.append(row)
-    return Table(["Joint", "Controller", *(column.title for column in COLUMNS)], rows, texts=2, label="Step tracking")
+def judgement(found: Judgement, joints: Sequence[Joint]) -> Table:
+    """Errors on the perturbed plants, median (worst), and how many times the PID's are larger, by joint and of all."""
+    data, names, rows = found.to_dict(), list(found.errors), list[list[Content]]()
 
+    def cell(one: Mapping[str, Mapping[str, float | None]], place: str, text: Callable[[float], str]) -> str:
+        median, worst = ("lost" if (x := own[place]) is None else text(x) for own in one.values())
+        return f"{median} ({worst})"
 
-def crosstalk(joints: Sequence[Joint], found: Tracking) -> Table:
-    """The largest error of the axes that should stay, per axis that moves and controller."""
-    controllers = list(dict.fromkeys(one.controller for one in found.experiments))
-    rows: list[list[Content]] = []
-    for joint in joints:
-        peaks = {one.controller: one.cross_axis_peak for one in found.experiments if one.name == joint.name}
-        shown = [better(joint.text(peaks[name]), peaks[name], list(peaks.values())) for name in controllers if peaks]
-        rows += [[joint.label, *shown]] if peaks else []
-    head = ["Axis that moves", *map(controller_name, controllers)]
-    return Table(head, rows, caption="Largest error of the axes that should stay")
+    for place, joint in (*((joint.name, joint) for joint in joints), ("all", None)):
+        errors = [DASH if joint is None else cell(data["errors"][name], place, joint.text) for name in names]
+        ratios = [cell(own, place, lambda x: figures(x, 2)) for own in data["ratios"].values()]
+        rows.append([place if joint is None else joint.label, *errors, *ratios])
+    others = [controller_name(name) for name in names[1:-1]]
+    head = ["Joint", *(f"{who} error" for who in ("Tuned", *others, "PID")), "Ratio", *(f"Ratio, {x}" for x in others)]
+    return Table(head, rows, caption=JUDGED.format(found.plants))
 
 
 def followed(found: Tracking) -> Table:
@@ -344,13 +321,19 @@ def overview(found: Auto, most: int) -> Table:
     band, models = own.filtering.cutoff, [vars(own.held_out or own.train)]
     if wrong is not None and wrong.is_extended and wrong.held is not None:
         band, models = wrong.held.band, [dict(wrong.baseline), dict(wrong.extended)]
-    together = {one.controller: one.joints for one in found.tracking.experiments if one.name == TOGETHER}
     biggest = max(models[0]["torque_rmse"].values())
-    head = ["Joint", f"Torque error to {band:g} Hz", "Fit", *["Extended model", "Fit"] * (len(models) - 1), "Bandwidth"]
-    head += ["Phase margin", *(f"Steps, {controller_name(name)}" for name in together)]
-    rows: list[list[Content]] = []
+    head: list[Content] = [
+        "Joint",
+        f"Torque error to {band:g} Hz",
+        "Fit",
+        *["Extended model", "Fit"] * (len(models) - 1),
+        "Bandwidth",
+    ]
+    judged = judgement(found.judged, joints_of(found.model.rig))
+    head += ["Phase margin", *judged.head[1:]]
+    rows: list[list[Content | None]] = []
     for j, joint in enumerate(joints_of(found.model.rig)[:most]):
-        row: list[Content] = [joint.name]
+        row: list[Content | None] = [joint.name]
         for part in models:
             row += [
                 torque_text(part["torque_rmse"][joint.name], biggest, joint.force),
@@ -360,7 +343,7 @@ def overview(found: Auto, most: int) -> Table:
             f"{figures(found.tuning.bandwidth_hz[j])} Hz",
             f"{figures(found.tuning.margins[j].phase_margin_deg, 2)}°",
         ]
-        rows.append([*row, *(joint.text(joints[joint.name].rms_error) for joints in together.values())])
+        rows.append([*row, *judged.rows[j][1:]])
     return Table(head, rows)
 
 

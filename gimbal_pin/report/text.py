@@ -15,6 +15,7 @@ from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
     from gimbal_pin.checks import Alteration, Mounting
+    from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Rehearsal, Rehearsed
@@ -427,20 +428,20 @@ def tuning(found: Tuning, verbose: bool = False) -> str:
     return "\n".join(lines)
 
 
-def tracking(found: Tracking, plant: str, rig: Rig | None = None) -> str:
-    """Steps on the plant that was simulated: a line per controller, and of a `rig` that is given one per joint, too."""
+def tracking(found: Tracking, judged: Judgement, rig: Rig) -> str:
+    """How controllers are judged, and which joints the steps drive to their torque limits."""
     from gimbal_pin.log.limited import describe_limits
 
-    lines = [f"simulated steps, the worst joint of each controller; the plant is {plant}", str(tables.followed(found))]
-    if rig is not None:
-        for name in dict.fromkeys(one.name for one in found.experiments):
-            some = [one for one in found.experiments if one.name == name]
-            lines += ["", f"step of {name}", str(tables.steps(joints_of(rig), some))]
     every = [(one, {joint: metrics.saturated for joint, metrics in one.joints.items()}) for one in found.experiments]
     weak = [(f"{one.name}, {controller_name(one.controller)}", describe_limits(shares)) for one, shares in every]
-    return "\n".join(
-        [*lines, *(f"{who}: at the torque limit, of the time: {shares}" for who, shares in weak if shares)]
-    )
+    limits = [f"{who}: at the torque limit, of the time: {shares}" for who, shares in weak if shares]
+    return "\n".join([judgement(judged, rig), *limits])
+
+
+def judgement(found: Judgement, rig: Rig) -> str:
+    """What is claimed of a controller over a PID, and on what."""
+    table = tables.judgement(found, joints_of(rig))
+    return f"{table.caption}\n{table}"
 
 
 def exported(found: Exported, folder: Path) -> str:
@@ -601,7 +602,7 @@ def auto(found: Auto, verbose: bool = False) -> str:
             identified(found.identified, found.payload),
             *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
             tuning(found.tuning, verbose),
-            tracking(found.tracking, found.plant, found.model.rig),
+            tracking(found.tracking, found.judged, found.model.rig),
             *([] if found.held is None else [verified(found.held, verbose)]),
         ]
         lines += [line for part in parts for line in ("", part)]

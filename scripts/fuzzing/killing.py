@@ -29,7 +29,7 @@ from fuzzing.workers import FORK, Main, alone
 VERBS: Mapping[str, tuple[str, ...]] = {
     "identify": ("identify", "turret", "log.csv", "-o", "out.yaml"),
     "diagnose": ("diagnose", "turret", "log.csv", "-o", "out"),
-    "auto": ("auto", "turret", "log.csv", "-o", "out"),
+    "auto": ("auto", "turret", "log.csv", "-o", "out", "--plants", "2"),
 }
 """Verb → a call that writes one file, or a folder."""
 RUN = "run.json"

@@ -27,14 +27,14 @@ LINES: Mapping[str, tuple[float, str]] = {
     "rehearse": (0.5, "pan.yaml reference.csv"),
     "identify": (25, "pan.yaml log.csv -o out.yaml"),
     "diagnose": (1, "pan.yaml log.csv"),
-    "tune": (12, "pan.yaml model.yaml -o out.yaml"),
-    "track": (8, "pan.yaml controller.yaml"),
+    "tune": (12, "pan.yaml model.yaml -o out.yaml --plants 1"),
+    "track": (8, "pan.yaml controller.yaml --plants 1"),
     "export": (3, "controller.yaml --c out --rig pan.yaml"),
     "animate": (10, "pan.yaml log.csv -o out.html"),
-    "auto": (0.3, "pan.yaml log.csv -o out"),
+    "auto": (0.3, "pan.yaml log.csv -o out --plants 1"),
     "montecarlo": (0.5, "pan.yaml -o out --count 1 --seconds 0.6 --workers 1"),
     "fleet": (0.5, ". --rig pan.yaml -o out --quick --workers 1"),
-    "demo": (0.3, "-o out --seconds 2"),
+    "demo": (0.3, "-o out --seconds 2 --plants 1"),
 }
 """Verb → its weight, dearer ones less, and a call that is quick."""
 THERE = ("log.csv", "map.yaml", "model.yaml", "controller.yaml", "platform.csv", "block.urdf", "reference.csv")

@@ -15,6 +15,7 @@ import pytest
 
 import gimbal_pin
 from gimbal_pin import GimbalPinError, Log, Rig
+from gimbal_pin.control import judge_controllers, pair_rivals
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.dynamics import check
 from gimbal_pin.identification import identify_several
@@ -206,7 +207,8 @@ def test_whatever_a_name_returns_prints_as_a_few_lines(rig: Rig, log: Log, diagn
     online = gimbal_pin.Online.of(rig)
     memory = online.advance(online.start(), log)
     read = summary(rig, found, tuning, tracking, [log], "the plant", diagnosis)
-    auto = Auto(found, diagnosis, found.model, {"mine": tuning}, tracking, log, {}, "the plant", read)
+    judged = judge_controllers(found.model, pair_rivals(tuning.stored), plants=1)
+    auto = Auto(found, diagnosis, found.model, tuning, tracking, judged, log, {}, "the plant", read)
     many = chain(32)
     wide = Log("run", many.joints, [0.0, 1.0], np.zeros((2, 32)))
     carried = gimbal_pin.profile_s(log.t)

@@ -283,7 +283,7 @@ def test_the_compiled_controller_runs_beside_pythons(run: Run, pid: Twin, tmp_pa
         logs.append(np.genfromtxt(path, delimiter=",", names=True))
     for name in logs[0].dtype.names:
         np.testing.assert_allclose(logs[0][name], logs[1][name], atol=1e-4)
-    found = result(run, "track", "turret", tmp_path / "pid.yaml", "--compiled", pid.library.path)
+    found = result(run, "track", "turret", tmp_path / "pid.yaml", "--compiled", pid.library.path, "--plants", 1)
     steps = {(row["name"], row["controller"]): row["joints"] for row in found["experiments"]}
     for joint, row in steps["all-axes", "pid"].items():
         assert steps["all-axes", "compiled"][joint]["rms_error"] == pytest.approx(row["rms_error"], rel=0.02)

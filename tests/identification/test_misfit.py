@@ -180,7 +180,7 @@ def test_an_effect_of_the_training_part_alone_is_left_out_and_said_first(turret:
     said = r"tilt: cogging left out: .* training part to 99.* %, the held-out part to [67].* %; without it to 9[89]"
     assert re.match(said, first) and fit > 98 and not any("cos_7" in x["name"] for x in found["base_parameters"])
     assert "effective_rows" in found["train"]
-    tuned = result(run, "tune", "turret", model)
+    tuned = result(run, "tune", "turret", model, "--plants", 1)
     assert tuned["warnings"] == [first] and not any("beyond the data" in doubt for doubt in tuned["doubts"])
 
 

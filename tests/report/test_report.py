@@ -16,7 +16,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from markupsafe import Markup
 
-from gimbal_pin.control import Tracking, Tuning, track, tune
+from gimbal_pin.control import RIVAL, Judgement, Tracking, Tuning, judge_controllers, pair_rivals, track, tune
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import Model, Sensors, check, nominal
 from gimbal_pin.effects import CAUSES
@@ -72,6 +72,7 @@ class Walk:
     found: Identified
     tunings: dict[str, Tuning]
     result: Tracking
+    judged: Judgement
 
 
 def bench(rig: Rig, seconds: float = 24.0, rate: float = 250.0, seed: int = 0, name: str = "bench.csv") -> Log:
@@ -94,10 +95,11 @@ def walked(rig: Rig, name: str = "bench.csv") -> Walk:
     logs = (bench(rig, name=name),)
     found = identify(rig, logs, filtering=Filtering(8.0))
     tunings = {kind: tune(found.model, kind=kind, dt=0.002) for kind in ("computed-torque", "pid")}
-    laws = {kind: tunings[kind].controller for kind in ("pid", "computed-torque")}
+    laws = pair_rivals(tunings["computed-torque"].stored)
+    judged = judge_controllers(found.model, laws, rng=0, plants=2, delay=0.002)
     exact = Sensors.exact(rig.n)
     result = track(found.model, laws, rng=np.random.default_rng(0), seconds=0.7, sensors=exact)
-    return Walk(rig, logs, found, tunings, result)
+    return Walk(rig, logs, found, tunings, result, judged)
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +130,9 @@ def whole(walk: Walk, animation: str, **more: str) -> str:
     """Return the report of a walk."""
     head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs, **more)
     return pages.full(
-        walk.rig, walk.logs, walk.found, walk.tunings, walk.result, compare_payload(walk.found), animation, head, **more
+        *(walk.rig, walk.logs, walk.found, walk.tunings["computed-torque"], walk.result, walk.judged),
+        *(compare_payload(walk.found), animation, head),
+        **more,
     )
 
 
@@ -357,7 +361,7 @@ def test_terminal_and_page_show_the_same_cells(rows: list[list[str]]) -> None:
 
 def swapped(result: Tracking, joint: str) -> Tracking:
     """Return the tracking as if the two controllers had changed places on one joint."""
-    other = {"pid": "computed-torque", "computed-torque": "pid"}
+    other = {RIVAL: "computed-torque", "computed-torque": RIVAL}
     experiments = tuple(
         replace(e, joints={**e.joints, joint: result.of(e.name, other[e.controller]).joints[joint]})
         for e in result.experiments
@@ -372,14 +376,20 @@ def cautions(walk: Walk, tuning: Tuning | None, result: Tracking | None = None) 
 
 
 def test_the_axis_on_which_the_model_does_not_help_is_named(walk: Walk) -> None:
-    assert cautions(walk, None, walk.result) == []
-    assert "On tilt, PID follows at least as closely." in cautions(walk, None, swapped(walk.result, "tilt"))
+    def doubts(judged: Judgement) -> tuple[str, ...]:
+        return summary(walk.rig, walk.found, judged=judged).doubts
+
+    ours, pid = (rows.copy() for rows in walk.judged.errors.values())
+    ours[:, 1], pid[:, 1] = pid[:, 1].copy(), ours[:, 1].copy()
+    worse = replace(walk.judged, errors=dict(zip(walk.judged.errors, (ours, pid))))
+    assert cautions(walk, None, walk.result) == [] and not any("closely" in one for one in doubts(walk.judged))
+    assert any(one.startswith("On tilt, a PID") and one.endswith("at least as closely.") for one in doubts(worse))
     assert "unexplained" in verdict(50.0) and "unexplained" in verdict(nan) and "unexplained" not in verdict(99.0)
     assert "not to be run" in verdict(99.0, "", barred=True)
 
 
 def test_no_multiplier_is_shown_of_a_plant_that_the_controller_knows(walk: Walk, page: str) -> None:
-    """How many times closer than PID says nothing of the gimbal: the plant is the model."""
+    """How many times closer than PID says nothing of the gimbal where the plant is the model."""
     words = parsed(page.partition("<iframe")[0] + page.rpartition("</iframe>")[2]).text_content()
     assert not re.search(r"times as (closely|much)|closer than|Tracks closer|\d ×", words)
     assert SIMULATED.format("the identified model") in words and "simulated, not run on the gimbal" in words
@@ -417,15 +427,16 @@ def test_torques_of_one_table_are_in_one_unit() -> None:
     assert numbers.torque_text(0.4, 2e-4) == numbers.torque_text(0.4)
 
 
-def test_the_better_figure_is_marked_whoever_has_it(walk: Walk) -> None:
-    def winners(result: Tracking) -> set[tuple[str, str]]:
-        tree = parsed(f"<div>{tracking(result, walk.rig).html}</div>")
-        rows = tree.xpath("(//table)[1]/tbody/tr[td[2]/span[@class='good']]")
-        return {(row[0].text_content(), row[1].text_content()) for row in rows}
+def test_page_and_terminal_claim_median_and_worst_of_the_perturbed_plants(walk: Walk, page: str) -> None:
+    """The same figures as JSON: the errors of controller and PID, and their ratio."""
+    found, table = walk.judged.to_dict(), str(tables.judgement(walk.judged, joints_of(walk.rig)))
+    ratio = found["ratios"]["computed-torque"]
+    claimed = "{} ({})".format(*(numbers.figures(ratio[of]["pan"], 2) for of in ("median", "worst")))
+    assert claimed in table and claimed in parsed(page).text_content() and "on 2 plants" in page
+    assert claimed in text.tracking(walk.result, walk.judged, walk.rig)
 
-    backwards = replace(walk.result, experiments=walk.result.experiments[::-1])
-    assert winners(walk.result) == winners(backwards) == {("pan", "computed torque"), ("tilt", "computed torque")}
-    assert winners(swapped(walk.result, "tilt")) == {("pan", "computed torque"), ("tilt", "PID")}
+
+def test_the_better_figure_is_marked() -> None:
     assert (
         tables.better("x", 1.0, [1.0, 1.04])
         == tables.better("x", 0.0, [0.0, 0.05], 0.1)
@@ -444,16 +455,18 @@ def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(wa
 
 def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
     calm = swapped(walk.result, "pan")
-    assert len(cautions(walk, None, calm)) == 1
+    assert cautions(walk, None, calm) == []
     stuck = replace(
         calm,
         experiments=tuple(
-            replace(e, joints={j: replace(m, saturated=0.5 * (e.controller == "pid")) for j, m in e.joints.items()})
+            replace(e, joints={j: replace(m, saturated=0.5 * (e.controller == RIVAL)) for j, m in e.joints.items()})
             for e in calm.experiments
         ),
     )
-    (_, said) = cautions(walk, None, stuck)
-    assert said.startswith("PID is at the torque limit") and "50 %" in said and "no fair rival" in said
+    (said,) = cautions(walk, None, stuck)
+    assert (
+        said.startswith("PID with feed-forward is at the torque limit") and "50 %" in said and "no fair rival" in said
+    )
     text = parsed(str(summary(walk.rig, walk.found, None, stuck).section.html)).text_content()
     assert said in text
     vague = walk.found.model.estimated
@@ -491,7 +504,7 @@ def test_sliding_joints_are_shown_in_millimetres(slid: Walk) -> None:
     several = (
         parameters(slid.found, evaluated, compare_payload(slid.found)),
         torque(slid.found, evaluated),
-        tracking(slid.result, rig),
+        tracking(slid.result, rig, judged=slid.judged),
     )
     words = parsed(f"<div>{text}{join(one.html for one in several)}</div>").text_content().replace("\u00a0", " ")
     head = parsed(str(summary(rig, slid.found, None, slid.result, slid.logs).section.html)).text_content()
@@ -528,7 +541,7 @@ def test_a_rig_without_a_camera_hears_nothing_of_one(slid: Walk) -> None:
     payload = compare_payload(slid.found)
     assert payload.lines
     head = summary(slid.rig, slid.found, None, slid.result, slid.logs)
-    results = slid.rig, slid.logs, slid.found, slid.tunings, slid.result
+    results = slid.rig, slid.logs, slid.found, slid.tunings["computed-torque"], slid.result, slid.judged
     shown = pages.full(*results, payload, "", head, why="its joints cannot turn sledge to where it should look")
     words = parsed(shown).xpath("//main")[0].text_content() + str(
         parameters(slid.found, evaluate(slid.found, slid.logs), payload).html
@@ -596,7 +609,8 @@ def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) 
     """First what was found, what to do, and what to take care of, as the page's head has it."""
     head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs)
     files = {what: Path("out") / name for what, name in FILES.items()}
-    steps = walk.found, None, walk.found.model, walk.tunings, walk.result, walk.logs[0], files
+    tuning = walk.tunings["computed-torque"]
+    steps = walk.found, None, walk.found.model, tuning, walk.result, walk.judged, walk.logs[0], files
     found = Auto(*steps, "the identified model", head, why="no IMU")
     brief, everything = (text.auto(found, verbose).splitlines() for verbose in (False, True))
     place, slide = found.payload.lines[0], found.payload.advice[0]

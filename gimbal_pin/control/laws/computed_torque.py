@@ -171,7 +171,7 @@ class ComputedTorque:
 
     def inverse(self, t: float, q: Array, v: Array, y: Sequence[float], sliding: Sequence[float]) -> list[float]:
         """Torque of the model at measured q, v, with accelerations y and terms at the rates `sliding`, N m."""
-        rigid = pin.rnea(self.model.rig.model, self.workspace, q, v, np.array(y)).tolist()
+        rigid = self.rigid(q, v, y)
         still, out = self.still, []
         weight, own = rigid, self.model.rig.model
         if self.model.weighed:
@@ -181,6 +181,31 @@ class ComputedTorque:
             at = Sample(t, angle, rate, a, slide, tau, weight=pull)
             out.append(tau + added(terms, at, tau))
         return [passed(*pair) for pair in zip(self.model.drives, out)] if self.model.drive else out
+
+    def rigid(self, q: Array, v: Array, y: Sequence[float]) -> list[float]:
+        """Torque of the bodies, N m."""
+        torque: list[float] = pin.rnea(self.model.rig.model, self.workspace, q, v, np.array(y)).tolist()
+        return torque
+
+
+@dataclass(frozen=True, eq=False)
+class CompensatedPid(ComputedTorque):
+    """``tau_j = I_j (kp e + ki ∫e + kd ė) + G_j + F_j``: a PID of each joint with gravity and friction fed forward.
+
+    Attributes:
+        inertia: Inertia seen by each motor at home without its rotor's, which the terms add, kg m².
+    """
+
+    inertia: tuple[float, ...] = ()
+
+    def ahead(self, now: Sequence[float], before: Sequence[float]) -> Sequence[float]:
+        """No acceleration is fed forward."""
+        return [0.0] * len(now)
+
+    def rigid(self, q: Array, v: Array, y: Sequence[float]) -> list[float]:
+        """Gravity's torque, and the joints' own inertia times y, N m."""
+        gravity = pin.computeGeneralizedGravity(self.model.rig.model, self.workspace, q).tolist()
+        return [g + own * a for g, own, a in zip(gravity, self.inertia, y)]
 
 
 def added(terms: Sequence[Term], at: Sample, rigid: float) -> float:

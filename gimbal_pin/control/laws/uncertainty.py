@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -217,3 +217,36 @@ def widened(believed: Ratios, over: Ratios | None) -> Ratios:
     if over is None:
         return believed
     return tuple(tuple(sorted({min(*a, *b), 1.0, max(*a, *b)})) for a, b in zip(believed, over))
+
+
+def draw_model(model: Model, rng: np.random.Generator) -> Model:
+    """Return a model whose parameters are drawn from the covariance of another one's; the same where it has none.
+
+    A draw that no rig can have, its mass matrix not positive at some pose, is halved until one can.
+    """
+    known = estimate(model)
+    if known is None:
+        return replace(model, estimated=None)
+    covariance, (q, _) = known[0].covariance, poses(model.rig)
+    change = rng.multivariate_normal(np.zeros(len(covariance)), covariance, method="eigh", check_valid="ignore")
+    for share in (*0.5 ** np.arange(10), 0.0):
+        found = change_parameters(model, share * change)
+        if np.linalg.eigvalsh(inertia(found, q)).min() > 0:
+            break
+    return found
+
+
+def change_parameters(model: Model, change: Array) -> Model:
+    """Return a model with its estimated parameters changed, (k,): base parameters, then the terms', within bounds."""
+    known = estimate(model)
+    if known is None:
+        return replace(model, estimated=None)
+    phi, places, terms = model.rig.phi.copy(), known[1], []
+    phi[places] += change[: len(places)]
+    rest = change[len(places) :]
+    for term in model.terms:
+        own, rest = np.split(rest, [len(term.values)])
+        rows = zip(term.values, own.tolist(), term.effect.coefficients)
+        values = [min(max(x + more, min(p.lower, x)), max(p.upper, x)) for x, more, p in rows]
+        terms.append(replace(term, values=tuple(values)))
+    return replace(model, rig=model.rig.with_phi(phi), terms=tuple(terms), estimated=None)

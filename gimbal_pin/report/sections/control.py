@@ -9,13 +9,14 @@ from math import isfinite
 
 import numpy as np
 
+from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.tracking import Experiment, Tracking
-from gimbal_pin.control.tuning import Tuning
+from gimbal_pin.control.tuning import RIVAL, Tuning
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import Joint, controller_name, joints_of, listed, units
-from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph
+from gimbal_pin.report.format import controller_name, joints_of, listed
+from gimbal_pin.report.html import Section, bullets, folded, paragraph
 from gimbal_pin.report.table import join
-from gimbal_pin.report.tables import BASELINE, TOGETHER
+from gimbal_pin.report.tables import TOGETHER
 from gimbal_pin.rig.rig import Rig
 
 BESIDE = (plots.PLAIN, plots.MUTED, "#8a4fd0", "#0b96a8")
@@ -24,53 +25,43 @@ CROWDED = 3
 """Controllers from which their names do not fit above one column."""
 
 
-def margins(*tunings: Tuning) -> Section:
-    """Return the gains and margins of one or more tunings; the first one's loops are drawn."""
-    first, parts = tunings[0], list[object]()
-    for tuning in tunings:
-        wish, name = tuning.wish, controller_name(tuning.wish.kind)
-        timing = f"Sampled every {1e3 * wish.dt:g} ms, {1e3 * wish.delay:g} ms from measurement to torque"
-        parts += [heading(name)] * (len(tunings) > 1)
-        parts.append(paragraph(f"{timing}; damping {wish.damping:g}, disk margin of at least {wish.disk:g}."))
-        parts += [tables.loops(tuning), folded("Why these gains", bullets(tuning.reasons))]
-        parts.append(folded("Gains for drives", join([tables.drive_gains(tuning)])))
-    alt = f"Bode and Nyquist diagrams and disturbance answers of {', '.join(first.model.rig.joints)}"
+def margins(tuning: Tuning) -> Section:
+    """Return the gains and margins of a tuning, and its loops."""
+    wish, rig = tuning.wish, tuning.model.rig
+    timing = f"Sampled every {1e3 * wish.dt:g} ms, {1e3 * wish.delay:g} ms from measurement to torque"
+    parts: list[object] = [paragraph(f"{timing}; damping {wish.damping:g}, disk margin of at least {wish.disk:g}.")]
+    parts += [tables.loops(tuning), folded("Why these gains", bullets(tuning.reasons))]
+    parts.append(folded("Gains for drives", join([tables.drive_gains(tuning)])))
+    alt = f"Bode and Nyquist diagrams and disturbance answers of {', '.join(rig.joints)}"
     caption = (
-        f"The loops of {controller_name(first.wish.kind)}, sampled and delayed as they will run: the further the "
+        f"The loops of {controller_name(wish.kind)}, sampled and delayed as they will run: the further the "
         "Nyquist curves stay from −1, the safer."
     )
-    parts.append(plots.picture(first.plot, alt, caption, [joint.colour for joint in joints_of(first.model.rig)]))
+    parts.append(plots.picture(tuning.plot, alt, caption, [joint.colour for joint in joints_of(rig)]))
     lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
     return Section("Controller", join(parts), lead)
 
 
-def tracking(result: Tracking, rig: Rig, plant: str = "") -> Section:
-    """Return the step responses, their figures with the better ones marked, and what moving one axis does to others.
+def tracking(result: Tracking, rig: Rig, plant: str = "", judged: Judgement | None = None) -> Section:
+    """Return how controllers are judged on perturbed plants, and their steps.
 
-    `plant`: what was simulated, within a sentence.
+    `plant`: what the steps are simulated on, within a sentence.
     """
     # The baseline is drawn in grey, behind the others.
-    result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != BASELINE)))
+    result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != RIVAL)))
     joints = joints_of(rig)
     steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
     note = f" The plant is {plant}, with the rig's sensors, delay and torque limits." if plant else ""
     note = f"{note} All of it is simulated, not run on the gimbal."
-    parts: list[object] = [paragraph(f"Minimum-jerk steps of {steps}.{note}")]
+    parts: list[object] = [] if judged is None else [tables.judgement(judged, joints)]
+    parts.append(paragraph(f"Minimum-jerk steps of {steps}.{note}"))
+    parts += [tables.followed(result)] if judged is None else []
     together = [one for one in result.experiments if one.name == TOGETHER]
-    alone = [one for one in result.experiments if one.name != TOGETHER]
-    if together:
-        names = listed(controller_name(one.controller) for one in together)
-        alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
-        caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
-        drawn = plots.picture(partial(steps_figure, rig, together), alt, caption)
-        parts += [heading("All axes together"), tables.steps(joints, together), drawn]
-    if alone:
-        singles = list(dict.fromkeys(one.name for one in alone))
-        alt = f"Errors of the axes that should stay while one of {', '.join(singles)} moves, per controller"
-        caption = "Error of the axes that should stay while the axis in the title moves, to one scale: flat is good."
-        parts += [heading("One axis at a time"), tables.steps(joints, alone), tables.crosstalk(joints, result)]
-        parts += [plots.picture(partial(cross_figure, joints, result, singles), alt, caption)] if rig.n > 1 else []
-    lead = "Every controller meets the same steps and the same sensor noise; what is clearly better is marked."
+    names = listed(controller_name(one.controller) for one in together)
+    alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
+    caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
+    parts.append(plots.picture(partial(steps_figure, rig, together), alt, caption))
+    lead = "Every controller meets the same steps and the same noise."
     return Section("Tracking", join(parts), lead)
 
 
@@ -104,24 +95,4 @@ def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
         elif j == 0:  # one legend for all columns: each has its own colour for the last
             plots.named(middle, list(zip([*names[:-1], f"in colour: {names[-1]}"], shades)))
     figure.align_ylabels()
-    return figure
-
-
-def cross_figure(joints: Sequence[Joint], result: Tracking, singles: Sequence[str]) -> plots.Figure:
-    """Draw the errors of the axes that should stay: a row per controller, a column per axis that moves."""
-    controllers = list(dict.fromkeys(one.controller for one in result.experiments))
-    height = 0.9 + 1.4 * len(controllers)
-    figure, panels = plots.panels(len(controllers), len(singles), height, gaps=(0.2, 0.2), share=(True, True), left=1.1)
-    for column, name in enumerate(singles):
-        for axes, controller in zip(panels[:, column], controllers):
-            one = result.of(name, controller)
-            for j, joint in enumerate(joints):
-                if joint.name != name:
-                    error = np.asarray(one.log.q_ref)[:, j] - one.q[:, j]
-                    plots.curve(axes, one.log.t, joint.scale * error, color=joint.colour)
-            plots.zero_line(axes)
-        panels[0, column].set_title(f"{name} moves", color=next(x.colour for x in joints if x.name == name))
-        panels[-1, column].set_xlabel("time, s")
-    for axes, controller in zip(panels[:, 0], controllers):
-        axes.set_ylabel(f"{controller_name(controller)}\nerror, {units(joints)}")
     return figure
