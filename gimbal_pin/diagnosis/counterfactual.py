@@ -116,8 +116,7 @@ def add_sensor_findings(
         else:  # its zero is off, too: one finding of both
             figures, both = (*every[twin].parameters, *one.parameters), f"{every[twin].sentence}; {one.sentence}"
             every[twin] = replace(every[twin], parameters=figures, sentence=both)
-    findings = tuple(sorted(every, key=lambda one: -one.explained_share))
-    return replace(said, findings=findings, baseline=baseline)
+    return replace(said, findings=tuple(every), baseline=baseline)
 
 
 def _compare(context: SensorContext, train: Sequence[Log], test: Sequence[Log], base: BaseMotion) -> _Comparison | None:

@@ -62,14 +62,13 @@ def build_extended_model(state: State) -> Model:
 def _collect_estimates(state: State, terms: Sequence[Term]) -> Estimated:
     """Return what the fit knows of base parameters and coefficients, in the order of the model's terms."""
     reduction, now = state.problem.reduction, state.fit
-    turned = {state.places(c).start for c in state.causes if isinstance(c, RigEffect)}
-    kept = [k for k in range(len(now.theta)) if k not in turned]
+    rig, parts = state.problem.evidence.rig, state.problem.evidence.parts
+    turned = [state.places(c).start for c in state.causes if isinstance(c, RigEffect)]
+    kept = np.setdiff1d(np.arange(len(now.theta)), turned)
     symbols = [reduction.names[j].rsplit(".", 1)[1] for j in reduction.independent]
-    rig, pairs = state.problem.evidence.rig, [(t.effect, c) for t in terms for c in t.effect.coefficients]
-    coefficients = [(f"{e.joint}.{e.name}.{c.name}", rig.in_units(e.joint, c.unit)) for e, c in pairs]
-    names = (*reduction.base_names, *(name for name, _ in coefficients))
-    measures = (*list_units(symbols), *(unit for _, unit in coefficients))
-    parts = state.problem.evidence.parts
+    pairs = [(term.effect, c) for term in terms for c in term.effect.coefficients]
+    names = (*reduction.base_names, *(f"{e.joint}.{e.name}.{c.name}" for e, c in pairs))
+    measures = (*list_units(symbols), *(rig.in_units(e.joint, c.unit) for e, c in pairs))
     dt = find_interval(part.dt / part.logged.step for part in parts if part.logged is not None)
     return Estimated(names, measures, now.theta[kept], now.covariance[np.ix_(kept, kept)], dt)
 

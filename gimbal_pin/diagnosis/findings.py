@@ -52,9 +52,6 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
-ROUGH = 0.5
-"""Deviation over its value from which a size is not known to two deviations."""
-
 
 def report_findings(
     found: Explained, held: Evidence, checked: Sequence[CheckedLog], filtering: Filtering, rng: np.random.Generator
@@ -208,7 +205,7 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
         lacking = {one: measure_errors(held, build_extended_model(without(state, one))) for one in state.causes}
         helps = measure_gain(baseline, best, used) >= 0
         gains = {cause: measure_gain(figures, best, used) for cause, figures in lacking.items()}
-        places = {cause: _find_joint(state, cause) for cause in lacking}
+        places = {cause: _locate_cause(state, cause) for cause in lacking}
         errors = {cause: [x["torque_rmse"][places[cause]] for x in (lacking[cause], best)] for cause in lacking}
         is_gain = {cause: before >= CONFIRMED * after for cause, (before, after) in errors.items()}
         unconfirmed = [cause for cause in errors if not (helps and is_gain[cause] and gains[cause] >= 0)]
@@ -225,7 +222,7 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
         found = replace(found, final=without(state, worst))
 
 
-def _find_joint(state: State, cause: Cause) -> str:
+def _locate_cause(state: State, cause: Cause) -> str:
     """Return the joint at which a cause adds most torque: its own, where it has one."""
     joints = state.problem.evidence.rig.joints
     return cause.place if cause.of_joint else joints[int(np.argmax(np.sum(added(state, cause) ** 2, axis=0)))]
@@ -241,7 +238,7 @@ def describe_findings(model: Confirmed, held: Evidence) -> tuple[Finding, ...]:
         held: The reporting part.
     """
     out: dict[tuple[str, str | None], Finding] = {}
-    every = (_describe_finding(model, cause, held) for cause in model.found.final.causes)
+    every = (_describe_cause(model, cause, held) for cause in model.found.final.causes)
     for one in sorted(every, key=lambda one: -one.explained_share):
         first, known = out.setdefault((one.cause, one.joint), one), {p.name: p for p in one.sized}
         figures = tuple(known.get(p.name, p) for p in first.parameters)
@@ -249,10 +246,10 @@ def describe_findings(model: Confirmed, held: Evidence) -> tuple[Finding, ...]:
     return tuple(out.values())
 
 
-def _describe_finding(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
+def _describe_cause(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
     """Describe one cause of a model."""
     found, state, rig = model.found, model.found.final, held.rig
-    base, at, (final, values) = without(state, cause), _find_joint(state, cause), find_settled(state, cause)
+    base, at, (final, values) = without(state, cause), _locate_cause(state, cause), find_settled(state, cause)
     gain = compare_errors(model.lacking[cause], model.figures, at)
     before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
     figures, within = estimate_figures(state, cause), final.holds(values)
@@ -285,7 +282,7 @@ def _describe_vagueness(cause: Cause, figures: Sequence[Parameter]) -> str:
     What may have either sign, a phase or where a spring rests, may well be near zero and be known. Of sizes that were
     fitted each, and of which the logs tell none by itself, only what they make together is known.
     """
-    rough = ", ".join(p.name for p in figures if p.lower >= 0 and p.std > ROUGH * p.value)
+    rough = ", ".join(p.name for p in figures if p.lower >= 0 and 2 * p.std > p.value)
     joint = ", ".join(p.name for p in figures if p.name in shape_names(cause) and isnan(p.std))
     said = f" ({rough} only roughly)" if rough else ""
     return f"{said} ({joint} only together: other sizes fit as well)" if joint else said

@@ -95,8 +95,7 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     }
     more = [_describe_finding(case, form, size) for form, size in share.items() if size.max() > FORM_ERROR]
     less = [Slight(*form.place, float(size.max())) for form, size in share.items() if size.max() <= FORM_ERROR]
-    every = tuple(sorted([*found.findings, *more], key=lambda one: -one.explained_share))
-    return replace(found, findings=every, immaterial=(*found.immaterial, *less))
+    return replace(found, findings=(*found.findings, *more), immaterial=(*found.immaterial, *less))
 
 
 def state_payload_with_causes(

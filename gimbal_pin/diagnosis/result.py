@@ -25,11 +25,6 @@ from gimbal_pin.rig.brief import brief
 
 MEASURED = "platform-motion"
 """The cause that a sensor measures, so that every model has it that is made of such a log."""
-NOISY = 0.1
-"""Share of a joint's torque from which it is told what may hide in the noise that is left: under it that has less than
-a hundredth of the torque's power."""
-IMPROBABLE = 0.01
-"""Probability under which a cause is not listed."""
 TOGETHER = "only together; other sizes fit this log as well"
 """What holds of figures none of which the log tells by itself."""
 
@@ -341,7 +336,8 @@ class Diagnosis:
         return bool(self.lacking) or any(left.curve for left in self.residual.values())
 
     def __post_init__(self) -> None:
-        """Judge."""
+        """Put the strongest finding first, and judge."""
+        object.__setattr__(self, "findings", tuple(sorted(self.findings, key=lambda one: -one.explained_share)))
         object.__setattr__(self, "verdict", self.judge(self.findings))
 
     @property
@@ -359,22 +355,18 @@ class Diagnosis:
 
     @property
     def hidden(self) -> str:
-        """What may hide in the noise at joints where that is over `NOISY` of the torque, in a sentence; or nothing."""
+        """What may hide in noise of more than a tenth of a joint's torque, a hundredth of its power; else nothing."""
         most = " and ".join(
             self.after.rig.in_units(joint, f"{digits(self.extended['torque_rmse'][joint], 2)} N m at {joint}")
             for joint, left in self.residual.items()
-            if left.state == "noise" and self.extended["fit_percent"][joint] < 100 * (1 - NOISY)
+            if left.state == "noise" and self.extended["fit_percent"][joint] < 90
         )
         return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
 
-    def list_causes(self) -> list[dict[str, Any]]:
-        """Return every cause that is not improbable, with its joint and probability, as JSON holds it."""
-        every = (one for finding in self.findings for one in finding.probabilities)
-        likely = sorted((one for one in every if one[2] >= IMPROBABLE), key=lambda one: -one[2])
-        return [dict(zip(("cause", "joint", "probability"), one)) for one in likely]
-
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds: what spoils the physics first, then the physics, then faults that were mended."""
+        every = (one for finding in self.findings for one in finding.probabilities)
+        likely = sorted((one for one in every if one[2] >= 0.01), key=lambda one: -one[2])
         return {
             "schema": 1,
             "rig": self.rig,
@@ -383,7 +375,7 @@ class Diagnosis:
             "findings": [each.to_dict() for each in self.spoiling]
             + [each.to_dict() for each in self.findings]
             + [each.to_dict() for each in self.faults if not (each.makes_physics_unreliable or each.slight)],
-            "causes": self.list_causes(),
+            "causes": [dict(zip(("cause", "joint", "probability"), one)) for one in likely],
             "notes": list(self.notes),
             "altered": list_alterations(self.altered),
             **{key: value or {} for key, value in self.given.to_dict().items()},

@@ -21,17 +21,9 @@ from gimbal_pin.effects import Cause, RigEffect, Signal
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
 
-BINS = 10
-"""Bins of the angle and of the rate's size; each holds as many rows as the next."""
-OPEN = 1e-2
-"""Least share of a direction that counts as shown outside a cluster: under it the cluster's own residual is none."""
 Labels = NDArray[np.intp]
 ROUNDING = 1e-9
 """Change of a column, as a share of it, up to which that shape parameter changes nothing."""
-HELD = 1e-5
-"""Size of a direction of the projected slopes, over the largest, from which the log holds it."""
-FREE = 0.1
-"""Share of a direction that is not held from which a parameter is not either."""
 
 
 def label_clusters(evidence: Evidence) -> tuple[Labels, ...]:
@@ -44,10 +36,10 @@ def label_clusters(evidence: Evidence) -> tuple[Labels, ...]:
     return np.repeat(evidence.block, evidence.rig.n), bin_rows(angle), bin_rows(np.abs(rate))
 
 
-def bin_rows(x: Array) -> Labels:
-    """Bin of every row at its own joint, over the quantiles of x, (rows, n) → (rows n,)."""
-    inner = np.linspace(0.0, 1.0, BINS + 1)[1:-1]
-    each = [j * BINS + np.searchsorted(np.quantile(own, inner), own) for j, own in enumerate(x.T)]
+def bin_rows(x: Array, count: int = 10) -> Labels:
+    """Bin of every row at its own joint, over the quantiles of x, (rows, n) → (rows n,): as many rows in each."""
+    inner = np.linspace(0.0, 1.0, count + 1)[1:-1]
+    each = [j * count + np.searchsorted(np.quantile(own, inner), own) for j, own in enumerate(x.T)]
     return np.stack(each, axis=1).ravel()
 
 
@@ -71,14 +63,15 @@ def compute_clustered(basis: Array, residual: Array, label: Labels, width: int) 
     """``G/(G-1) Σ_g d_g d_gᵀ`` with ``d_g = (I - U_gᵀU_g)^(-1/2) U_gᵀ r_g``, U_g the basis' rows in cluster g.
 
     CR2 (Bell and McCaffrey, Survey Methodology 28, 2002; Imbens and Kolesár, Rev. Econ. Stat. 98, 2016): a plain
-    sandwich is too small where few clusters hold a parameter, as the fit then leaves little in them.
+    sandwich is too small where few clusters hold a parameter, as the fit then leaves little in them. Of a direction of
+    which less than a hundredth shows outside a cluster, nothing is left there that would tell.
     """
     order = np.argsort(label, kind="stable")
     ends = np.flatnonzero(np.diff(label[order])) + 1
     moved = []
     for own, left in zip(np.split(basis[order], ends), np.split(residual[order], ends)):
         known, turned = np.linalg.eigh(own.T @ own)
-        moved.append(turned[:width] @ ((turned.T @ (own.T @ left)) / np.sqrt(np.maximum(1.0 - known, OPEN))))
+        moved.append(turned[:width] @ ((turned.T @ (own.T @ left)) / np.sqrt(np.maximum(1.0 - known, 0.01))))
     return np.asarray(len(moved) / max(len(moved) - 1, 1) * np.transpose(moved) @ moved)
 
 
@@ -97,7 +90,7 @@ def estimate_figures(state: State, cause: Cause) -> tuple[Parameter, ...]:
     only the product matters, has none.
     """
     final, values = find_settled(state, cause)
-    spread = compute_covariance(state, cause)
+    spread = compute_figures_covariance(state, cause)
     turned = [shape.name for shape in cause.shapes if isinstance(cause, RigEffect) and getattr(cause, shape.name)]
     shapes = dict(zip(turned or shape_names(cause), np.sqrt(np.diag(spread)[len(values) :]).tolist()))
     shown = final.shown(values, spread[: len(values), : len(values)])
@@ -110,7 +103,7 @@ def is_size_known(state: State, cause: Cause) -> bool:
     The size is what a torque effect's coefficients are, and how far a rig is turned; of a drive, which has no size
     beside its shape, that shape is. A drift that hardly bends trades its size for its time, and is there nevertheless.
     """
-    spread = compute_covariance(state, cause)
+    spread = compute_figures_covariance(state, cause)
     held = ~np.isnan(np.diag(spread))
     if not held[: width(cause) or None].any():  # only together with another: no size by itself to be known
         return True
@@ -124,8 +117,12 @@ def is_size_known(state: State, cause: Cause) -> bool:
     return bool(scaled @ precision[: len(size), : len(size)] @ scaled > CRITICAL_Z**2)
 
 
-def compute_covariance(state: State, cause: Cause) -> Array:
-    """Covariance of a cause's coefficients, then of its shape parameters; nan for what the log does not hold."""
+def compute_figures_covariance(state: State, cause: Cause) -> Array:
+    """Covariance of a cause's coefficients, then of its shape parameters; nan for what the log does not hold.
+
+    It holds a direction of the projected slopes of 1e-5 of the largest, and a parameter that has less than a tenth of a
+    direction which it does not.
+    """
     base = without(state, cause)
     if isinstance(cause, Signal):  # what it changes is the torque before it, by as much as its shape says
         columns = compute_tangent(base, cause, np.ones(1))[..., 1:]
@@ -136,11 +133,11 @@ def compute_covariance(state: State, cause: Cause) -> Array:
     shown = size > ROUNDING * whole  # the base columns leave more than rounding of it
     unit = np.where(shown, size, 1.0)
     own, sizes, turned = np.linalg.svd(np.where(shown, rest / unit, 0.0), full_matrices=False)
-    held = sizes > HELD * sizes[0]
+    held = sizes > 1e-5 * sizes[0]
     basis = np.hstack([own[:, held], base.fit.basis])
     spread = cluster_covariance(basis, state.fit.residual, label_clusters(state.problem.evidence), int(held.sum()))
     back = turned[held].T / sizes[held] / unit[:, None]
-    free = np.any(np.abs(turned[~held]) > FREE, axis=0)
+    free = np.any(np.abs(turned[~held]) > 0.1, axis=0)
     return np.where(free[:, None] | free, np.nan, back @ spread @ back.T)
 
 

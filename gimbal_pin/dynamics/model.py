@@ -303,11 +303,16 @@ def _replace_bodies(rig: Rig, phi: Array) -> Rig:
     if len(phi) != 10 * rig.n:
         raise ModelError("phi", f"has {len(phi)} values", f"give ten for each of {rig.n} joints")
     out = rig.with_phi(phi)
-    data = out.model.createData()
-    upper = [pin.crba(out.model, data, q) for q in spread_states(rig, POSES)[0]]
-    if not np.linalg.eigvalsh(np.array(upper), UPLO="U").min() > 0:
+    if not is_inertia_positive(out, spread_states(rig, POSES)[0]):
         raise ModelError("phi", "gives the joints an inertia that is not positive at some pose", "identify it again")
     return out
+
+
+def is_inertia_positive(rig: Rig, q: Array) -> bool:
+    """Whether the mass matrix is positive definite at all angles q, (m, n): otherwise no rig moves so."""
+    data = rig.model.createData()
+    upper = [pin.crba(rig.model, data, angles) for angles in q]
+    return bool(np.linalg.eigvalsh(np.array(upper), UPLO="U").min() > 0)
 
 
 def build_friction_effects(joints: Sequence[str]) -> tuple[Effect, ...]:
