@@ -117,7 +117,7 @@ def add_table(state: State, table: TorqueTable) -> State:
     ``b = L u``, ``u ~ N(0, v I)``, H the precision of θ, ``S = LᵀWᵀ(W - A H⁻¹ AᵀW)L``: ``cov u = (S + I/v)⁻¹``,
     ``u = cov LᵀWᵀr``, ``θ ← θ - H⁻¹AᵀW b``. The curve's length and v maximise the marginal likelihood
     ``-½ (N log(rᵀr - rᵀW b) + log det(I + v S))`` (Rasmussen and Williams, Gaussian Processes, 2006, 2.7 and 5.4).
-    Where the log says little, the values stay near zero; none is larger than what was left anywhere.
+    Where the log says little, the values stay near zero.
     """
     fit, columns = state.fit, state.columns(table)
     at, size, used = fit.rows(columns.joint), len(fit.theta), state.problem.evidence.used()
@@ -136,9 +136,7 @@ def add_table(state: State, table: TorqueTable) -> State:
             found.append((count * np.log(rest) + np.sum(np.log1p(spread * power)), rest, spread, L, power, axes))
     _, rest, spread, L, power, axes = min(found, key=lambda one: float(one[0]))
     known = L @ (axes / (1 / spread + power)) @ axes.T @ L.T
-    parts, joint = state.problem.evidence.parts, columns.joint
-    most = max(float(np.max(np.abs(x[:, joint] * part.gate[:, joint]))) for x, part in zip(state.unexplained, parts))
-    values = np.clip(known @ along, -most, most)
+    values = known @ along
     turn = np.block([[np.eye(size), -moved], [np.zeros(moved.T.shape), np.eye(len(values))]])
     prior = np.linalg.inv(L @ L.T) * (rest / max(count, 1.0) / spread)
     more = replace(

@@ -190,8 +190,7 @@ class Confirmed(NamedTuple):
 def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
     """Leave out the causes that the reporting part does not confirm, the one that costs most first.
 
-    With such a cause the error is no smaller at its joint (`CONFIRMED`), or grows in the whole rig, or is larger than
-    without any.
+    With such a cause the error is no smaller at its joint (`CONFIRMED`), or grows in the whole rig.
 
     Args:
         found: The model of the training part.
@@ -203,18 +202,17 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
         state = found.final
         best = measure_errors(held, build_extended_model(state))
         lacking = {one: measure_errors(held, build_extended_model(without(state, one))) for one in state.causes}
-        helps = measure_gain(baseline, best, used) >= 0
         gains = {cause: measure_gain(figures, best, used) for cause, figures in lacking.items()}
         places = {cause: _locate_cause(state, cause) for cause in lacking}
         errors = {cause: [x["torque_rmse"][places[cause]] for x in (lacking[cause], best)] for cause in lacking}
-        is_gain = {cause: before >= CONFIRMED * after for cause, (before, after) in errors.items()}
-        unconfirmed = [cause for cause in errors if not (helps and is_gain[cause] and gains[cause] >= 0)]
+        smaller = {cause for cause, (before, after) in errors.items() if before >= CONFIRMED * after}
+        unconfirmed = [cause for cause, gain in gains.items() if cause not in smaller or gain < 0]
         if not unconfirmed:
             return Confirmed(found, baseline, best, lacking, tuple(denied))
         worst = min(unconfirmed, key=gains.__getitem__)
         at, (without_, with_) = places[worst], errors[worst]
         told = held.rig.in_units(at, f"from {digits(without_, 3)} N m to {digits(with_, 3)} N m")
-        whole = "" if not is_gain[worst] else ", and that of the whole rig grows"
+        whole = ", and that of the whole rig grows" if worst in smaller else ""
         denied.append(
             f"{at}: {worst.name} explains the part that was fitted and is left out: on the part that no choice has "
             f"seen the torque error goes {told} with it{whole}"

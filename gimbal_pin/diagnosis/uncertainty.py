@@ -105,8 +105,6 @@ def is_size_known(state: State, cause: Cause) -> bool:
     """
     spread = compute_figures_covariance(state, cause)
     held = ~np.isnan(np.diag(spread))
-    if not held[: width(cause) or None].any():  # only together with another: no size by itself to be known
-        return True
     unit = np.sqrt(np.diag(spread)[held])
     if isinstance(cause, Signal):
         values = np.array([getattr(cause, name) for name in shape_names(cause)])[held]
