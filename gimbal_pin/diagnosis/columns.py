@@ -8,14 +8,14 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.diagnosis.evidence import Evidence, Part
+from gimbal_pin.diagnosis.evidence import Evidence, Part, select_poses
 from gimbal_pin.dynamics.reduction import Reduction
-from gimbal_pin.dynamics.regressor import compute_regressor, compute_rnea
+from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_regressor, compute_regressor, compute_rnea
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import find_base_columns
+from gimbal_pin.regression import Flags, Samples, find_base_columns
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -71,12 +71,70 @@ class Columns:
         return out
 
 
-def compute_rigid_columns(evidence: Evidence, reduction: Reduction) -> tuple[Array, list[Array]]:
-    """Base columns whitened, (rows, n, b), and as they are for each part, (m, n, b)."""
-    places = find_base_columns(evidence.rig, reduction)
-    channels = [part.channels for part in evidence.parts]
-    full = [compute_regressor(evidence.rig, c.q, c.v, c.a, c.platform)[:, :, places] for c in channels]
-    return evidence.whiten_all(full), full
+@dataclass(frozen=True, eq=False)
+class RigidColumns:
+    """Base columns of the rigid model along some logs, N m; every problem on these logs shares them.
+
+    Attributes:
+        rig: The rig.
+        places: The base parameters' places in `Rig.phi`, (b,).
+        channels: What the logs' parts hold.
+    """
+
+    rig: Rig
+    places: Array
+    channels: list[Samples]
+
+    @staticmethod
+    def of(evidence: Evidence, reduction: Reduction) -> RigidColumns:
+        """Return those of some logs."""
+        places = find_base_columns(evidence.rig, reduction)
+        return RigidColumns(evidence.rig, places, [part.channels for part in evidence.parts])
+
+    @cached_property
+    def full(self) -> list[Array]:
+        """Columns of all joints' torques, (m, n, b) per part."""
+        rows = ((c.q, c.v, c.a, c.platform) for c in self.channels)
+        return [compute_regressor(self.rig, *row, places=self.places) for row in rows]
+
+    @cached_property
+    def masses(self) -> list[list[Array]]:
+        """Columns of what a unit acceleration of each joint asks of all joints, (m, n, b) per part."""
+        every = range(self.rig.n)
+        return [[compute_inertia_regressor(self.rig, c.q, j, self.places) for c in self.channels] for j in every]
+
+    @cached_property
+    def resting(self) -> list[Array]:
+        """Columns of each joint's torque while that joint does not accelerate, (m, n, b) per part."""
+        own = (np.stack([mass[:, j] for j, mass in enumerate(each)], axis=1) for each in zip(*self.masses))
+        return [full - c.a[:, :, None] * mass for full, c, mass in zip(self.full, self.channels, own)]
+
+    @cached_property
+    def felt(self) -> Flags:
+        """Which base parameters each joint's torque feels, (n, b)."""
+        return np.any([np.any(full != 0, axis=0) for full in self.full], axis=0)
+
+    @cached_property
+    def apart(self) -> list[tuple[list[Array], list[Array]]]:
+        """What `split_columns` returns, of every joint."""
+        return [self.split_columns(j, felt) for j, felt in enumerate(self.felt)]
+
+    def split_columns(self, j: int, felt: Flags) -> tuple[list[Array], list[Array]]:
+        """Columns of some base parameters in a joint's torque: of what is asked at rest, of its own acceleration."""
+        loads = [np.asfortranarray(rest[:, j, felt]) for rest in self.resting]
+        whole = [np.asfortranarray(full[:, j, felt]) for full in self.full]
+        return loads, [x - y for x, y in zip(whole, loads)]
+
+    def couple_joints(self, j: int, beta: Array) -> list[Array]:
+        """What base parameters, (b,), say that 1 N m at one joint's link asks of every joint, (m, n) per part."""
+        return [compute_coupling(columns @ beta, j) for columns in self.masses[j]]
+
+    @cached_property
+    def inertia(self) -> Array:
+        """Base parameters → mean over some poses of each joint's inertia about its axis, (n, b)."""
+        some, every = select_poses(self.channels), range(self.rig.n)
+        rows = [compute_inertia_regressor(self.rig, some, j, self.places)[:, j] for j in every]
+        return np.stack([np.mean(row, axis=0) for row in rows])
 
 
 def compute_plain_columns(evidence: Evidence, effect: Effect, load: Load) -> list[Array]:

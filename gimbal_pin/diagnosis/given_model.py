@@ -85,7 +85,7 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     """
     difference = compute_difference(state)
     hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
-    inertias = describe_inertias(difference, state.problem.inertia, hidden, state.problem.motion_noise)
+    inertias = describe_inertias(difference, state.problem.motion.inertia, hidden, state.problem.motion_noise)
     found = replace(found, notes=(*found.notes, *inertias))
     if difference.rig.config.inertia != "trusted" or found.held is None:
         return found
@@ -186,7 +186,7 @@ def _compute_torque_share(case: _Case, form: Form) -> Array:
     """Torque that a cause makes, as a share of each joint's, rms, (n,)."""
     problem = case.state.problem
     change = case.response.compute([case.found.best.causes[form]])
-    torque, whole = (np.concatenate(x) for x in ([r @ change for r in problem.rigid_full], problem.evidence.torque))
+    torque, whole = (np.concatenate(x) for x in ([r @ change for r in problem.motion.full], problem.evidence.torque))
     return np.sqrt(np.mean(torque**2, axis=0) / np.maximum(np.mean(whole**2, axis=0), 1e-300))
 
 

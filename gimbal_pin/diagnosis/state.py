@@ -12,22 +12,21 @@ from gimbal_pin.diagnosis.columns import (
     Bearing,
     Columns,
     Load,
+    RigidColumns,
     Stand,
     build_columns,
     compute_plain_columns,
-    compute_rigid_columns,
     get_magnitude,
 )
-from gimbal_pin.diagnosis.evidence import Evidence, select_poses
+from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
 from gimbal_pin.dynamics.model import build_friction_effects, is_motor_friction
 from gimbal_pin.dynamics.reduction import Reduction
-from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_regressor, compute_regressor
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Flags, MotionNoise, compare_instruments, find_base_columns
+from gimbal_pin.regression import MotionNoise, compare_instruments, find_base_columns
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -53,14 +52,14 @@ class Problem:
         evidence: The logs.
         reduction: Base parameters that their motion shows.
         rigid: Their columns, whitened, (rows, n, b).
-        rigid_full: The same in N m, (m, n, b) per part.
+        motion: The same in N m, whatever whitens them.
         luck: Least dispersion that is believed.
     """
 
     evidence: Evidence
     reduction: Reduction
     rigid: Array
-    rigid_full: list[Array]
+    motion: RigidColumns
     luck: float = LUCK
     kept: dict[Effect, tuple[Array, list[Array]]] = field(default_factory=dict, init=False, repr=False)
 
@@ -69,53 +68,8 @@ class Problem:
     @staticmethod
     def of(evidence: Evidence, reduction: Reduction) -> Problem:
         """Compute the columns."""
-        return Problem(evidence, reduction, *compute_rigid_columns(evidence, reduction))
-
-    @cached_property
-    def resting(self) -> list[Array]:
-        """Base columns of each joint's torque while that joint does not accelerate, (m, n, b) per part."""
-        rig, places = self.evidence.rig, find_base_columns(self.evidence.rig, self.reduction)
-        channels = [part.channels for part in self.evidence.parts]
-        out: list[Array] = [np.empty_like(full) for full in self.rigid_full]
-        for j, others in enumerate(1.0 - np.eye(rig.n)):
-            for part, c in zip(out, channels):
-                part[:, j] = compute_regressor(rig, c.q, c.v, c.a * others, c.platform)[:, j, places]
-        return out
-
-    @cached_property
-    def felt(self) -> Flags:
-        """Which base parameters each joint's torque feels, (n, b)."""
-        return np.asarray(np.any(self.rigid != 0, axis=0))
-
-    @cached_property
-    def apart(self) -> list[tuple[list[Array], list[Array]]]:
-        """What `parted` returns, of every joint."""
-        return [self.parted(j, felt) for j, felt in enumerate(self.felt)]
-
-    def parted(self, j: int, felt: Flags) -> tuple[list[Array], list[Array]]:
-        """Columns of some base parameters in a joint's torque: of what is asked at rest, of its own acceleration."""
-        loads = [np.asfortranarray(rest[:, j, felt]) for rest in self.resting]
-        whole = [np.asfortranarray(full[:, j, felt]) for full in self.rigid_full]
-        return loads, [x - y for x, y in zip(whole, loads)]
-
-    @cached_property
-    def masses(self) -> list[list[Array]]:
-        """Base columns of what a unit acceleration of each joint asks of all joints, (m, n, b) per part."""
-        rig, places = self.evidence.rig, find_base_columns(self.evidence.rig, self.reduction)
-        every = [part.channels.q for part in self.evidence.parts]
-        return [[compute_inertia_regressor(rig, q, j)[:, :, places] for q in every] for j in range(rig.n)]
-
-    def asked(self, j: int, beta: Array) -> list[Array]:
-        """What base parameters, (b,), say that 1 N m at one joint's link asks of every joint, (m, n) per part."""
-        return [compute_coupling(columns @ beta, j) for columns in self.masses[j]]
-
-    @cached_property
-    def inertia(self) -> Array:
-        """Base parameters → mean over some poses of each joint's inertia about its axis, (n, b)."""
-        rig, places = self.evidence.rig, find_base_columns(self.evidence.rig, self.reduction)
-        some = select_poses(self.evidence.parts)
-        rows = [compute_inertia_regressor(rig, some, j)[:, j, places] for j in range(rig.n)]
-        return np.stack([np.mean(row, axis=0) for row in rows])
+        motion = RigidColumns.of(evidence, reduction)
+        return Problem(evidence, reduction, evidence.whiten_all(motion.full), motion)
 
     @cached_property
     def motion_noise(self) -> MotionNoise:
@@ -127,7 +81,7 @@ class Problem:
         now = solved(self, ())
         slow = solved(Problem.of(self.evidence.low_pass_motion(MotionNoise.cutoff), self.reduction), (), now, keep=True)
         figures = np.zeros((self.evidence.rig.n, now.fit.stack.shape[1]))
-        figures[:, : self.inertia.shape[1]] = self.inertia
+        figures[:, : self.motion.inertia.shape[1]] = self.motion.inertia
         return compare_instruments(now.fit.stack, slow.fit.stack, now.fit.target, now.fit.block, figures)
 
     @cached_property
@@ -216,7 +170,7 @@ class State:
             j = evidence.rig.joint_index(effect.joint)
             for brake, columns in zip(braked, problem.plain(effect, self.load)):
                 brake[:, j] += columns @ values
-        inertial = [(x - y) @ theta[:at] for x, y in zip(problem.rigid_full, problem.resting)]
+        inertial = [(x - y) @ theta[:at] for x, y in zip(problem.motion.full, problem.motion.resting)]
         totals = self.torque if self.learned else [x - y for x, y in zip(self.acting, self.unexplained)]
         loads = [total - brake - x for total, brake, x in zip(totals, braked, inertial)]
         rows = [
@@ -225,7 +179,7 @@ class State:
         return [
             [
                 JointLoad.along(x[:, j], y[:, j], tau[:, j], still[:, j], z[:, j], asked)
-                for (x, y, z, tau, still), asked in zip(rows, problem.asked(j, theta[:at]))
+                for (x, y, z, tau, still), asked in zip(rows, problem.motion.couple_joints(j, theta[:at]))
             ]
             for j in range(evidence.rig.n)
         ]
@@ -248,10 +202,10 @@ class State:
         """What a joint bears whose link swings; all that is not of the rigid model stands before the spring."""
         evidence, j = self.problem.evidence, self.problem.evidence.rig.joint_index(spring.joint)
         if self.learned is None:
-            (beta, phi), (loads, own) = self.swung(spring, torque), self.problem.apart[j]
+            (beta, phi), (loads, own) = self.swung(spring, torque), self.problem.motion.apart[j]
         else:
             beta, phi = self.learned.swung(spring, self.learned.acting)
-            loads, own = self.problem.parted(j, self.learned.problem.felt[j])
+            loads, own = self.problem.motion.split_columns(j, self.learned.problem.motion.felt[j])
         brakes = [np.zeros(len(x)) for x in loads]
         for effect, value in zip(self.problem.friction, phi):
             if effect.joint == spring.joint:
@@ -272,7 +226,7 @@ class State:
         evidence, n = self.problem.evidence, len(self.fit.scale)
         j, at = evidence.rig.joint_index(spring.joint), len(self.problem.reduction.independent)
         beside = self.fit.stack[j::n, at:] / self.fit.scale[j]
-        rows = [*zip(evidence.parts, *self.problem.apart[j])]
+        rows = [*zip(evidence.parts, *self.problem.motion.apart[j])]
         felt = [spring.felt(load, inertial, part.dt) for part, load, inertial in rows]
         swings = [spring.swings(part.dt, len(load)) for part, load, _ in rows]
         # Every part begins with a swing of its own.
@@ -346,7 +300,7 @@ def refit_rig(problem: Problem, theta: Array) -> Rig:
 def predict_torque(problem: Problem, effects: Sequence[Cause], theta: Array, load: Load) -> list[Array]:
     """The model's total torque at full rate, N m, (m, n) per part."""
     width_ = len(problem.reduction.independent)
-    out: list[Array] = [x @ theta[:width_] for x in problem.rigid_full]
+    out: list[Array] = [x @ theta[:width_] for x in problem.motion.full]
     at = width_
     for effect in effects:
         size = width(effect)

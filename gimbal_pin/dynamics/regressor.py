@@ -72,9 +72,9 @@ def compute_inertia_column(rig: Rig, q: Array, joint: int) -> Array:
     return compute_rnea(rig.weightless, q, np.zeros_like(q), _build_unit_acceleration(q, joint))
 
 
-def compute_inertia_regressor(rig: Rig, q: Array, joint: int) -> Array:
-    """Columns of `compute_inertia_column`, (N, n, 10 n): torque per unit of each entry of `Rig.phi`."""
-    return compute_regressor(rig.weightless, q, np.zeros_like(q), _build_unit_acceleration(q, joint))
+def compute_inertia_regressor(rig: Rig, q: Array, joint: int, places: Array | None = None) -> Array:
+    """Columns of `compute_inertia_column`, (N, n, 10 n): torque per unit of each entry of `Rig.phi`, or of some."""
+    return compute_regressor(rig.weightless, q, np.zeros_like(q), _build_unit_acceleration(q, joint), places=places)
 
 
 def _build_unit_acceleration(q: Array, joint: int) -> Array:

@@ -213,7 +213,7 @@ def supported(state: State, cause: Cause) -> bool:
         return all(p.lower <= x <= p.upper for p, x in bounded)
     if isinstance(cause, Signal):
         problem, j = state.problem, state.problem.evidence.rig.joint_index(cause.joint)
-        row, b = problem.inertia[j], len(problem.reduction.independent)
+        row, b = problem.motion.inertia[j], len(problem.reduction.independent)
         std = float(np.sqrt(row @ state.fit.information[:b, :b] @ row))
         given = float(row @ given_beta(problem.evidence.rig, problem.reduction))
         return float(row @ state.fit.theta[:b]) + 2 * std > LIGHTEST * given
