@@ -108,10 +108,12 @@ class Part(NamedTuple):
 
     def whiten(self, signal: Array, joint: int) -> Array:
         """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: (rows,) or (rows, k), unit noise."""
-        gate, gain = self.gate[:, joint], self.whitener[joint]
-        wide = signal.ndim == 2
-        spectrum = fft.rfft(signal * (gate[:, None] if wide else gate), axis=0)[: len(gain)]
-        return fft.irfft(spectrum * (gain[:, None] if wide else gain), self.rows, axis=0) * (self.rows / len(gate))
+        return fft.irfft(self.transform(signal, joint), self.rows, axis=0) * (self.rows / len(self.gate))
+
+    def transform(self, signal: Array, joint: int) -> Array:
+        """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: its spectrum, (f,) or (f, k)."""
+        gate, gain, more = self.gate[:, joint], self.whitener[joint], (1,) * (signal.ndim - 1)
+        return fft.rfft(signal * gate.reshape(-1, *more), axis=0)[: len(gain)] * gain.reshape(-1, *more)
 
     def acted(self, signal: Signal, torque: Array, joint: int, borne: JointLoad | None) -> Array:
         """Torque that acts, N m, (m,), where a signal is given one at a joint, N m, (m,).

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from scipy import fft
 
 from gimbal_pin.diagnosis.columns import (
     Bearing,
@@ -18,7 +19,7 @@ from gimbal_pin.diagnosis.columns import (
     compute_plain_columns,
     get_magnitude,
 )
-from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.evidence import Evidence, Part
 from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
 from gimbal_pin.dynamics.model import build_friction_effects, is_motor_friction
 from gimbal_pin.dynamics.reduction import Reduction
@@ -30,6 +31,8 @@ from gimbal_pin.regression import MotionNoise, compare_instruments, find_base_co
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
+INSIDE, WIDTH = 0.75, 8
+"""Share of the band that does not fade, and frequencies that are averaged where two spectra are compared."""
 SETTLED = 1e-4
 """Change of a torque, as a share, under which one that reads itself has settled."""
 PASSES = 5
@@ -184,9 +187,62 @@ class State:
             for j in range(evidence.rig.n)
         ]
 
-    def columns(self, cause: Cause, torque: list[Array] | None = None) -> Columns:
+    @cached_property
+    def dispersion(self) -> Array:
+        """Each joint's ``φ = ⟨|R(f)|²/ρ(f)⟩``, (n,): residual power over the noise's, as the drives pass it on."""
+        found, evidence = self.fit.dispersion.copy(), self.problem.evidence
+        for joint in {cause.joint for cause in self.causes if isinstance(cause, Signal)}:
+            j, first = evidence.rig.joint_index(joint), 0
+            own, power, fair = self.fit.residual[self.fit.rows(j)], 0.0, 0.0
+            for part, share in zip(evidence.parts, self.pass_all_noise(j)):
+                spectrum = np.abs(fft.rfft(own[first : first + part.rows])) ** 2
+                first += part.rows
+                power, fair = power + spectrum.sum(), fair + float(np.sum(spectrum / share))
+            found[j] *= fair / max(power, 1e-300)
+        return found
+
+    def pass_all_noise(self, joint: int) -> list[Array]:
+        """ρ at a joint, the share of a noise's power that its drive's signals pass on, (f,) for each part."""
+        evidence = self.problem.evidence
+        shares: list[Array] = [np.ones(part.whitener.shape[1]) for part in evidence.parts]
+        for signal in self.causes:
+            if isinstance(signal, Signal) and evidence.rig.joint_index(signal.joint) == joint:
+                shares = [before * own for before, own in zip(shares, self.pass_noise(signal))]
+        return shares
+
+    def pass_noise(self, signal: Signal, bearing: Bearing | None = None) -> list[Array]:
+        """Share of a noise's power that a drive's signal passes on, (f,) for each part; see `bearing_for`.
+
+        A small noise of the estimated spectrum is put beside the measured torque: for a filter the share is its gain. A
+        limit below nearly all that was measured leaves a constant, in which no noise is left: that explains nothing.
+        What of the noise comes through the acceleration passes what is `felt` of the joint's own inertia.
+        """
+        evidence, joint = self.problem.evidence, self.problem.evidence.rig.joint_index(signal.joint)
+        known = bearing or self.bearing_for(signal, self.acting)
+        borne: Sequence[JointLoad | None] = known or [None] * len(evidence.parts)
+        shares: list[Array] = []
+        for part, noises, load in zip(evidence.parts, self.noise, borne):
+            noise, torque = noises[:, joint], part.channels.tau[:, joint]
+            used, less = (part.acted(signal, x, joint, load) for x in (torque, torque - noise))
+            every = [torque, noise, used, used - less]
+            if signal.springy:
+                every.append(signal.felt(np.zeros((len(noise), 1)), noise[:, None], part.dt)[:, 0])
+            power = average_power(part.transform(np.stack(every).T, joint))
+            share = np.minimum(ratio(power[:, 3], power[:, 1]), ratio(power[:, 2], power[:, 0]))
+            if signal.springy:
+                shaken = np.minimum(part.shaken[joint] * part.whitener[joint] ** 2, 1.0)[: len(share)]
+                share += shaken * (ratio(power[:, 4], power[:, 1]) - share)
+            shares.append(np.pad(share, (0, part.whitener.shape[1] - len(share)), mode="edge"))
+        return shares
+
+    @cached_property
+    def noise(self) -> list[Array]:
+        """Noise with the phases of what is unexplained and the spectrum that whitening makes flat, N m, (m, n) each."""
+        return [imitate_noise(part, left) for part, left in zip(self.problem.evidence.parts, self.unexplained)]
+
+    def columns(self, cause: Cause, torque: list[Array] | None = None, bearing: Bearing | None = None) -> Columns:
         """What a cause would add; a drive's signal acts on these torques, N m, (m, n) per part, or on `acting`."""
-        bearing = self.bearing_for(cause, self.acting)
+        bearing = bearing or self.bearing_for(cause, self.acting)
         acts_on = self.acting if torque is None else torque
         return build_columns(self.problem.evidence, cause, self.stand, self.load, acts_on, bearing)
 
@@ -248,6 +304,26 @@ class State:
                 return slice(at, at + width(other))
             at += width(other)
         raise ValueError(f"{cause.name} was not chosen")
+
+
+def average_power(spectrum: Array) -> Array:
+    """Mean power of some spectra, (f, k), over each few frequencies inside the band, (f', k)."""
+    inside = int(INSIDE * len(spectrum)) // WIDTH * WIDTH
+    return np.asarray(np.mean(np.abs(spectrum[:inside].reshape(-1, WIDTH, spectrum.shape[1])) ** 2, axis=1))
+
+
+def ratio(after: Array, before: Array) -> Array:
+    """Share of one mean power that another has, at each frequency inside the band."""
+    # What is passed on by several signals is a product: of 1e-300 twice nothing is left to divide by.
+    return np.repeat(np.clip(after / np.maximum(before, 1e-300), 1e-30, 1.0), WIDTH)
+
+
+def imitate_noise(part: Part, left: Array) -> Array:
+    """Torques with the phases of others, (m, n), and with the spectra that whitening makes flat."""
+    spectrum, gain = fft.rfft(left, axis=0), part.whitener.T
+    size = np.zeros(spectrum.shape)
+    size[: len(gain)] = np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 1e-3 * gain.max(axis=0))
+    return np.asarray(fft.irfft(spectrum / np.maximum(np.abs(spectrum), 1e-300) * size, len(left), axis=0))
 
 
 def width(cause: Cause) -> int:

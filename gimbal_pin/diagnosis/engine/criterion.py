@@ -19,18 +19,15 @@ from scipy import fft
 from scipy.ndimage import uniform_filter1d
 
 from gimbal_pin.diagnosis.engine.discrepancy import unseen
-from gimbal_pin.diagnosis.evidence import Evidence, Part
+from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.shapes import free, same, shape_names
-from gimbal_pin.diagnosis.state import Problem, State, apply_signal, solve_consistently, solved, width
+from gimbal_pin.diagnosis.state import WIDTH, Problem, State, apply_signal, solve_consistently, solved, width
 from gimbal_pin.diagnosis.uncertainty import compute_tangent
 from gimbal_pin.effects import Cause, Effect, Signal
-from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import FORM_ERROR
 
-INSIDE, WIDTH = 0.75, 8
-"""Share of the band that does not fade, and frequencies that are averaged where two spectra are compared."""
 OF_CAUSE = 0.17
 """Plausible error of a cause's form, as a share of what only it explains; of the rigid model's, `FORM_ERROR`."""
 LIGHTEST = 1 / 3
@@ -46,7 +43,7 @@ def rows(state: State) -> Array:
 
 def criterion(state: State) -> float:
     """Return ``Σ_j N_j log φ_j + k log N``."""
-    return float(rows(state) @ np.log(dispersion(state)) + penalty(state))
+    return float(rows(state) @ np.log(state.dispersion) + penalty(state))
 
 
 def penalty(state: State) -> float:
@@ -54,78 +51,13 @@ def penalty(state: State) -> float:
     return float(np.log(rows(state).max())) * sum(free(cause) for cause in state.causes)
 
 
-def dispersion(state: State) -> Array:
-    """Return each joint's ``φ = ⟨|R(f)|²/ρ(f)⟩``, (n,): residual power over the noise's, as the drives pass it on."""
-    found = state.fit.dispersion.copy()
-    for joint in {cause.joint for cause in state.causes if isinstance(cause, Signal)}:
-        evidence, first = state.problem.evidence, 0
-        j = evidence.rig.joint_index(joint)
-        own, power, fair = state.fit.residual[state.fit.rows(j)], 0.0, 0.0
-        for part, share in zip(evidence.parts, passed_on(state, j)):
-            spectrum = np.abs(fft.rfft(own[first : first + part.rows])) ** 2
-            first += part.rows
-            power, fair = power + spectrum.sum(), fair + float(np.sum(spectrum / share))
-        found[j] *= fair / max(power, 1e-300)
-    return found
-
-
-def passed_on(state: State, joint: int) -> list[Array]:
-    """Return ρ at a joint, the share of a noise's power that its drive's signals pass on, (f,) for each part."""
-    evidence = state.problem.evidence
-    shares: list[Array] = [np.ones(part.whitener.shape[1]) for part in evidence.parts]
-    for signal in state.causes:
-        if isinstance(signal, Signal) and evidence.rig.joint_index(signal.joint) == joint:
-            shares = [before * own for before, own in zip(shares, passes(state, signal))]
-    return shares
-
-
-def passes(state: State, signal: Signal) -> list[Array]:
-    """Return the share of a noise's power that a drive's signal passes on, (f,) for each part.
-
-    A small noise of the estimated spectrum is put beside the measured torque: for a filter the share is its gain. A
-    limit below nearly all that was measured leaves a constant, in which no noise is left: that explains nothing. What
-    of the noise comes through the acceleration passes what is `felt` of the joint's own inertia.
-    """
-    evidence, joint = state.problem.evidence, state.problem.evidence.rig.joint_index(signal.joint)
-    bearing: Sequence[JointLoad | None] = state.bearing_for(signal, state.acting) or [None] * len(evidence.parts)
-    shares: list[Array] = []
-    for part, left, borne in zip(evidence.parts, state.unexplained, bearing):
-        torque, noise = part.channels.tau[:, joint], flattened(part, left[:, joint], joint)
-        change = part.acted(signal, torque, joint, borne) - part.acted(signal, torque - noise, joint, borne)
-        given, used = (part.whiten(x, joint) for x in (torque, part.acted(signal, torque, joint, borne)))
-        share = np.minimum(ratio(part.whiten(change, joint), part.whiten(noise, joint)), ratio(used, given))
-        if signal.springy:
-            felt = signal.felt(np.zeros((len(noise), 1)), noise[:, None], part.dt)[:, 0]
-            shaken = np.minimum(part.shaken[joint] * part.whitener[joint] ** 2, 1.0)[: len(share)]
-            share += shaken * (ratio(part.whiten(felt, joint), part.whiten(noise, joint)) - share)
-        shares.append(np.pad(share, (0, part.whitener.shape[1] - len(share)), mode="edge"))
-    return shares
-
-
-def ratio(after: Array, before: Array) -> Array:
-    """Return the share of one signal's power, rows of a part, that another has at each frequency inside the band."""
-    powers = [np.abs(fft.rfft(x)) ** 2 for x in (after, before)]
-    inside = int(INSIDE * len(powers[0])) // WIDTH * WIDTH
-    a, b = (np.mean(x[:inside].reshape(-1, WIDTH), axis=1) for x in powers)
-    # What is passed on by several signals is a product: of 1e-300 twice nothing is left to divide by.
-    return np.repeat(np.clip(a / np.maximum(b, 1e-300), 1e-30, 1.0), WIDTH)
-
-
-def flattened(part: Part, signal: Array, joint: int) -> Array:
-    """Return a torque with the phases of a signal, (m,), and of the spectrum that whitening makes flat."""
-    spectrum, gain = fft.rfft(signal), part.whitener[joint]
-    size = np.zeros(len(spectrum))
-    size[: len(gain)] = np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 1e-3 * gain.max())
-    return np.asarray(fft.irfft(spectrum / np.maximum(np.abs(spectrum), 1e-300) * size, len(signal)))
-
-
 def by_block(state: State, other: State) -> Array:
     """Return by how much a model's log likelihood is above another's in each block, (blocks,).
 
     ``Σ_j (r'_j² - r_j²)/2 φ_j``, both residuals over the noise as their drives pass it on.
     """
-    known = dispersion(state)
-    size, than = (np.sqrt(dispersion(one) / known) for one in (state, other))
+    known = state.dispersion
+    size, than = (np.sqrt(one.dispersion / known) for one in (state, other))
     count = len(state.fit.residual) // len(known)
     difference = (np.tile(than, count) * other.fit.residual) ** 2 - (np.tile(size, count) * state.fit.residual) ** 2
     return state.fit.by_block(difference[:, None])[:, 0] / 2

@@ -15,7 +15,6 @@ import numpy as np
 from scipy import fft
 
 from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.engine.criterion import passed_on
 from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
 from gimbal_pin.diagnosis.evidence import Evidence, Part, compute_band_edge
 from gimbal_pin.diagnosis.state import Problem, State, solved
@@ -72,7 +71,7 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
             flexible = [now.evidence.rewhiten(own[j], evidence, j), features(now.evidence, fitted.torque, j)]
             error = unseen(stack, np.concatenate(flexible, axis=1), target, now.evidence.block)
             noise = spectra(error, now.evidence, j, exponential)
-            shares = passed_on(fitted, j)  # the noise is the measured torque's, before the drives' signals
+            shares = fitted.pass_all_noise(j)  # the noise is the measured torque's, before the drives' signals
             power.append([x / p / max(used, 1e-3) for x, p in zip(noise, shares)])
         now = rewhitened_problem(problem, whitened(evidence, [np.stack(each) for each in zip(*power)]))
     return now

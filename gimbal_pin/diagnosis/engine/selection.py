@@ -13,11 +13,10 @@ from gimbal_pin.diagnosis.engine.criterion import (
     by_block,
     compare_models,
     criterion,
-    dispersion,
     fitted,
     matters,
     overfit,
-    passes,
+    penalty,
     rows,
     unsupported,
     without,
@@ -75,13 +74,13 @@ class Search:
     def share(self, state: State, signal: Signal) -> float:
         """Return the share of all noise that a candidate passes on, worked out once: no model changes it by much."""
         if signal not in self.shared:
-            self.shared[signal] = float(np.mean(np.concatenate(passes(state, signal))))
+            self.shared[signal] = float(np.mean(np.concatenate(state.pass_noise(signal))))
         return self.shared[signal]
 
     def foreseen(self, state: State) -> float:
         """Return ``Σ_j N_j log φ_j`` of a model on blocks that its fit has not seen, worked out once."""
         if state not in self.unseen:
-            self.unseen[state] = float(rows(state) @ np.log(dispersion(state) * overfit(state)))
+            self.unseen[state] = float(rows(state) @ np.log(state.dispersion * overfit(state)))
         return self.unseen[state]
 
 
@@ -152,11 +151,13 @@ def falls(state: State, candidates: Sequence[Columns], fit: Fit) -> Array:
 
 def value(state: State, cause: Cause) -> float:
     """Return what a cause as it stands is worth beside others of its kind: what takes the noise away gains nothing."""
-    columns = state.columns(cause)
+    bearing = state.bearing_for(cause, state.acting)
+    columns = state.columns(cause, bearing=bearing)
     if not isinstance(cause, Signal):
         return gained(state.fit, columns, False).gain
     count = rows(state)[state.problem.evidence.rig.joint_index(cause.joint)]
-    return float(falls(state, [columns], state.fit)[0] + count * np.log(np.mean(np.concatenate(passes(state, cause)))))
+    share = np.mean(np.concatenate(state.pass_noise(cause, bearing)))
+    return float(falls(state, [columns], state.fit)[0] + count * np.log(share))
 
 
 def completed(state: State, cause: Cause, search: Search) -> Cause:
@@ -189,22 +190,38 @@ def selected(state: State, search: Search) -> State:
     """Add causes to a model, and drop those that others make needless, as long as the criterion falls by enough."""
     best, front = state, [state]
     for _ in range(MOST):
-        grown: dict[Names, State] = {}
         tried: set[Names] = set()
+        grown: list[tuple[State, State]] = []
         for model in front:
             for cause in promising(model, search, tried):
                 tried.add(names((*model.causes, cause)))
                 new = fitted(model.problem, together(model.causes, cause), model)
-                if unsupported(new) or not better(new, model, search):
-                    continue
-                new = pruned(new, search)
-                if (key := names(new.causes)) not in grown or criterion(new) < criterion(grown[key]):
-                    grown[key] = new
-        front = sorted(grown.values(), key=criterion)[:BEAM]
+                if new.causes[:-1] == model.causes:
+                    new.lacking[new.causes[-1]] = model
+                if not unsupported(new):
+                    grown.append((new, model))
+        front = take_best(grown, search)
         if not front or criterion(front[0]) >= criterion(best):
             break
         best = front[0]
     return best
+
+
+def take_best(grown: Sequence[tuple[State, State]], search: Search) -> list[State]:
+    """Return the best models, pruned, of those that are better than what they have grown from, the best first.
+
+    ``C - k log N`` of a model only rises when causes are dropped: what is behind with that needs no closer look.
+    """
+    found: dict[Names, State] = {}
+    for new, model in sorted(grown, key=lambda pair: criterion(pair[0]) - penalty(pair[0])):
+        front = sorted(found.values(), key=criterion)[:BEAM]
+        if len(front) == BEAM and criterion(new) - penalty(new) > criterion(front[-1]):
+            break
+        if better(new, model, search):
+            least = pruned(new, search)
+            key = names(least.causes)
+            found[key] = min(found.get(key, least), least, key=criterion)
+    return sorted(found.values(), key=criterion)[:BEAM]
 
 
 def pruned(state: State, search: Search) -> State:
