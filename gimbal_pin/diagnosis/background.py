@@ -66,7 +66,7 @@ def add_tables(
         after = measure_errors(held, build_extended_model(more))
         if all(
             after["torque_rmse"][table.joint] < before["torque_rmse"][table.joint]
-            and measure_gain(before, after, held.used()) > 0
+            and measure_gain(before, after, held.used) > 0
             for before in (baseline, figures)
         ):
             state, figures, curves[table.joint] = more, after, read_curve(more, table)
@@ -120,7 +120,7 @@ def add_table(state: State, table: TorqueTable) -> State:
     Where the log says little, the values stay near zero.
     """
     fit, columns = state.fit, state.columns(table)
-    at, size, used = fit.rows(columns.joint), len(fit.theta), state.problem.evidence.used()
+    at, size, used = fit.rows(columns.joint), len(fit.theta), state.problem.evidence.used
     W = np.zeros((len(fit.residual), columns.own.shape[1]))
     W[at] = fit.weighted(columns.own, columns.joint)
     moved = fit.information @ (fit.stack.T @ W)
@@ -143,6 +143,7 @@ def add_table(state: State, table: TorqueTable) -> State:
         fit,
         theta=np.concatenate([fit.theta - moved @ values, values]),
         stack=np.hstack([fit.stack, W]),
+        axes=np.pad(fit.axes, ((0, W.shape[1]), (0, 0))),
         residual=fit.residual - E @ values,
         information=turn @ block_diag(fit.information, known) @ turn.T,
         prior=block_diag(fit.prior + np.zeros((size, size)), prior),

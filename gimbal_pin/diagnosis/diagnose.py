@@ -147,7 +147,7 @@ def searched(
     if exchanged is not None:
         return report_unusable_logs(rig, logs, with_fault(checked, exchanged), filtering)
     held = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
-    if np.all(held.used() < LIVELY):
+    if np.all(held.used < LIVELY):
         raise DataError(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
         )
@@ -188,7 +188,7 @@ def with_fault(checked: Sequence[CheckedLog], fault: Fault) -> list[CheckedLog]:
 
 def unjudged(held: Evidence) -> list[str]:
     """Say of which joints the held-out part shows nothing, so that no error there is one."""
-    dumb = [joint for joint, used in zip(held.rig.joints, held.used()) if used < LIVELY]
+    dumb = [joint for joint, used in zip(held.rig.joints, held.used) if used < LIVELY]
     what = "in the held-out part hardly a sample tells its direction: its errors before and after say nothing"
     return [f"{', '.join(dumb)}: {what}; give another --holdout"] if dumb else []
 
@@ -199,7 +199,7 @@ def check_moved(evidence: Evidence, name: str) -> None:
     still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < LEAST_TRAVEL)
     if still:
         raise DataError(name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still)
-    dumb = tuple(joint for joint, used in zip(joints, evidence.used()) if used < LIVELY)
+    dumb = tuple(joint for joint, used in zip(joints, evidence.used) if used < LIVELY)
     if dumb:
         what = "so slow, or turning round so often, that hardly a sample tells its direction"
         raise DataError(name, what, "move faster; of a loop that swings, lower its gains", dumb)
@@ -218,7 +218,7 @@ def check_driven(found: Explained, resting: Collection[int]) -> tuple[str, ...]:
         columns, torque = now.stack[now.rows(j)], now.target[now.rows(j)]
         columns = columns[:, np.any(columns != 0, axis=0)]
         left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
-        rest = max(float(left @ left), 1e-300) / max(evidence.rows * float(evidence.used()[j]), 1.0)
+        rest = max(float(left @ left), 1e-300) / max(evidence.rows * float(evidence.used[j]), 1.0)
         explained = (float(torque @ torque) - float(left @ left)) / max(columns.shape[1], 1)
         if explained < DRIVEN * rest and not found.structured[j]:
             dumb.append(joint)

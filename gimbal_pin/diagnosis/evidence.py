@@ -108,12 +108,11 @@ class Part(NamedTuple):
 
     def whiten(self, signal: Array, joint: int) -> Array:
         """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: (rows,) or (rows, k), unit noise."""
-        return fft.irfft(self.transform(signal, joint), self.rows, axis=0) * (self.rows / len(self.gate))
+        return fft.irfft(self.transform(signal, joint), self.rows).T * (self.rows / len(self.gate))
 
     def transform(self, signal: Array, joint: int) -> Array:
-        """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: its spectrum, (f,) or (f, k)."""
-        gate, gain, more = self.gate[:, joint], self.whitener[joint], (1,) * (signal.ndim - 1)
-        return fft.rfft(signal * gate.reshape(-1, *more), axis=0)[: len(gain)] * gain.reshape(-1, *more)
+        """Gate a torque at one joint, N m, (m,) or (m, k), and whiten it: its spectrum, (f,) or (k, f)."""
+        return fft.rfft(signal.T * self.gate[:, joint])[..., : self.whitener.shape[1]] * self.whitener[joint]
 
     def acted(self, signal: Signal, torque: Array, joint: int, borne: JointLoad | None) -> Array:
         """Torque that acts, N m, (m,), where a signal is given one at a joint, N m, (m,).
@@ -212,12 +211,11 @@ class Evidence:
         """
         out, first = [], 0
         for old, new in zip(before.parts, self.parts):
-            spectrum = fft.rfft(rows[first : first + old.rows], axis=0)
+            spectrum = fft.rfft(rows[first : first + old.rows].T)
             first += old.rows
-            was, now = (x.whitener.T if joint is None else x.whitener[joint] for x in (old, new))
+            was, now = (x.whitener if joint is None else x.whitener[joint] for x in (old, new))
             ratio = np.divide(now, was, out=np.zeros_like(now), where=was > 0)
-            spectrum = spectrum[: len(ratio)] * ratio.reshape(ratio.shape + (1,) * (spectrum.ndim - ratio.ndim))
-            out.append(fft.irfft(spectrum, old.rows, axis=0))
+            out.append(fft.irfft(spectrum[..., : ratio.shape[-1]] * ratio, old.rows).T)
         return np.concatenate(out)
 
     def whiten_all(self, torques: Sequence[Array]) -> Array:
@@ -260,6 +258,7 @@ class Evidence:
         power = [np.mean(1.0 / np.maximum(gain, 1e-300) ** 2) for gain in gains]
         return float(np.sqrt(np.mean(power)))
 
+    @cached_property
     def used(self) -> Array:
         """Share of the samples that count, per joint, (n,)."""
         return np.mean(np.concatenate([part.gate**2 for part in self.parts]), axis=0)

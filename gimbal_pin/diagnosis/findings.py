@@ -197,7 +197,7 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
         held: The reporting part.
     """
     baseline = measure_errors(held, build_extended_model(found.first))
-    used, denied = held.used(), list[str]()
+    used, denied = held.used, list[str]()
     while True:
         state = found.final
         best = measure_errors(held, build_extended_model(state))

@@ -26,7 +26,7 @@ class Fit:
         theta: Coefficients, (k,).
         stack: Weighted A, (rows n, k).
         target: Weighted b, (rows n,).
-        basis: Orthonormal columns that span the weighted A, (rows n, k).
+        axes: ``A axes`` are orthonormal columns that span the weighted A, (k, r).
         residual: Weighted residual, (rows n,).
         scale: ``1/√φ_j``, (n,); the dispersion φ is residual power over predicted noise power.
         information: ``(AᵀWA)⁻¹``, (k, k).
@@ -37,7 +37,7 @@ class Fit:
     theta: Array
     stack: Array
     target: Array
-    basis: Array
+    axes: Array
     residual: Array
     scale: Array
     information: Array
@@ -63,15 +63,25 @@ class Fit:
         return float(self.residual @ self.residual)
 
     @cached_property
+    def power(self) -> Array:
+        """Weighted sum of squares of the target, per joint, (n,)."""
+        return np.sum(self.target.reshape(-1, len(self.scale)) ** 2, axis=0)
+
+    @cached_property
     def starts(self) -> NDArray[np.intp]:
         """First row of each block, (blocks,)."""
         return np.flatnonzero(np.diff(self.block, prepend=-1))
 
     @cached_property
-    def bases(self) -> list[Array]:
-        """Rows of the basis at each joint, (rows, k), side by side in memory."""
-        n = len(self.scale)
-        return [np.ascontiguousarray(self.basis[j::n]) for j in range(n)]
+    def basis(self) -> Array:
+        """Orthonormal columns that span the weighted A, (rows n, r)."""
+        return np.asarray(self.stack @ self.axes)
+
+    @cached_property
+    def felt(self) -> list[tuple[Array, Array]]:
+        """Columns of the weighted A that are not zero at each joint, (rows, s), and their axes, (s, r)."""
+        own = [self.stack[self.rows(j)] for j in range(len(self.scale))]
+        return [(np.asfortranarray(x[:, there]), self.axes[there]) for x in own for there in [np.any(x != 0, axis=0)]]
 
     def rows(self, joint: int | None) -> slice:
         """Weighted rows of a joint; None: of all."""
@@ -87,7 +97,8 @@ class Fit:
 
     def along(self, weighted: Array, joint: int | None) -> Array:
         """Components of weighted columns of a joint along the fitted ones, (k, c)."""
-        return (self.basis if joint is None else self.bases[joint]).T @ weighted
+        columns, axes = (self.stack, self.axes) if joint is None else self.felt[joint]
+        return np.asarray(axes.T @ (columns.T @ weighted))
 
     def by_block(self, values: Array) -> Array:
         """Sum rows (rows n, c) over each block, (blocks, c)."""
@@ -118,7 +129,7 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     _, values, right = np.linalg.svd(factor / unit, full_matrices=False)
     seen = values > 1e-10 * values[0]
     axes = (right[seen].T / values[seen]) / unit[:, None]
-    return Fit(theta, stack, target, stack @ axes, target - stack @ theta, weight, axes @ axes.T, np.repeat(block, n))
+    return Fit(theta, stack, target, axes, target - stack @ theta, weight, axes @ axes.T, np.repeat(block, n))
 
 
 def compute_vuong_z(blocks: Array) -> float:

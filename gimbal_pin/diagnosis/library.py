@@ -9,6 +9,7 @@ import numpy as np
 
 from gimbal_pin.diagnosis.columns import Columns, get_magnitude, part_from_friction
 from gimbal_pin.diagnosis.evidence import Evidence
+from gimbal_pin.diagnosis.score import batches
 from gimbal_pin.diagnosis.state import State, is_near, resize
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
 from gimbal_pin.effects.harmonic import Harmonic
@@ -53,10 +54,13 @@ class Library:
 
     def whitened(self, old: Evidence, new: Evidence) -> Library:
         """Return a library of columns that `old` has whitened, as `new` whitens them."""
-        found = Library(self.rig, self.causes, self.of_model)
-        for cause, (read, columns) in self.built.items():
-            own = new.rewhiten(columns.own, old, columns.joint)
-            found.built[cause] = read, part_from_friction(new, replace(columns, own=own))
+        found, every = Library(self.rig, self.causes, self.of_model), list(self.built.items())
+        for batch in batches([columns for _, (_, columns) in every]):
+            some = [every[i] for i in batch]
+            together = np.concatenate([columns.own.T for _, (_, columns) in some]).T
+            rows = np.split(new.rewhiten(together, old, some[0][1][1].joint), len(batch), axis=-1)
+            for (cause, (read, columns)), own in zip(some, rows):
+                found.built[cause] = read, part_from_friction(new, replace(columns, own=own))
         return found
 
     def columns(self, state: State, place: str | None = None) -> list[Columns]:

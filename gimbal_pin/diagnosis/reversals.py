@@ -109,7 +109,7 @@ def find_shifts(state: State) -> Array:
     for j in range(n):
         rising = [np.gradient(x[:, j], part.dt) for x, part in zip(state.torque, evidence.parts)]
         column = evidence.whiten(rising, j) * now.scale[j]
-        left, basis = now.residual[j::n], now.bases[j]
+        left, basis = now.residual[j::n], now.basis[j::n]
         alone = column - basis @ (basis.T @ column)
         delay = float(column @ left) / max(float(column @ alone), 1e-300)
         scores = np.add.reduceat(alone * (left - delay * alone), now.starts // n)

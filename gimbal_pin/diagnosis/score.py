@@ -10,13 +10,12 @@ import numpy as np
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.fit import Fit
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Flags
 
 OVERDONE = 2.0
-"""Torque of a cause over all that its joints carry from which it is none."""
+"""Torque of a cause over all that its joints carry from which it is none: it only works against the model."""
 
 
-BATCH = 16
+BATCH = 48
 """Candidates that are computed at once: more do not stay in the processor's own memory."""
 HIDDEN = 1e-3
 """Share of a column's power below which the base columns hide it: three hundredths of its size."""
@@ -62,22 +61,26 @@ def gained_alike(now: Fit, candidates: Sequence[Columns], fixed: bool) -> list[G
     """
     joint, c = candidates[0].joint, candidates[0].width
     S, rows = weigh_together(now, candidates), now.rows(joint)
-    whole, target, residual = products(S, c), now.target[rows], now.residual[rows]
-    along = now.along(S, joint)
-    gram, s = whole - products(along, c), (residual @ S).reshape(-1, c)
+    whole, along = products(S, c), now.along(S, joint)
+    gram, s = whole - products(along, c), (now.residual[rows] @ S).reshape(-1, c)
     own = fitting(gram, s)
     lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
     visible = share(gram, whole) * np.array([one.bulk for one in candidates])
-    torque = (own[:, None] @ each(S, c))[:, 0]
+    power = quadratic(whole, own) - compute_shared_power(S, own, candidates)
     wrong = (
         np.any((own < lower) | (own > upper), axis=1)
-        | is_overdone(target, take_out_shared(torque, candidates))
+        | (power > OVERDONE**2 * measure_target(now, candidates))
         | (visible < HIDDEN)
     )
     beta = np.ones_like(own) if fixed else own
-    gain = np.sum(beta * (2 * s - (gram @ beta[..., None])[..., 0]), axis=1)
+    gain = 2 * np.sum(beta * s, axis=1) - quadratic(gram, beta)
     every, nothing = map(Gained, gain.tolist(), beta, own, visible.tolist()), np.zeros(0)
     return [Gained(0.0, nothing, nothing, one.visible) if none else one for one, none in zip(every, wrong)]
+
+
+def quadratic(gram: Array, beta: Array) -> Array:
+    """``βᵀ G β``, (k,), of each G, (k, c, c), and β, (k, c)."""
+    return np.asarray(np.sum(beta * (gram @ beta[..., None])[..., 0], axis=1))
 
 
 def weigh_together(now: Fit, candidates: Sequence[Columns]) -> Array:
@@ -142,22 +145,21 @@ def share(left: Array, whole: Array) -> Array:
     return np.divide(np.trace(left, axis1=1, axis2=2), size, out=np.zeros(len(size)), where=size > NIL)
 
 
-def take_out_shared(torques: Array, candidates: Sequence[Columns]) -> Array:
-    """Torques of candidates, (k, rows), without what of them the friction that they share with the model takes back.
+def compute_shared_power(S: Array, own: Array, candidates: Sequence[Columns]) -> Array:
+    """Power of what the friction that candidates share with the model takes back of their torques, (k,).
 
     Over part of a turn the cosine of an angle is nearly one: friction that varies there by a little is the difference
     of two that are large, and how large is the formula's choice.
     """
-    out = torques.copy()
-    for torque, y in zip(out, (one.shared for one in candidates)):
-        if y is not None:
-            torque -= y * (y @ torque) / max(float(y @ y), NIL)
-    return out
+    power = np.zeros(len(candidates))
+    for k, (columns, one) in enumerate(zip(each(S, own.shape[1]), candidates)):
+        if (y := one.shared) is not None:
+            power[k] = (own[k] @ (columns @ y)) ** 2 / max(float(y @ y), NIL)
+    return power
 
 
-def is_overdone(target: Array, torque: Array) -> Flags:
-    """Whether causes, (k, rows), take far more torque than there is where they act: they only work against the model.
-
-    ``Σ τ² > OVERDONE² Σ target²`` over the rows where τ is not zero.
-    """
-    return np.asarray(np.sum(torque**2, axis=1) > OVERDONE**2 * ((torque != 0).astype(float) @ target**2))
+def measure_target(now: Fit, candidates: Sequence[Columns]) -> Array:
+    """``Σ target²`` over the joints at which each of some candidates acts, (k,)."""
+    if (joint := candidates[0].joint) is not None:
+        return np.full(len(candidates), now.power[joint])
+    return np.array([np.any(one.own != 0, axis=(0, 2)) @ now.power for one in candidates])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import fields
-from functools import partial
+from functools import lru_cache, partial
 from math import log
 
 from gimbal_pin.diagnosis.state import State, width
@@ -83,6 +83,7 @@ def moved(cause: Cause, name: str, factor: float) -> Cause | None:
     return cause.moved(name, value) if shape.lower <= value <= shape.upper else None
 
 
+@lru_cache(1 << 14)
 def free(cause: Cause) -> int:
     """Coefficients and continuous shape parameters of a cause."""
     return width(cause) + len(shape_names(cause))

@@ -228,10 +228,10 @@ class State:
             if signal.springy:
                 every.append(signal.felt(np.zeros((len(noise), 1)), noise[:, None], part.dt)[:, 0])
             power = average_power(part.transform(np.stack(every).T, joint))
-            share = np.minimum(ratio(power[:, 3], power[:, 1]), ratio(power[:, 2], power[:, 0]))
+            share = np.minimum(ratio(power[3], power[1]), ratio(power[2], power[0]))
             if signal.springy:
                 shaken = np.minimum(part.shaken[joint] * part.whitener[joint] ** 2, 1.0)[: len(share)]
-                share += shaken * (ratio(power[:, 4], power[:, 1]) - share)
+                share += shaken * (ratio(power[4], power[1]) - share)
             shares.append(np.pad(share, (0, part.whitener.shape[1] - len(share)), mode="edge"))
         return shares
 
@@ -307,9 +307,9 @@ class State:
 
 
 def average_power(spectrum: Array) -> Array:
-    """Mean power of some spectra, (f, k), over each few frequencies inside the band, (f', k)."""
-    inside = int(INSIDE * len(spectrum)) // WIDTH * WIDTH
-    return np.asarray(np.mean(np.abs(spectrum[:inside].reshape(-1, WIDTH, spectrum.shape[1])) ** 2, axis=1))
+    """Mean power of some spectra, (k, f), over each few frequencies inside the band, (k, f')."""
+    inside = int(INSIDE * spectrum.shape[1]) // WIDTH * WIDTH
+    return np.asarray(np.mean(np.abs(spectrum[:, :inside].reshape(len(spectrum), -1, WIDTH)) ** 2, axis=2))
 
 
 def ratio(after: Array, before: Array) -> Array:
@@ -351,7 +351,7 @@ def solved(problem: Problem, causes: Sequence[Cause], before: State | None = Non
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
     built = (problem.build(c, build_stand(rig, causes, c), load, acting) for c in effects)
     A = np.concatenate([problem.rigid, *built], axis=2)
-    now = fit(A, b, evidence.used(), evidence.block, before.fit.scale if before and keep else None, problem.luck)
+    now = fit(A, b, evidence.used, evidence.block, before.fit.scale if before and keep else None, problem.luck)
     total = predict_torque(problem, effects, now.theta, load)
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
     rig, alike = refit_rig(problem, now.theta), before if keep else None

@@ -81,7 +81,7 @@ def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
         before = gather(rig, [log], ALIGNED)
         after = open_turns(before, solved(Problem.of(before, reduce_parameters(rig)), ()), ALIGNED)
         assert np.all(after.parts[0].gate >= before.parts[0].gate)
-        assert bool(np.any(after.used() > before.used() + 0.02)) == opens
+        assert bool(np.any(after.used > before.used + 0.02)) == opens
 
 
 @pytest.mark.parametrize("late", [-1, 0, 1])
@@ -91,7 +91,7 @@ def test_a_torque_that_acts_at_another_time_is_told_and_opens_no_turn(rig: Rig, 
     before = gather(rig, [log], ALIGNED)
     state = solved(Problem.of(before, reduce_parameters(rig)), ())
     np.testing.assert_allclose(find_shifts(state), abs(late) * log.dt, atol=0.15 * log.dt)
-    assert bool(np.any(open_turns(before, state, ALIGNED).used() > before.used() + 0.02)) == (late == 0)
+    assert bool(np.any(open_turns(before, state, ALIGNED).used > before.used + 0.02)) == (late == 0)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4])

@@ -140,7 +140,7 @@ def test_a_log_in_shreds_is_judged_by_its_samples() -> None:
     found = gather_for_judgement(RIG, [shreds], band)
     for part in found.parts:
         assert part.channels.lost is not None and np.all(part.gate[part.channels.lost] == 0.0)
-    assert np.all(found.used() > 0.1)
+    assert np.all(found.used > 0.1)
     assert gather_for_judgement(RIG, [log], band).seconds == gather(RIG, [log], band).seconds
 
 

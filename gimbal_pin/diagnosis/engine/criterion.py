@@ -38,7 +38,7 @@ off than that."""
 def rows(state: State) -> Array:
     """Return how many rows of each joint tell, (n,)."""
     evidence = state.problem.evidence
-    return np.asarray(evidence.rows * np.maximum(evidence.used(), 1e-3))
+    return np.asarray(evidence.rows * np.maximum(evidence.used, 1e-3))
 
 
 def criterion(state: State) -> float:

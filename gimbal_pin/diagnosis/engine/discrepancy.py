@@ -154,7 +154,7 @@ def lack_of_fit(state: State, joint: int) -> Lack:
     They move within the same ridge: free, a few blocks would send them far off where those were left out.
     """
     evidence, rows = state.problem.evidence, state.fit.rows(joint)
-    used = float(evidence.used()[joint])
+    used = float(evidence.used[joint])
     if used * evidence.rows < state.fit.stack.shape[1]:  # a joint that stands shows nothing
         return Lack(0.0, 0.0, 0.0)
     residual, stack = (x[rows] / state.fit.scale[joint] for x in (state.fit.residual, state.fit.stack))

@@ -60,16 +60,15 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
     """
     evidence, now = problem.evidence, problem
     n = evidence.rig.n
-    none = np.zeros((evidence.rows, 0))
-    own = [np.concatenate([none, *(c.at(j).own for c in candidates if c.joint in (None, j))], axis=1) for j in range(n)]
+    every = [[c.at(j).own for c in candidates if c.joint in (None, j)] for j in range(n)]
+    flexible = [np.concatenate([*own, features(evidence, state.torque, j)], axis=1) for j, own in enumerate(every)]
     for _ in range(PASSES):
         fitted = solved(now, state.causes, state)
         power: list[list[Array]] = []
         for j in range(n):
-            rows, used = fitted.fit.rows(j), float(now.evidence.used()[j])
+            rows, used = fitted.fit.rows(j), float(now.evidence.used[j])
             stack, target = (x[rows] / fitted.fit.scale[j] for x in (fitted.fit.stack, fitted.fit.target))
-            flexible = [now.evidence.rewhiten(own[j], evidence, j), features(now.evidence, fitted.torque, j)]
-            error = unseen(stack, np.concatenate(flexible, axis=1), target, now.evidence.block)
+            error = unseen(stack, now.evidence.rewhiten(flexible[j], evidence, j), target, now.evidence.block)
             noise = spectra(error, now.evidence, j, exponential)
             shares = fitted.pass_all_noise(j)  # the noise is the measured torque's, before the drives' signals
             power.append([x / p / max(used, 1e-3) for x, p in zip(noise, shares)])

@@ -167,7 +167,7 @@ def completed(state: State, cause: Cause, search: Search) -> Cause:
     step of the search each.
     """
     like = [one for one in search.shelf.columns(state) if same(one.cause, cause)]
-    used, found = state.problem.evidence.used(), search.shelf.of(cause, state)
+    used, found = state.problem.evidence.used, search.shelf.of(cause, state)
     assert found.joint is not None
     fit = refit(state.fit, found.own, found.joint, used)
     while len(cause.pieces) < MOST_PIECES:
