@@ -13,7 +13,7 @@ from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
 from gimbal_pin.checks.torque_time import find_shifted_torques, find_time_fault, report_shifts
 from gimbal_pin.diagnosis.agreement import add_reason, fit_each_log, test_log_consistency
 from gimbal_pin.diagnosis.band import alternate_blocks, usual
-from gimbal_pin.diagnosis.counterfactual import SensorContext, add_sensor_findings
+from gimbal_pin.diagnosis.counterfactual import add_sensor_findings
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
@@ -171,8 +171,7 @@ def searched(
     said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
     state = said.state
     assert state is not None
-    encoders = {one.log.name: one.encoders for one in checked}
-    said = add_sensor_findings(said, SensorContext(state, held, train, test, wholes, filtering), encoders)
+    said = add_sensor_findings(said, checked, train, test, filtering)
     return compare_given_model(said, state, causes)
 
 

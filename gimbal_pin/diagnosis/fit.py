@@ -132,11 +132,6 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     return Fit(theta, stack, target, axes, target - stack @ theta, weight, axes @ axes.T, np.repeat(block, n))
 
 
-def compute_vuong_z(blocks: Array) -> float:
-    """``Σ_b d_b/(√B std d_b)``, in deviations, of what each block tells of two models, (blocks,)."""
-    return float(blocks.sum() / max(np.sqrt(len(blocks)) * blocks.std(ddof=1), 1e-12))
-
-
 def least(R: Array, weight: Array) -> Array:
     """Least squares of what `triangles` returns, the joints weighted, (k,)."""
     rows = (R * weight[:, None]).reshape(-1, R.shape[-1])

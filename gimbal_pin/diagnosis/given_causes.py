@@ -21,8 +21,9 @@ from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import BaseDifference
 from gimbal_pin.identification.difference import LEAST_KEPT
+from gimbal_pin.identification.payload import DEVIATIONS
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import find_base_columns
+from gimbal_pin.regression import Flags, find_base_columns
 from gimbal_pin.rig.rig import Rig
 
 _ERROR_RATE = 0.01
@@ -92,6 +93,10 @@ class FittedForms(NamedTuple):
     def causes(self) -> dict[Form, RigEffect]:
         """The causes with their figures."""
         return {form: form.build(x) for form, x in self.values.items()}
+
+    def is_known(self, form: Form) -> Flags:
+        """Which figures of a cause are known to two deviations, (p,)."""
+        return np.asarray(np.abs(self.values[form]) > DEVIATIONS * self.std[form])
 
     def compute_odds(self, other: FittedForms) -> float:
         """``(s' - s)/2φ + (k' - k)/2 log b``: logarithm of the odds of these causes over others (Schwarz 1978)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -13,15 +13,9 @@ from scipy.stats import norm
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import build_extended_model, settle_causes
 from gimbal_pin.diagnosis.gain import compare_errors, measure_errors
-from gimbal_pin.diagnosis.given_causes import (
-    Form,
-    GivenCauses,
-    GivenResponse,
-    change_rig,
-    find_given_causes,
-)
+from gimbal_pin.diagnosis.given_causes import Form, GivenCauses, GivenResponse, change_rig, find_given_causes
 from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untestable, list_nearest
-from gimbal_pin.diagnosis.state import State
+from gimbal_pin.diagnosis.state import Problem, State
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause, RigEffect
 from gimbal_pin.errors import GimbalPinError, digits
@@ -41,7 +35,6 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     FORM_ERROR,
     Filtering,
-    Flags,
     MotionNoise,
     build_discrepancy_columns,
     fit_misfit,
@@ -85,14 +78,12 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     """
     difference = compute_difference(state)
     hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
-    inertias = describe_inertias(difference, state.problem.motion.inertia, hidden, state.problem.motion_noise)
-    found = replace(found, notes=(*found.notes, *inertias))
+    found = replace(found, notes=(*found.notes, *_describe_inertias(difference, state.problem, hidden)))
     if difference.rig.config.inertia != "trusted" or found.held is None:
         return found
     case = _Case(state, GivenResponse(difference), find_given_causes(difference, causes), found.held)
-    share = {
-        form: _compute_torque_share(case, form) for form in case.found.best.values if _find_known(case, form).any()
-    }
+    best = case.found.best
+    share = {form: _compute_torque_share(case, form) for form in best.values if best.is_known(form).any()}
     more = [_describe_finding(case, form, size) for form, size in share.items() if size.max() > FORM_ERROR]
     less = [Slight(*form.place, float(size.max())) for form, size in share.items() if size.max() <= FORM_ERROR]
     return replace(found, findings=(*found.findings, *more), immaterial=(*found.immaterial, *less))
@@ -125,36 +116,31 @@ def state_payload_with_causes(
     return state_payload(compute_difference(found.state), mass)
 
 
-def describe_inertias(
-    found: BaseDifference, rows: Array, hidden: Sequence[Untestable] = (), noise: MotionNoise | None = None
-) -> tuple[str, ...]:
-    """``m_j = mean over poses of M_jj``, refitted over given: a sentence for each joint where that is not one.
+def _describe_inertias(found: BaseDifference, problem: Problem, hidden: Sequence[Untestable]) -> Iterator[str]:
+    """``m_j = mean over poses of M_jj``, refitted over given: yield a sentence for each joint where that is not one.
 
     Where a log cannot tell a motor's constant gain from the inertias that it moves, this is all that shows of it.
 
     Args:
         found: Refitted less given base parameters.
-        rows: Base parameters → each joint's mean inertia about its axis, (n, b): see `Problem.inertia`.
+        problem: The logs.
         hidden: What the logs cannot show: what of it sits at the joint may be the reason.
-        noise: How noise in the motion attenuates the inertias; None: not at all.
     """
-    before, out = given_beta(found.rig, found.reduction), []
-    for j, (joint, row) in enumerate(zip(found.rig.joints, rows)):
+    before, noise = given_beta(found.rig, found.reduction), problem.motion_noise
+    for j, (joint, row) in enumerate(zip(found.rig.joints, problem.motion.inertia)):
         whole = float(row @ before)
         change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
         if not (abs(change) > _LEAST_CHANGE and 2 * norm.sf(abs(change) / std) < FALSE_ALARM):
             continue
         if not is_physical_inertia(whole * (1 + change)):
-            out.append(f"{joint}: the log does not determine the inertia about its axis; {IMPOSSIBLE}")
-            continue
-        if noise is not None and noise.is_hiding[j]:
-            out.append(found.rig.in_units(joint, f"{joint}: {_describe_attenuation(noise, j)}"))
-            continue
-        less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
-        others = [one.cause for one in hidden if one.joint == joint]
-        instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
-        out.append(f"{joint}: the inertia about its axis is {less} than the URDF's{instead}")
-    return tuple(out)
+            yield f"{joint}: the log does not determine the inertia about its axis; {IMPOSSIBLE}"
+        elif noise.is_hiding[j]:
+            yield found.rig.in_units(joint, f"{joint}: {_describe_attenuation(noise, j)}")
+        else:
+            less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
+            others = [one.cause for one in hidden if one.joint == joint]
+            instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
+            yield f"{joint}: the inertia about its axis is {less} than the URDF's{instead}"
 
 
 def _describe_attenuation(noise: MotionNoise, joint: int) -> str:
@@ -176,12 +162,6 @@ class _Case(NamedTuple):
     held: Evidence
 
 
-def _find_known(case: _Case, form: Form) -> Flags:
-    """Which figures of a cause are known to two deviations, (p,)."""
-    best = case.found.best
-    return np.asarray(np.abs(best.values[form]) > DEVIATIONS * best.std[form])
-
-
 def _compute_torque_share(case: _Case, form: Form) -> Array:
     """Torque that a cause makes, as a share of each joint's, rms, (n,)."""
     problem = case.state.problem
@@ -192,26 +172,26 @@ def _compute_torque_share(case: _Case, form: Form) -> Array:
 
 def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
     """Describe one cause; before and after are the given URDF without and with it, all the rest as it was found."""
-    rig, causes = case.held.rig, case.found.best.causes
-    at = rig.joint_index(form.joint) if form.kind.of_joint else int(np.argmax(share))
-    stated = [x for one, x in causes.items() if one is not form], list(causes.values())
+    rig, best = case.held.rig, case.found.best
+    at = form.joint if form.kind.of_joint else rig.joints[int(np.argmax(share))]
+    stated = [x for one, x in best.causes.items() if one is not form], list(best.causes.values())
     errors = [measure_errors(case.held, _build_stated_model(case, x)) for x in stated]
-    gain = compare_errors(errors[0], errors[1], rig.joints[at])
+    gain = compare_errors(errors[0], errors[1], at)
     before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
-    told = form.build(np.where(_find_known(case, form), case.found.best.values[form], 0.0))
+    told = form.build(np.where(best.is_known(form), best.values[form], 0.0))
     gained = f"held-out torque error of the given model {before:.3g} → {after:.3g} N m"
-    std = dict(zip((name for name, _ in form.start), case.found.best.std[form].tolist()))
+    std = dict(zip((name for name, _ in form.start), best.std[form].tolist()))
     return Finding(
         cause=form.kind.name,
         joint=form.place[1],
         parameters=tuple(
             replace(p, std=std.get(p.name, float("nan")), unit=rig.in_units(form.place[1], p.unit))
-            for p in causes[form].shown()
+            for p in best.causes[form].shown()
         ),
         gain=gain,
         p_value=case.found.p_values[form],
         explained_share=1 - after**2 / max(before**2, 1e-300),
-        sentence=f"{rig.in_units(form.place[1], told.told(rig))}; {rig.in_units(rig.joints[at], gained)}",
+        sentence=f"{rig.in_units(form.place[1], told.told(rig))}; {rig.in_units(at, gained)}",
         experiment=form.kind.experiment,
         rivals=_compare_rivals(case, form),
     )
