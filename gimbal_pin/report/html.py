@@ -5,11 +5,9 @@ What is not `Markup` is escaped.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from itertools import chain, count
 from typing import Any
 
 from markupsafe import Markup
@@ -51,8 +49,7 @@ class Card:
 
 def render(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
     """Return the page of some sections: no script or picture from elsewhere, every text escaped."""
-    entries = list(zip(anchors([section.title for section in sections]), sections))
-    return template("gimbal_pin.report", "report.html.j2", title=title, subtitle=subtitle, entries=entries)
+    return template("gimbal_pin.report", "report.html.j2", title=title, subtitle=subtitle, sections=sections)
 
 
 def template(package: str, name: str, **values: Any) -> str:
@@ -65,16 +62,6 @@ def template(package: str, name: str, **values: Any) -> str:
 
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     return environment.from_string(files(package).joinpath(name).read_text(encoding="utf-8")).render(**values)
-
-
-def anchors(titles: Sequence[str]) -> list[str]:
-    """Return a distinct name per title that an address can point to."""
-    found: list[str] = []
-    for title in titles:
-        plain = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "section"
-        others = (f"{plain}-{k}" for k in count(2))
-        found.append(next(name for name in chain([plain], others) if name not in found))
-    return found
 
 
 def paragraph(text: Content, kind: str = "") -> Markup:

@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 from tqdm import tqdm
 
 from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.tracking import Tracking
-from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.diagnosis import Diagnosis
-from gimbal_pin.identification import Identified, PayloadStatement
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.verify import Verified
@@ -25,10 +24,12 @@ from gimbal_pin.report.sections.control import margins, tracking
 from gimbal_pin.report.sections.data import data, rig_section
 from gimbal_pin.report.sections.diagnosis import WRONG, diagnosis
 from gimbal_pin.report.sections.model import parameters, torque
-from gimbal_pin.report.summary import Summary
 from gimbal_pin.report.view.onboard import onboard
 from gimbal_pin.report.view.outlook import outlook, shown
 from gimbal_pin.rig.rig import Rig
+
+if TYPE_CHECKING:
+    from gimbal_pin.report.pipeline import Auto
 
 STEPS = "All axes to and fro under {}; the ghost is the reference."
 HELD = "The plant is {}; the controllers know the model and no more, with gains of their own for holding a camera."
@@ -38,54 +39,24 @@ SCENE = "The platform turns, the camera stands; in blue the same rig with its jo
 OTHER = "Camera, recorded motion"
 
 
-def full(
-    rig: Rig,
-    logs: Sequence[Log],
-    found: Identified,
-    tuning: Tuning,
-    result: Tracking,
-    judged: Judgement,
-    payload: PayloadStatement,
-    recording: str,
-    head: Summary,
-    wrong: Diagnosis | None = None,
-    plant: str = "the identified model",
-    held: Verified | None = None,
-    held_on: str = "the identified model",
-    why: str = "",
-    undiagnosed: str = "",
-) -> str:
+def full(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> str:
     """Return the report of a whole run, from logs to a tuned controller, as HTML.
 
-    Args:
-        rig: The rig.
-        logs: Its logs.
-        found: The model from them.
-        tuning: The controller that the recording shows.
-        result: Steps with it and its rival.
-        judged: The same on perturbed plants.
-        payload: What the log says of the payload.
-        recording: The page of the animation.
-        head: What was found, what to do and what not to trust.
-        wrong: What the model gets wrong, if that could be told; `undiagnosed` says why not.
-        plant: What the steps were simulated on, within a sentence.
-        held: The camera held on a platform, if that can be; `why` says why not.
-        held_on: What the camera was held on, within a sentence.
-        why: Why it was not held.
-        undiagnosed: Why the logs were not diagnosed.
+    `recording`: the page of the animation, which shows the controller that was asked for.
     """
-    evaluated, law = evaluate(found, logs), tuning.wish.kind
+    own, law = found.identified, controller_name(found.tuning.wish.kind)
+    evaluated, wrong, held = evaluate(own, logs), found.diagnosis, found.held
     steps: list[Callable[[], Section]] = [
-        lambda: head.section,
+        lambda: found.summary.section,
         *([] if wrong is None else [partial(diagnosis, wrong)]),
-        *([partial(Section, WRONG, paragraph(NOT_DIAGNOSED.format(undiagnosed)))] if undiagnosed else []),
-        lambda: animation(recording, STEPS.format(controller_name(law))),
-        lambda: parameters(found, evaluated, payload),
-        lambda: torque(found, evaluated),
-        lambda: margins(tuning),
-        lambda: tracking(result, rig, plant, judged),
-        *([] if held is None else [partial(pointing, held, HELD.format(held_on))]),
-        *([partial(Section, "Camera", paragraph(NOT_HELD.format(why)))] if why and rig.aims else []),
+        *([partial(Section, WRONG, paragraph(NOT_DIAGNOSED.format(found.undiagnosed)))] if found.undiagnosed else []),
+        lambda: animation(recording, STEPS.format(law)),
+        lambda: parameters(own, evaluated, found.payload),
+        lambda: torque(own, evaluated),
+        lambda: margins(found.tuning),
+        lambda: tracking(found.tracking, rig, found.plant, found.judged),
+        *([] if held is None else [partial(pointing, held, HELD.format(found.held_on))]),
+        *([partial(Section, "Camera", paragraph(NOT_HELD.format(found.why)))] if found.why and rig.aims else []),
         lambda: data(rig, logs),
         lambda: rig_section(rig),
     ]

@@ -234,30 +234,13 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
     """Write every file; return the notes of `write_run`."""
     identified, wrong = found.identified, found.diagnosis
     animation = view.record(rig, found.animated)
-    page = pages.full(
-        rig,
-        logs,
-        identified,
-        found.tuning,
-        found.tracking,
-        found.judged,
-        found.payload,
-        animation,
-        found.summary,
-        wrong,
-        found.plant,
-        found.held,
-        found.held_on,
-        found.why,
-        found.undiagnosed,
-    )
     writers: dict[str, Callable[[Path], object]] = {
         "model": partial(write_model, identified),
         "urdf": partial(atomic_write, content=(found.beside or identified).to_urdf()),
         "controller": partial(write_yaml, found.tuning.to_dict()),
         "motion": partial(write_log, found.animated),
         "animation": partial(atomic_write, content=animation),
-        "report": partial(atomic_write, content=page),
+        "report": partial(atomic_write, content=pages.full(rig, logs, found, animation)),
         "results": partial(write_json, found.to_dict()),
     }
     if found.held is not None:

@@ -176,16 +176,12 @@ def thinned(t: Array, values: Array, most: int = POINTS) -> tuple[Array, Array]:
     """
     if len(t) <= most:
         return t, values
-    edges = np.linspace(0, len(t), most // 3 + 1).astype(int)
-    keep: set[int] = set()
-    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist()):
-        stretch = values[first:last]
-        gaps = np.flatnonzero(np.isnan(stretch))
-        if len(gaps):
-            keep.add(first + int(gaps[0]))
-        if len(gaps) < len(stretch):
-            keep |= {first + int(np.nanargmin(stretch)), first + int(np.nanargmax(stretch))}
-    places = np.array(sorted(keep))
+    import pandas as pd
+
+    series, stretch = pd.Series(values), np.arange(len(t)) * (most // 3) // len(t)
+    drawn, gaps = series.dropna(), np.flatnonzero(series.isna())
+    each, (_, first) = drawn.groupby(stretch[drawn.index]), np.unique(stretch[gaps], return_index=True)
+    places = np.unique(np.concatenate([gaps[first], each.idxmin(), each.idxmax()]).astype(int))
     return t[places], values[places]
 
 

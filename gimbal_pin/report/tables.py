@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
+from gimbal_pin.errors import digits
 from gimbal_pin.report.format import (
     DASH,
     NORMAL_95,
@@ -33,9 +34,10 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding, Residual
+    from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.identification import Agreement, Identified
     from gimbal_pin.log.io.inspection import Channel
-    from gimbal_pin.pointing.result import Contest
+    from gimbal_pin.pointing.result import Contest, Row
     from gimbal_pin.pointing.verify import Verified
     from gimbal_pin.report.evaluation import Evaluated, Known
     from gimbal_pin.report.format import Joint
@@ -194,6 +196,34 @@ def state_probability(finding: Finding) -> str:
     """How probable a finding's cause is, of all that were fitted in its place."""
     chance = finding.probability
     return "" if chance is None else f"probability {'over 99.9' if chance > 0.999 else figures(100 * chance)} %"
+
+
+def state_size(figure: Parameter) -> str:
+    """A figure with its standard deviation."""
+    return f"{figure.name} {digits(figure.value, 4)} ± {digits(figure.std, 2)}{figure.in_units}"
+
+
+def state_sizes(finding: Finding) -> str:
+    """A finding's figures with their deviations; where the log tells them only together, that it does."""
+    from gimbal_pin.diagnosis.result import TOGETHER as TOLD_TOGETHER
+
+    sized = ", ".join(map(state_size, finding.sized))
+    loose = ", ".join(f"{p.name} {digits(p.value, 4)}{p.in_units}" for p in finding.unsized)
+    return sized or (f"{loose}: {TOLD_TOGETHER}" if loose else "")
+
+
+def list_unnamed(found: Diagnosis) -> list[str]:
+    """Say what a diagnosis does not name: what is too small to matter, and what its logs cannot show."""
+    small = [f"{one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)" for one in found.immaterial]
+    hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
+    said = {"too small to matter": small, "this log cannot show": hidden}
+    return [f"{what}: {', '.join(names)}" for what, names in said.items() if names]
+
+
+def list_swings(who: str, row: Row) -> list[str]:
+    """Say which joints a controller makes swing by themselves: such a controller's figures say nothing."""
+    sizes = [f"{s.joint} at {digits(s.hz, 2)} Hz with {digits(100 * s.share, 2)} %" for s in row.swings]
+    return [f"{who} is unstable, it swings by itself: {', '.join(sizes)} of the torque limit"] if sizes else []
 
 
 def rivals(finding: Finding) -> Table:
@@ -366,6 +396,25 @@ def contest(found: Contest) -> Table:
         rows.append([*cells, describe_limits(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"])
     head = ["Controller", "Jitter, rms", "Largest", "Drift", *(f"{joint}, N m rms" for joint in joints)]
     return Table([*head, "At torque limit, of the time"], rows, label="Controllers on the platform")
+
+
+def list_demand(found: Verified) -> list[str]:
+    """Say what a recorded motion asks of motors too weak for it, and how still the camera is where they are not."""
+    demand = found.demand
+    if demand is None:
+        return []
+    limits = dict(zip(demand.joints, demand.tau_max.tolist()))
+    weak = ", ".join(f"{j} for up to {digits(demand.peak[j])} N m of its {limits[j]:g}" for j in demand.weak)
+    when = ", ".join(f"{first:.1f}" + f" to {last:.1f}" * (last - first > 0.1) for first, last in demand.moments)
+    apart = demand.apart(found.contests[-1])
+    rest = ", ".join(f"{controller_name(name)} {angle(size)}" for name, size in apart.items())
+    still = "none is left, they fill the run" if any(map(isnan, apart.values())) else rest
+    lines = [f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {still}"]
+    if isnan(demand.least["unforeseen"]):
+        return lines
+    blind, seeing = (angle(demand.least[name]) for name in ("unforeseen", "foreseen"))
+    bound = f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"
+    return [*lines, f"{bound}, unless it rolls the camera instead"]
 
 
 def equal_margins(found: Verified) -> Table:

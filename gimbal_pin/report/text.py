@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from gimbal_pin.diagnosis.result import Finding
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
-    from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.excitation import AssumedLimit, Excitation, ExpectedEstimate
     from gimbal_pin.export import Exported
     from gimbal_pin.identification import Agreement, Identified, PayloadStatement, Progress
@@ -186,7 +185,7 @@ def inspected(found: Inspected, altered: Sequence[Alteration] = ()) -> str:
 def identified(found: Identified, payload: PayloadStatement) -> str:
     """Parameters with uncertainty, accuracy, the payload's place and mass, and how to balance it."""
     warned = (f"warning: {said}" for said in found.warnings)
-    return "\n".join([*warned, *described(found), *(describe_payload(payload) if found.model.rig.aims else [])])
+    return "\n".join([*warned, *describe_model(found), *(describe_payload(payload) if found.model.rig.aims else [])])
 
 
 def describe_payload(payload: PayloadStatement, caveats: str = "") -> list[str]:
@@ -194,7 +193,7 @@ def describe_payload(payload: PayloadStatement, caveats: str = "") -> list[str]:
     return [*(f"given model{caveats}: {line}" for line in payload.lines), *payload.advice]
 
 
-def described(found: Identified) -> list[str]:
+def describe_model(found: Identified) -> list[str]:
     """Parameters with uncertainty, accuracy, and the nearest bodies."""
     from gimbal_pin.regression import Method
     from gimbal_pin.report.evaluation import known
@@ -281,7 +280,7 @@ def several(found: Several) -> str:
         parts += [name, str(Table(("Parameter", "Unit", "Value", "± 95 %", "URDF"), rows, texts=2))]
         parts += [] if camera.std.all() else ["±: –: taken as its URDF says"]
         parts += [accuracy(one), *describe_payload(found.payloads[name]), ""]
-    return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", *described(found.first)])
+    return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", *describe_model(found.first)])
 
 
 def mounting(log: str, link: str, found: Mounting) -> str:
@@ -313,7 +312,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     lines = [f"verdict: {found.verdict}{doubted(found)}"]
     lines += [""] if found.spoiling or found.findings else []
     for fault in found.spoiling:
-        lines += [f"{fault.sentence}; {fault.next_experiment}", *(f"  {sized(p)}" for p in fault.answer)]
+        lines += [f"{fault.sentence}; {fault.next_experiment}", *(f"  {tables.state_size(p)}" for p in fault.answer)]
     lines += [line for finding in found.findings for line in about_finding(finding)]
     lines += [DEVIATIONS] if any("±" in line for line in lines) else []
     lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
@@ -325,11 +324,7 @@ def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     if found.after.rig.aims:
         lines += describe_payload(found.given, caveats(found))
     lines += [f"note: {note}" for note in found.notes] + list_altered(found.altered)
-    for one in found.immaterial:
-        lines.append(f"too small to matter: {one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)")
-    hidden = [f"{row.cause} at {row.joint or 'rig'}" for row in found.untestable]
-    lines += [f"this log cannot show: {', '.join(hidden)}"] if hidden else []
-    return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
+    return "\n".join(lines + tables.list_unnamed(found) + [f"{what}: {path}" for what, path in files.items()])
 
 
 def rehearsal(found: Rehearsal) -> str:
@@ -375,19 +370,10 @@ def caveats(found: Diagnosis) -> str:
 
 def about_finding(finding: Finding) -> list[str]:
     """A finding's sentence, what it could be instead, and its figures."""
-    from gimbal_pin.diagnosis.result import TOGETHER
-
     lines = [finding.sentence]
     lines += [f"  {finding.open}; try {finding.experiment}"] if finding.open else []
-    loose = ", ".join(f"{p.name} {digits(p.value, 4)}{p.in_units}" for p in finding.unsized)
-    sizes = ", ".join(map(sized, finding.sized)) or (f"{loose}: {TOGETHER}" if loose else "")
-    said = "; ".join(part for part in (tables.state_probability(finding), sizes) if part)
+    said = "; ".join(filter(None, (tables.state_probability(finding), tables.state_sizes(finding))))
     return [*lines, *([f"  {said}"] if said else [])]
-
-
-def sized(figure: Parameter) -> str:
-    """A figure with its standard deviation."""
-    return f"{figure.name} {digits(figure.value, 4)} ± {digits(figure.std, 2)}{figure.in_units}"
 
 
 def tracking_gain(found: Diagnosis) -> list[str]:
@@ -471,12 +457,13 @@ def verified(found: Verified, verbose: bool = True) -> str:
     if found.steps is not None:
         lines += ["steps", str(tables.followed(found.steps))]
     lines += [PUSHED] if any(describe_limits(row.at_limit) for _, row in every(found)) else []
-    lines += [*unstable(found), *found.slack]
+    lines += [line for who, row in every(found) for line in tables.list_swings(who, row)] + list(found.slack)
     if verbose:
         lines += ["", str(tables.equal_margins(found))] if found.loops else []
         lines += ["", str(tables.targets(found))] if found.targets else []
         lines += [f"{t.name}: {t.note}" for t in found.targets if t.note and t.value is not None]
-        lines += [*demanded(found), *budget(found)]
+        demanded = tables.list_demand(found)
+        lines += [*([""] if demanded else []), *demanded, *budget(found)]
         lines += [] if found.sweep is None or found.contest.gain is None else ["", found.sweep.sentence]
         lines += remarks(found)
     else:
@@ -515,16 +502,6 @@ def circumstances(found: Verified) -> str:
     )
 
 
-def unstable(found: Verified) -> list[str]:
-    """Who swings by itself: such a controller's figures say nothing."""
-    lines = []
-    for who, row in every(found):
-        sizes = [f"{s.joint} at {digits(s.hz, 2)} Hz with {digits(100 * s.share, 2)} %" for s in row.swings]
-        said = f"{who} is unstable, it swings by itself: {', '.join(sizes)} of the torque limit"
-        lines += [said] if sizes else []
-    return lines
-
-
 def remarks(found: Verified) -> list[str]:
     """What the fallback is, why an observer may cost more than it gains, and what the oracle bounds."""
     from gimbal_pin.control.controllers import HOLDING, ORACLE, OURS
@@ -544,25 +521,6 @@ def remarks(found: Verified) -> list[str]:
     if least < 0.97 * still.get(ORACLE, 0.0):
         lines.append(f"{ORACLE}: no bound here, as another shakes less: foreknowledge is not what its error is made of")
     return lines
-
-
-def demanded(found: Verified) -> list[str]:
-    """What a recorded motion asks of motors too weak for it, and how still the camera is where they are not."""
-    demand = found.demand
-    if demand is None:
-        return []
-    limits = dict(zip(demand.joints, demand.tau_max.tolist()))
-    weak = ", ".join(f"{j} for up to {digits(demand.peak[j])} N m of its {limits[j]:g}" for j in demand.weak)
-    when = ", ".join(f"{first:.1f}" + f" to {last:.1f}" * (last - first > 0.1) for first, last in demand.moments)
-    apart = demand.apart(found.contests[-1])
-    rest = ", ".join(f"{controller_name(name)} {angle(size)}" for name, size in apart.items())
-    still = "none is left, they fill the run" if any(map(isnan, apart.values())) else rest
-    lines = ["", f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {still}"]
-    if isnan(demand.least["unforeseen"]):
-        return lines
-    blind, seeing = (angle(demand.least[name]) for name in ("unforeseen", "foreseen"))
-    bound = f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"
-    return [*lines, f"{bound}, unless it rolls the camera instead"]
 
 
 def budget(found: Verified) -> list[str]:

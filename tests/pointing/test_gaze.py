@@ -35,7 +35,7 @@ from gimbal_pin.pointing import (
 )
 from gimbal_pin.report import figures, outlook, render
 from gimbal_pin.report import text as terminal
-from gimbal_pin.report.sections.camera import asked_for, gazes, headline, numbers, pointing
+from gimbal_pin.report.sections.camera import gazes, headline, numbers, pointing
 from gimbal_pin.report.view import afar, gaze
 from gimbal_pin.report.view.motion import poses
 from gimbal_pin.report.view.onboard import onboard
@@ -161,15 +161,19 @@ def test_a_motion_that_asks_for_more_than_a_motor_has_is_told_beside_that_motion
     tau = np.array([[4.6, -1.0, 0.5], [0.0, 0.2, -0.7]])
     demand = Demand(bundled("thesis").joints, np.arange(2.0), tau, np.array([3.6, 3.0, 3.0]), np.ones((2, 3)))
     rows = tuple(replace(row, runs=(replace(row.runs[0], platform="log"),)) for row in contest().rows)
-    said = asked_for(replace(verified(), contest=replace(contest(), rows=rows), demand=demand))
-    assert "4.60 N m of yaw, which has 3.60:" in said and "of roll" not in said
-    assert asked_for(replace(verified(), demand=demand)) == asked_for(verified()) == ""
+    found = replace(verified(), contest=replace(contest(), rows=rows), demand=demand)
+    said = pointing(found).html
+    assert "yaw for up to 4.6 N m of its 3.6" in said and "roll for up to" not in said
+    assert "yaw for up to 4.6 N m of its 3.6" in terminal.verified(found)
+    assert all(
+        "recorded motion asks" not in pointing(one).html for one in (replace(found, contest=contest()), verified())
+    )
 
 
 def test_where_motors_are_too_weak_throughout_nothing_is_left_apart_from_that() -> None:
     joints, limit = bundled("thesis").joints, bundled("thesis").tau_max
     demand = Demand(joints, 0.5 * np.arange(9.0), np.full((9, 3), 9.0), limit, np.ones((9, 3)))
-    said = "\n".join(terminal.demanded(replace(verified(), demand=demand)))
+    said = terminal.verified(replace(verified(), demand=demand))
     assert "nan" not in said and "at 0.0 to 4.0 s" in said and "none is left" in said
 
 

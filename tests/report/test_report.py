@@ -128,12 +128,16 @@ def page(walk: Walk, animation: str) -> str:
 
 def whole(walk: Walk, animation: str, **more: str) -> str:
     """Return the report of a walk."""
+    return pages.full(walk.rig, walk.logs, gather(walk, **more), animation)
+
+
+def gather(walk: Walk, why: str = "", **more: str) -> Auto:
+    """Return the results of a walk as `auto` returns them."""
     head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs, **more)
-    return pages.full(
-        *(walk.rig, walk.logs, walk.found, walk.tunings["computed-torque"], walk.result, walk.judged),
-        *(compare_payload(walk.found), animation, head),
-        **more,
-    )
+    files = {what: Path("out") / name for what, name in FILES.items()}
+    tuning = walk.tunings["computed-torque"]
+    steps = walk.found, None, walk.found.model, tuning, walk.result, walk.judged, walk.logs[0], files
+    return Auto(*steps, "the identified model", head, why=why, **more)
 
 
 def test_what_could_not_be_diagnosed_says_why(walk: Walk, page: str) -> None:
@@ -540,9 +544,7 @@ def test_a_rig_without_a_camera_hears_nothing_of_one(slid: Walk) -> None:
     assert not slid.rig.aims and Rig.load("turret").aims and Rig.load("turret", "none").aims
     payload = compare_payload(slid.found)
     assert payload.lines
-    head = summary(slid.rig, slid.found, None, slid.result, slid.logs)
-    results = slid.rig, slid.logs, slid.found, slid.tunings["computed-torque"], slid.result, slid.judged
-    shown = pages.full(*results, payload, "", head, why="its joints cannot turn sledge to where it should look")
+    shown = whole(slid, "", why="its joints cannot turn sledge to where it should look")
     words = parsed(shown).xpath("//main")[0].text_content() + str(
         parameters(slid.found, evaluate(slid.found, slid.logs), payload).html
     )
@@ -607,11 +609,8 @@ def test_the_summary_says_on_what_the_steps_were_simulated(walk: Walk) -> None:
 
 def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) -> None:
     """First what was found, what to do, and what to take care of, as the page's head has it."""
-    head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs)
-    files = {what: Path("out") / name for what, name in FILES.items()}
-    tuning = walk.tunings["computed-torque"]
-    steps = walk.found, None, walk.found.model, tuning, walk.result, walk.judged, walk.logs[0], files
-    found = Auto(*steps, "the identified model", head, why="no IMU")
+    found = gather(walk, why="no IMU")
+    head = found.summary
     brief, everything = (text.auto(found, verbose).splitlines() for verbose in (False, True))
     place, slide = found.payload.lines[0], found.payload.advice[0]
     assert brief[:3] == [f"found: {head.found}", place, slide]

@@ -594,7 +594,7 @@ def test_every_format_of_video_is_whole_or_not_there(
         assert film.size == (161, 91) and np.allclose(red, [0, 60, 120, 150], atol=8)
     assert ffmpeg.count_frames_and_secs(str(tmp_path / "film.mp4")) == (4, pytest.approx(0.4, abs=0.02))
     before = sorted(tmp_path.iterdir())
-    monkeypatch.setitem(output.ENCODERS, ".webp", ("-c:v", "no-such-codec"))
+    monkeypatch.setitem(output.ENCODERS, ".webp", "-c:v no-such-codec")
     with pytest.raises(UsageError, match="no-such-codec"):
         view.animate(lumped, log, tmp_path / "broken.webp", size=(160, 90))
     monkeypatch.setattr(output, "pictures", stop)

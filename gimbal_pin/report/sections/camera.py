@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from math import degrees, isfinite, isnan
+from math import degrees, isfinite
 
 import numpy as np
 from markupsafe import Markup
@@ -54,9 +54,11 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
     equal = "No loop crosses higher or has a smaller disk margin: bandwidth alone would win a simulation."
     if TUNED in contest.jitter:
         equal += f" Apart from {controller_name(TUNED)}, whose margins stand where it was tuned."
+    demand = tables.list_demand(found) if contest.rows[0].runs[0].platform == "log" else []
     parts: list[object] = [
         paragraph(" ".join(filter(None, [headline(contest), FAILED * found.failed, bounds])), f"headline {tone}"),
-        paragraph(" ".join(filter(None, [circumstances(contest), note, asked_for(found)]))),
+        paragraph(" ".join(filter(None, [circumstances(contest), note]))),
+        *(paragraph(f"{line[:1].upper()}{line[1:]}.") for line in demand),
         cards(numbers(found)),
         heading("What the camera sees"),
         gazes(outlook(contest, WANTED), WANTED),
@@ -108,21 +110,6 @@ def circumstances(contest: Contest) -> str:
     )
 
 
-def asked_for(found: Verified) -> str:
-    """Say which motors are too weak for a recorded motion, whoever controls them."""
-    demand = found.demand
-    if demand is None or found.contest.rows[0].runs[0].platform != "log":
-        return ""
-    limits = dict(zip(demand.joints, demand.tau_max.tolist()))
-    weak = listed(f"{figures(demand.peak[j])} N m of {j}, which has {figures(limits[j])}" for j in demand.weak)
-    said = f"At its worst the motion asks for {weak}: there no controller holds the camera."
-    blind, seeing = demand.least["unforeseen"], demand.least["foreseen"]
-    if isnan(blind):
-        return said
-    bound = f"These limits alone leave any of them {angle(blind)} rms, or {angle(seeing)} if it foresees the motion"
-    return f"{said} {bound}, unless it rolls the camera instead."
-
-
 def numbers(found: Verified) -> list[Card]:
     """Return the headline numbers."""
     best, margin = compared(found.contest)[-1], found.margins
@@ -154,12 +141,7 @@ def hardest(row: Row) -> tuple[str, float]:
 def remarks(found: Verified) -> list[Markup]:
     """Return what is compensated, what is not, who is unstable, and what happened."""
     rows = [(controller_name(row.controller), row) for row in found.contest.rows]
-    swings = [
-        f"{who}: {swing.joint} swings by itself at {figures(swing.hz, 2)} Hz, with "
-        f"{figures(100 * swing.share, 2)} % of its torque limit (rms): its figures say nothing."
-        for who, row in rows
-        for swing in row.swings
-    ]
+    swings = [f"{line}: its figures say nothing." for who, row in rows for line in tables.list_swings(who, row)]
     events = [f"{who}: {event}" for who, row in rows for event in row.happened]
     events = events if len(events) <= EVENTS else [*events[:EVENTS], f"and {len(events) - EVENTS} more, in the JSON"]
     parts = [heading("Compensated"), bullets(found.causes)] if found.causes else []

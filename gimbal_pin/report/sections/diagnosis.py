@@ -14,7 +14,7 @@ from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.counterfactual import COMPENSATION
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.gain import compute_filtered_error, describe_motion, describe_worse_tracking
-from gimbal_pin.diagnosis.result import TOGETHER, Likeness
+from gimbal_pin.diagnosis.result import Likeness
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
@@ -57,7 +57,7 @@ def diagnosis(found: Diagnosis) -> Section:
     colours = {joint.name: joint.colour for joint in joints}
     for finding in found.findings:
         likest = [one for one in found.likeness if (one.causes[0], one.joint) == (finding.cause, finding.joint)]
-        parts += described(finding, likest[:1], colours.get(finding.joint or "", plots.PLAIN), not found.spoiling)
+        parts += show_finding(finding, likest[:1], colours.get(finding.joint or "", plots.PLAIN), not found.spoiling)
     if found.planned is not None:
         parts += [heading("The next experiment"), bullets(found.planned.lines)]
     if found.held is not None:
@@ -73,11 +73,7 @@ def diagnosis(found: Diagnosis) -> Section:
             heading("The given model against the refitted one"),
             bullets((*found.given.lines, *found.given.advice)),
         ]
-    hidden = [f"{one.cause} at {one.joint or 'the rig'}" for one in found.untestable]
-    small = [f"{one.cause} at {one.joint or 'the rig'} ({digits(100 * one.share, 2)} %)" for one in found.immaterial]
-    notes = [*found.notes, *([f"Significant, and too small to matter: {listed(small)}."] if small else [])]
-    notes += [f"This log cannot show {listed(hidden)}: rigid model and friction would take it up."] if hidden else []
-    notes += list_altered(found.altered)
+    notes = [*found.notes, *tables.list_unnamed(found), *list_altered(found.altered)]
     parts += [folded("Notes", bullets(notes))] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
     return Section(WRONG, join(parts), f"Held-out errors are of the part of the log that no choice has seen{band}.")
@@ -91,14 +87,11 @@ def verdict(found: Diagnosis) -> str:
     return f"{VERDICTS[found.beside]}{more}{moved}"
 
 
-def described(finding: Finding, likest: Sequence[Likeness], colour: str, believed: bool = True) -> list[object]:
+def show_finding(finding: Finding, likest: Sequence[Likeness], colour: str, believed: bool = True) -> list[object]:
     """A finding: its sentence, its figures, what it could be instead, and which causes look like it."""
-    sizes = [f"{p.name} {figures(p.value)} ± {figures(p.std, 2)}{p.in_units}" for p in finding.sized]
-    chance = tables.state_probability(finding)
+    chance, sizes = tables.state_probability(finding), tables.state_sizes(finding)
     lines: list[Content] = [f"{chance[0].upper()}{chance[1:]}, of all causes that were fitted there."] if chance else []
-    lines += [f"{', '.join(sizes)} (± is one standard deviation)."] if sizes else []
-    loose = [f"{p.name} {figures(p.value)}{p.in_units}" for p in finding.unsized]
-    lines += [f"{', '.join(loose)}: {TOGETHER}."] if loose else []
+    lines += [f"{sizes}{' (± is one standard deviation)' if finding.sized else ''}."] if sizes else []
     if finding.open:
         lines.append(f"{finding.open[0].upper()}{finding.open[1:]}. Try {finding.experiment}.")
     cause = CAUSES.get(finding.cause)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.effects import Sample, Term
+from gimbal_pin.effects import Sample
 from gimbal_pin.identification import Identified, PayloadStatement
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
@@ -119,21 +119,6 @@ def whiskers(every: Sequence[Known], force: str) -> plots.Figure:
     return figure
 
 
-class Coefficient(NamedTuple):
-    """A term's coefficient: the term, its place in it, and its place among all parameters."""
-
-    term: Term
-    k: int
-    place: int
-
-
-def coefficients(found: Identified) -> Iterator[Coefficient]:
-    """Yield the coefficients of all terms in the order of the parameters."""
-    each = [(term, k) for term in found.model.terms for k in range(len(term.values))]
-    for place, (term, k) in enumerate(each, start=len(found.reduction.independent)):
-        yield Coefficient(term, k, place)
-
-
 def curves(found: Identified, evaluated: Evaluated) -> plots.Figure:
     """Draw every joint's effects over its rate."""
     joints = joints_of(found.model.rig)
@@ -155,9 +140,11 @@ def band(found: Identified, j: int, v: Array, slide: Array) -> tuple[Array, Arra
     """``A theta`` of one joint's effects at rates `v`, and half the width of its 95 % band, N m, (m,) each."""
     zero = np.zeros_like(v)
     at = Sample(zero, zero, v, zero, slide, zero)
-    own = [one for one in coefficients(found) if one.term.effect.joint == found.model.rig.joints[j]]
-    A = np.column_stack([one.term.effect.basis(at)[one.k] + zero for one in own])
-    places = [one.place for one in own]
+    every = [(term, k) for term in found.model.terms for k in range(len(term.values))]
+    numbered = enumerate(every, start=len(found.reduction.independent))
+    own = [(place, *one) for place, one in numbered if one[0].effect.joint == found.model.rig.joints[j]]
+    A = np.column_stack([term.effect.basis(at)[k] + zero for _, term, k in own])
+    places = [place for place, _, _ in own]
     covariance = found.estimate.covariance[np.ix_(places, places)]
     variance = np.einsum("mk,kl,ml->m", A, covariance, A)
     return A @ found.estimate.theta[places], NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
@@ -298,9 +285,11 @@ def over_rate(axes: plots.Axes, joint: Joint, v: Array, error: Array) -> None:
 
 def histogram(axes: plots.Axes, joint: Joint, error: Array) -> None:
     """Draw a joint's residuals as a histogram, and the normal distribution of the same mean and size."""
+    from scipy.stats import norm
+
     axes.hist(error, bins=int(np.clip(1.5 * len(error) ** 0.5, 8, 40)), density=True, color=joint.colour, alpha=0.45)
     mean, std = float(error.mean()), float(error.std())
     if std > 0:
         x = np.linspace(mean - 4 * std, mean + 4 * std, 120)
-        axes.plot(x, np.exp(-(((x - mean) / std) ** 2) / 2) / (std * np.sqrt(2 * np.pi)), color=plots.INK, lw=1.0)
+        axes.plot(x, norm.pdf(x, mean, std), color=plots.INK, lw=1.0)
     axes.set_yticks([])

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.log import Array, Log
@@ -145,7 +146,7 @@ def poses(model: pin.Model, q: Array, base: Array | None = None, pivot: Array | 
     if base is None:
         return Poses(position, quaternion, np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1)), np.zeros((frames, 3)), world)
     turn = np.tile(np.eye(4), (frames, 1, 1, 1))
-    turn[:, 0, :3, :3] = [pin.Quaternion(row).matrix() for row in base]
+    turn[:, 0, :3, :3] = Rotation.from_quat(base).as_matrix()
     if pivot is not None:
         turn[:, 0, :3, 3] = pivot - turn[:, 0, :3, :3] @ pivot
     return Poses(position, quaternion, base, turn[:, 0, :3, 3], turn @ world)
@@ -154,15 +155,12 @@ def poses(model: pin.Model, q: Array, base: Array | None = None, pivot: Array | 
 def placed(model: pin.Model, i: int, q: Array) -> tuple[Array, Array]:
     """Return the pose of joint `i` in its parent's frame at its positions q, (F,): (F, 4, 4), and (x, y, z, w), (F, 4).
 
-    ``X₀ (1 + sin q K + (1 - cos q) K²)`` of a joint that turns about w, K = [w]×, and ``X₀ (1 + q [v])`` of one that
-    slides along v (Rodrigues): all frames at one go, as a log of hours has a million.
+    All frames at one go, as a log of hours has a million.
     """
     start = model.jointPlacements[i]
     slide, axis = np.split(np.ravel(model.createData().joints[i].S), 2)
-    turn, shift = np.zeros((4, 4)), np.zeros((4, 4))
-    turn[:3, :3], shift[:3, 3] = pin.skew(axis), slide
-    X, sine, cosine = start.homogeneous, np.sin(q)[:, None, None], np.cos(q)[:, None, None]
-    local = X + sine * (X @ turn) + (1 - cosine) * (X @ turn @ turn) + q[:, None, None] * (X @ shift)
-    still = pin.Quaternion(start.rotation)
-    half = np.linalg.norm(axis) * q[:, None] / 2
-    return local, np.cos(half) * still.coeffs() + np.sin(half) * (still * pin.Quaternion(0.0, *axis)).coeffs()
+    turn = Rotation.from_matrix(start.rotation) * Rotation.from_rotvec(q[:, None] * axis)
+    local = np.tile(np.eye(4), (len(q), 1, 1))
+    local[:, :3, :3] = turn.as_matrix()
+    local[:, :3, 3] = start.translation + q[:, None] * (start.rotation @ slide)
+    return local, turn.as_quat()

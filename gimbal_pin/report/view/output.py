@@ -20,30 +20,12 @@ from gimbal_pin.report.view.page import page
 from gimbal_pin.report.view.scene import scene
 from gimbal_pin.rig.rig import Rig
 
-ENCODERS: Mapping[str, tuple[str, ...]] = {
-    ".gif": (
-        *(
-            "-filter_complex",
-            "split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=bayer:bayer_scale=4",
-        ),
-        *("-loop", "0", "-f", "gif"),
-    ),
-    ".webp": ("-c:v", "libwebp_anim", "-quality", "75", "-compression_level", "1", "-loop", "0", "-f", "webp"),
-    ".mp4": (
-        *(
-            "-vf",
-            "pad=ceil(iw/2)*2:ceil(ih/2)*2",
-            "-c:v",
-            "libx264",
-            "-pix_fmt",
-            "yuv420p",
-            "-crf",
-            "18",
-            "-preset",
-            "veryfast",
-        ),
-        *("-movflags", "+faststart", "-f", "mp4"),
-    ),
+ENCODERS: Mapping[str, str] = {
+    ".gif": "-filter_complex split[a][b];[a]palettegen=stats_mode=full[p];[b][p]paletteuse=dither=bayer:bayer_scale=4 "
+    "-loop 0 -f gif",
+    ".webp": "-c:v libwebp_anim -quality 75 -compression_level 1 -loop 0 -f webp",
+    ".mp4": "-vf pad=ceil(iw/2)*2:ceil(ih/2)*2 -c:v libx264 -pix_fmt yuv420p -crf 18 -preset veryfast "
+    "-movflags +faststart -f mp4",
 }
 """Suffix → what ffmpeg is told."""
 
@@ -153,7 +135,7 @@ def film(recorded: str, shown: Frames, fps: float, size: tuple[int, int], path: 
     source = ("-f", "image2pipe", "-framerate", f"{fps:g}", "-c:v", "png", "-i", "-")
     with open_replacement(path) as temporary:
         command = (imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", *source)
-        encode = (*command, *ENCODERS[path.suffix.lower()], str(temporary))
+        encode = (*command, *ENCODERS[path.suffix.lower()].split(), str(temporary))
         with subprocess.Popen(encode, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process, ExitStack() as cut_off:
             assert process.stdin is not None and process.stderr is not None  # both were asked for
             cut_off.callback(process.kill)
