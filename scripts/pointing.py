@@ -39,7 +39,7 @@ from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.result import SETTLING, jitter
 from gimbal_pin.pointing.result import summed as counted
 from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.run import Loop, Sensed, errors, point
+from gimbal_pin.pointing.run import Sensed, errors, point, run_loop
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.rig import Rig
@@ -216,15 +216,9 @@ def on_mount(
     sensed = Felt(plant, base, station, t, np.random.default_rng([seed, 1]))
     sensed.w = sensed.w.copy()
     sensed.system, sensed.attitudes = Mounted(plant, base, case.base), []
-    loop = Loop(
-        sensed.system,
-        Drive(plant.drive, plant.rig, DT, plant),
-        sensed,
-        Rotation.from_quat(base.quat[::2], scalar_first=True).as_matrix(),
-        1,
-        "mount",
-    )
-    q, _, events = loop.run(pointer)
+    attitudes = Rotation.from_quat(base.quat[::2], scalar_first=True).as_matrix()
+    motors = Drive(plant.drive, plant.rig, DT, plant)
+    q, _, events = run_loop(pointer, sensed.system, motors, sensed, attitudes, 1, "mount")
     error = errors(sensed.sight, q, np.array(sensed.attitudes), WANTED)
     return Held(error[round(SETTLING / DT) :, 1:], events)
 

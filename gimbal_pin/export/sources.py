@@ -233,7 +233,7 @@ def parameters(
     n, dt, forecast = model.rig.n, stored.law.dt, navigator.forecast
     friction, back = Resistance(model.by_joint), pointer.fallback
     holding = pointer.law
-    assert isinstance(holding, (JointPid, CarriedTorque)) and back is not None and pointer.guard is not None
+    assert isinstance(holding, (JointPid, CarriedTorque))
     computed = isinstance(law, ComputedTorque)
     robust = law.robust if isinstance(law, ComputedTorque) else None
     firsts = np.cumsum([0, *counts])[:-1].tolist()

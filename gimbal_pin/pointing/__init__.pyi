@@ -1,6 +1,6 @@
 from .bench import WANTED as WANTED
 from .bench import Shaken as Shaken
-from .bench import learned as learned
+from .bench import learn_roster as learn_roster
 from .bench import rehearsed as rehearsed
 from .bench import shaken_log as shaken_log
 from .bench import unbalanced as unbalanced

@@ -20,10 +20,9 @@ from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.forecast import Spectrum
-from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO
+from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Station
 from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.run import Course
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.pointing.sweep import trusted
 from gimbal_pin.rig.config import Noise
@@ -97,23 +96,6 @@ class Recorded:
         return self.platform
 
 
-@dataclass(frozen=True, eq=False)
-class Learned:
-    """What one log taught.
-
-    Attributes:
-        log: The log, of a platform that was shaken by hand.
-        model: The model from it.
-        spectrum: How the platform moves, from its IMU.
-        trusted: Joints at which the model is worth more than its uncertainty.
-    """
-
-    log: Log
-    model: Model
-    spectrum: Spectrum
-    trusted: tuple[bool, ...]
-
-
 def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0) -> Log:
     """Simulate a log of the plant on a platform shaken by hand: profile S at half its size, with sensor noise.
 
@@ -127,20 +109,25 @@ def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0
     return bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive, name="shaken")
 
 
-def learned(rig: Rig, log: Log, model: Model | None = None, wanted: Array = WANTED) -> Learned:
-    """Identify a model from a log, and learn how the platform moves: from its base's IMU, if it has one.
+def learn_roster(
+    rig: Rig, log: Log, station: Station, model: Model | None = None, wanted: Array = WANTED, delay: int = 1
+) -> Roster:
+    """Return the controllers that a log teaches: a model, and how the platform moves, by its base's IMU if it has one.
 
     Args:
         rig: The rig.
         log: Its log.
-        model: The model, where it is known already.
+        station: The sensors that the controllers will have.
+        model: The model, where it is known already; None: that which `identify` finds.
         wanted: The camera's attitude in the world, (3, 3).
+        delay: Samples of 1 ms from a measurement to its torque.
     """
     log = log.ordered(rig)
     known = identify(rig, [log], holdout="none").model if model is None else model
     t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearsed(rig)
     spectrum = Spectrum.of(imu, float(np.median(np.diff(t))), log.name)
-    return Learned(log, known, spectrum, trusted(known, wanted, Platform.measured(t, imu, log.name)))
+    sure = trusted(known, wanted, Platform.measured(t, imu, log.name))
+    return Roster(known, wanted, spectrum, station.noise, float(station.step.max()), sure, delay=delay)
 
 
 def rehearsed(rig: Rig) -> tuple[Array, Imu]:
@@ -152,17 +139,3 @@ def rehearsed(rig: Rig) -> tuple[Array, Imu]:
     motion = Shaken(Sight(rig).centre, REHEARSAL, dt, HALF)(LEARNED)
     own = Imu(motion.w[::2], motion.f[::2], None if motion.quat is None else motion.quat[::2])
     return motion.t[::2], add_imu_noise(own, Noise(GYRO, ACCELEROMETER), dt, np.random.default_rng(LEARNED))
-
-
-def entered(taught: Learned, course: Course) -> Roster:
-    """Return the controllers that a log's lesson makes for a course."""
-    station = course.station
-    return Roster(
-        taught.model,
-        WANTED,
-        taught.spectrum,
-        station.noise,
-        float(station.step.max()),
-        taught.trusted,
-        delay=course.delay,
-    )

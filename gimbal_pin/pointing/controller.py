@@ -17,9 +17,9 @@ from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.log.io.files import write_json
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.pointing.bench import WANTED, learned
+from gimbal_pin.pointing.bench import WANTED, learn_roster
 from gimbal_pin.pointing.forecast import Spectrum
-from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Measurement
+from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Measurement, Station
 from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.pointer import Held
 from gimbal_pin.pointing.roster import Roster
@@ -80,10 +80,10 @@ class Controller:
             delay: Samples of 1 ms from a measurement to its torque.
             noise: Densities of the IMUs' noise; None: those that the rig's YAML states, else the benchmark's.
         """
-        taught, stated = learned(rig, log, wanted=wanted), rig.config.noise
+        stated = rig.config.noise
         own = noise or (stated if stated.gyro > 0 else Noise(GYRO, ACCELEROMETER))
-        step = float(Sensors.of(rig, DT).encoder_step.max())
-        return Controller(Roster(taught.model, wanted, taught.spectrum, own, step, taught.trusted, DT, delay))
+        station = Station(Sensors.of(rig, DT).encoder_step, own)
+        return Controller(learn_roster(rig, log, station, wanted=wanted, delay=delay))
 
     @property
     def dt(self) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import degrees, isnan
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,8 @@ from gimbal_pin.control.laws.uncertainty import inertia
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.result import SETTLING, Pointing, Swing, split
+from gimbal_pin.pointing.result import SETTLING, Contest, Pointing, Swing, split
 from gimbal_pin.pointing.sight import Sight, holding
-
-if TYPE_CHECKING:
-    from gimbal_pin.pointing.result import Contest, Pointing
-
 
 BEFORE, AFTER = 0.1, 0.6
 """Around a moment at which a motor is too weak, what is not counted either, s: the loop has to find back."""

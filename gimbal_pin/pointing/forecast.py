@@ -20,8 +20,6 @@ from gimbal_pin.rig.brief import brief
 
 RESOLUTION = 0.5
 """Width of a frequency bin, Hz."""
-VIBRATION = (0.03, 1.0)
-"""Vibration, rad/s and m/s² rms, that no one can foresee where nothing is known: it counts as noise."""
 MEAN = 2
 """First bin that gravity, a constant, does not leak into."""
 SMEARED = 0.02
@@ -29,7 +27,7 @@ SMEARED = 0.02
 QUIET = (0.6, 0.95)
 """Part of the band, in shares of half the sampling rate, whose median power is taken for the sensor's noise."""
 HAND = (0.5, 30.0)
-"""Corners of a motion that is assumed where nothing is known, Hz: as 1/f² between, as 1/f⁶ above."""
+"""Corners of a hand's motion, Hz: as 1/f² between, as 1/f⁶ above."""
 SURPRISE = 0.01
 """Share of a measured motion's power that may come as a motion of that shape instead, next time."""
 
@@ -86,15 +84,6 @@ class Spectrum:
         f = step * np.arange(round(top / step) + 1)
         rate, force = (np.interp(f, self.f, power, right=0.0) for power in (self.rate, self.force))
         return Spectrum(f, rate, force, self.rate_noise, self.force_noise)
-
-    @staticmethod
-    def assumed(dt: float, gyro: float, accelerometer: float) -> Spectrum:
-        """A hand's motion, 0.3 rad/s and 1.5 m/s² rms, for noise densities in rad/s/√Hz and m/s²/√Hz."""
-        f = np.linspace(0.0, 0.5 / dt, round(0.5 / dt / RESOLUTION) + 1)
-        force = 1.5**2 * assumed(f)
-        force[0] += 100.0 / RESOLUTION
-        noise = [max(own, 1e-9) ** 2 + x**2 / f[-1] for own, x in zip((gyro, accelerometer), VIBRATION)]
-        return Spectrum(f, 0.3**2 * assumed(f), force, *noise)
 
 
 def assumed(f: Array) -> Array:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import pi, sqrt
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.control.laws.base import Ahead, Aim, Carried
+from gimbal_pin.control.laws.base import Ahead, Aim
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.forecast import Forecast, Past
 from gimbal_pin.pointing.measurement import Measurement
@@ -122,11 +122,6 @@ class Fusion:
         return Fused(memory.attitudes, memory.rates, gaps, turn, (turn - memory.turn) / self.dt, slow)
 
 
-exp3, log3 = pin.exp3, pin.log3
-ErrorFrom = Literal["camera", "platform"]
-"""Whose gyro tells the attitude: the camera's own, or the platform's with the encoders between."""
-
-
 class Known(NamedTuple):
     """What navigation remembers.
 
@@ -180,7 +175,7 @@ class Navigator:
         wanted: R_d, the camera's attitude in the world, (3, 3).
         dt: Sampling interval, s.
         forecast: The platform's motion, ahead by as much as each distinct drive of the law is late; or now.
-        source: Whose gyro tells the attitude.
+        by_platform: The platform's gyro tells the attitude, with the encoders between, not the camera's own.
         accelerates: False takes no wanted acceleration from inverse kinematics.
         oracle: The platform's true motion ahead is known, not predicted, for every lead.
         fusion: Brings the other gyros in; None: the camera's attitude comes from its own alone.
@@ -190,21 +185,16 @@ class Navigator:
     wanted: Array
     dt: float
     forecast: Forecast
-    source: ErrorFrom = "camera"
+    by_platform: bool = False
     accelerates: bool = True
     oracle: bool = False
     fusion: Fusion | None = None
 
     __repr__ = brief
 
-    @cached_property
-    def towards(self) -> Array:
-        """R_dᵀ, (3, 3)."""
-        return np.ascontiguousarray(self.wanted.T)
-
     def start(self, seen: Measurement, camera: Array, base: Array) -> Known:
         """Memory at the first sample, where the attitudes in the world of camera and base link are known, (3, 3)."""
-        own, turning = (camera, seen.gyro) if self.source == "camera" else (base, seen.w)
+        own, turning = (base, seen.w) if self.by_platform else (camera, seen.gyro)
         fused = None if self.fusion is None else begun(base, self.sight.between(seen.q), seen)
         return Known(own, turning, self.forecast.start(seen.w, seen.f), seen.t, np.zeros(len(seen.q)), fused)
 
@@ -214,13 +204,13 @@ class Navigator:
         The Jacobian is that of the first moment ahead, which errors do not mind: it is worked out but once.
         """
         elapsed, lead = seen.t - known.t, self.forecast.leads[0]
-        turning = seen.gyro if self.source == "camera" else seen.w
+        turning = seen.w if self.by_platform else seen.gyro
         R = known.R.dot(exp3((known.turning + turning) * (elapsed / 2)))
         view = self.sight.view(seen.q + lead * known.v if lead else seen.q)
         against, carries = view.against, seen.w.dot(view.R)
         v = against.dot(carries - seen.gyro)
         R, actual, rate, fused = self.attitude(R, view, seen, known.fused, elapsed, doubtful)
-        error = against.dot(log3(self.towards.dot(actual)))
+        error = against.dot(log3(self.wanted.T.dot(actual)))
         past = self.forecast.step(known.past, seen.t, seen.w, seen.f)
         ahead = self.ahead(seen, view, v, past)
         aim = Aim(seen.q + error, against.dot(carries + rate), ahead[0].a, ahead)
@@ -235,7 +225,7 @@ class Navigator:
         encoders between; without the platform's it is the other way round; and fusion begins anew.
         """
         if self.fusion is None or fused is None:
-            return R, R if self.source == "camera" else R.dot(view.R), 0.0, None
+            return R, R.dot(view.R) if self.by_platform else R, 0.0, None
         fused, between = fused.on(gyros(seen), elapsed), self.sight.between(seen.q)
         if not doubtful:
             fused = self.fusion.compared(fused, R, between)
@@ -275,8 +265,3 @@ def gyros(seen: Measurement) -> Array:
 def attitude(yaw: float, pitch: float, roll: float = 0.0) -> Array:
     """``Rz(yaw) Ry(pitch) Rx(roll)``, rad → (3, 3)."""
     return np.asarray(pin.rpy.rpyToMatrix(roll, pitch, yaw))
-
-
-def carried(row: Array) -> Carried:
-    """Return a platform's motion from its rate, specific force and angular acceleration in one row, (9,)."""
-    return Carried(row[3:6], row[:3], row[6:9])

@@ -18,7 +18,6 @@ from gimbal_pin.pointing.navigator import Fix, Known, Navigator
 from gimbal_pin.pointing.sight import lost_turn
 from gimbal_pin.rig.brief import brief
 
-NOTHING: frozenset[str] = frozenset()
 LIMITED = 50
 """Samples at the torque limit after which it is told of."""
 
@@ -31,9 +30,9 @@ class Held(NamedTuple):
         law: The law's memory, the fallback's while that is in force.
         fallback: Whether the fallback is in force.
         tau: The last torque, N m, (n,).
+        watch: The guard's memory.
         limited: Samples in a row at the torque limit, the joint's that has been there longest.
         steep: Whether the camera is near a singular pose.
-        watch: The guard's memory; None without one.
         unanswered: Samples in a row for which the law gave no number.
         noted: What happened besides what guard and forecast say, in sentences.
     """
@@ -42,17 +41,16 @@ class Held(NamedTuple):
     law: Any
     fallback: bool
     tau: Array
+    watch: Watch
     limited: int = 0
     steep: bool = False
-    watch: Watch | None = None
     unanswered: int = 0
     noted: tuple[str, ...] = ()
 
     @property
     def events(self) -> tuple[str, ...]:
         """Everything that happened."""
-        own = (*self.known.past.events, *self.noted)
-        return own if self.watch is None else (*self.watch.events, *own)
+        return (*self.watch.events, *self.known.past.events, *self.noted)
 
 
 class Holder(Protocol):
@@ -80,14 +78,14 @@ class Pointer:
     Attributes:
         navigator: Tells the law where the joints are and should be.
         law: Any control law; those that know of a platform read its motion from the reference.
-        guard: Checks the sensors; None: they are believed.
+        guard: Checks the sensors.
         fallback: What is left without the platform's IMU or without the camera's: a world-frame PID.
     """
 
     navigator: Navigator
     law: Law
-    guard: Guard | None = None
-    fallback: JointPid | None = None
+    guard: Guard
+    fallback: JointPid
 
     __repr__ = brief
 
@@ -98,37 +96,31 @@ class Pointer:
 
     def start(self, seen: Measurement, camera: Array, base: Array) -> Held:
         """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3)."""
-        watch = None if self.guard is None else self.guard.start(seen)
-        first = seen if watch is None else watch.good._replace(t=seen.t)
-        return Held(
-            self.navigator.start(first, camera, base), self.law.start(), False, np.zeros(len(seen.q)), watch=watch
-        )
+        watch = self.guard.start(seen)
+        known = self.navigator.start(watch.good._replace(t=seen.t), camera, base)
+        return Held(known, self.law.start(), False, np.zeros(len(seen.q)), watch)
 
     def torque(self, seen: Measurement, memory: Held) -> tuple[Array, Held]:
         """Return the torque, N m, (n,), finite and within the limits, and the next memory.
 
         With neither encoders nor the camera's gyro it is zero.
         """
-        watch = memory.watch
-        lost = doubtful = NOTHING
-        if self.guard is not None and watch is not None:
-            seen, watch = self.guard.step(seen, watch, memory.known.v, memory.steep)
-            if not watch.calm:
-                lost, doubtful = watch.lost, watch.doubtful
-            if "gyro" in lost:
-                base = np.zeros(3) if "w" in lost else seen.w  # without the platform's gyro it counts as standing
-                seen = seen._replace(gyro=self.navigator.sight.rate(seen.q, watch.rates, base))
+        seen, watch = self.guard.step(seen, memory.watch, memory.known.v, memory.steep)
+        lost, doubtful = watch.lost, watch.doubtful
+        if "gyro" in lost:
+            base = np.zeros(3) if "w" in lost else seen.w  # without the platform's gyro it counts as standing
+            seen = seen._replace(gyro=self.navigator.sight.rate(seen.q, watch.rates, base))
         fix, known = self.navigator.fix(seen, memory.known, doubtful)
-        back = self.fallback if self.fallback is not None and lost - {"q", "links"} else None
-        law: Law = self.law if back is None else back
+        back = bool(lost - {"q", "links"})
+        law: Law = self.fallback if back else self.law
         own = memory.law
-        if (back is not None) != memory.fallback:
-            own = law.start() if back is None else taken_over(back, fix, memory.tau)
+        if back != memory.fallback:
+            own = taken_over(self.fallback, fix, memory.tau) if back else law.start()
         tau, own = law.torque(seen.t, fix.q, fix.v, fix.aim, own)
         if {"q", "gyro"} <= lost:
             tau = np.zeros_like(tau)
         steep, limited = memory.steep, memory.limited
-        after = Held(known, own, back is not None, tau, limited, steep, watch, noted=memory.noted)
+        after = Held(known, own, back, tau, watch, limited, steep, noted=memory.noted)
         return self.checked(seen.t, tau, fix, memory, after)
 
     def checked(self, t: float, tau: Array, fix: Fix, before: Held, after: Held) -> tuple[Array, Held]:
@@ -149,8 +141,8 @@ class Pointer:
             after = after._replace(
                 law=self.law.start(), fallback=False, tau=tau, unanswered=before.unanswered + 1, noted=tuple(events)
             )
-            if after.unanswered >= HELD and after.watch is not None and not {"q", "gyro"} & after.watch.doubtful:
-                return tau, self.restarted(after, after.watch)
+            if after.unanswered >= HELD and not {"q", "gyro"} & after.watch.doubtful:
+                return tau, self.restarted(after)
         if fix.steep and not before.steep:
             why = lost_turn(self.navigator.sight, fix.q)
             events.append(f"{t:.3f} s: near a singular pose, inverse kinematics damped: {why}")
@@ -160,15 +152,14 @@ class Pointer:
             events.append(f"{t:.3f} s: {joint} at its torque limit for {LIMITED * self.dt:g} s")
         return tau, after._replace(limited=limited, steep=fix.steep, noted=tuple(events[:LIMITED]))
 
-    def restarted(self, held: Held, watch: Watch) -> Held:
+    def restarted(self, held: Held) -> Held:
         """Begin anew at the last sample, holding what the camera sees: the attitude that was known is no number."""
-        wanted, last = self.navigator.wanted, watch.good
+        wanted, watch, last = self.navigator.wanted, held.watch, held.watch.good
         base = wanted @ self.navigator.sight.attitude(last.q).T
         begun = self.start(last._replace(t=last.t + self.dt), wanted, base)  # of the sample to come, as a start is
-        own = begun.watch
-        assert own is not None
         noted = (*held.noted, f"{last.t:.3f} s: everything begins anew, the camera is held where it looks")
-        return begun._replace(watch=own._replace(clock=watch.clock, events=watch.events), noted=noted[-LIMITED:])
+        own = begun.watch._replace(clock=watch.clock, events=watch.events)
+        return begun._replace(watch=own, noted=noted[-LIMITED:])
 
     @cached_property
     def limits(self) -> list[float]:

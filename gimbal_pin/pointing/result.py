@@ -129,16 +129,6 @@ class Pointing:
         """Jitter rms, jitter max, drift, rad."""
         return jitter(self.sight, self.dt)
 
-    @property
-    def at_limit(self) -> Mapping[str, float]:
-        """Joint → share of the samples that count at the motor's limit."""
-        return compute_limit_shares(self.joints, self.tau[self.counted], self.tau_max)
-
-    @property
-    def torque_rms(self) -> Mapping[str, float]:
-        """Joint → torque over the samples that count, N m rms."""
-        return dict(zip(self.joints, np.sqrt(np.mean(self.tau[self.counted] ** 2, axis=0)).tolist()))
-
 
 @dataclass(frozen=True, eq=False)
 class Row:
@@ -164,17 +154,20 @@ class Row:
         """Mean of the runs', rad."""
         return float(np.mean([run.jitter[2] for run in self.runs]))
 
+    @cached_property
+    def tau(self) -> Array:
+        """Torque over the samples that count, run after run, N m, (M, n)."""
+        return np.concatenate([run.tau[run.counted] for run in self.runs])
+
     @property
     def torque_rms(self) -> Mapping[str, float]:
         """Joint → torque over all runs, N m rms."""
-        every = [run.torque_rms for run in self.runs]
-        return {joint: sqrt(float(np.mean([one[joint] ** 2 for one in every]))) for joint in self.runs[0].joints}
+        return dict(zip(self.runs[0].joints, np.sqrt(np.mean(self.tau**2, axis=0)).tolist()))
 
     @property
     def at_limit(self) -> Mapping[str, float]:
-        """Joint → share of the time at the motor's limit, mean of the runs."""
-        every = [run.at_limit for run in self.runs]
-        return {joint: float(np.mean([one[joint] for one in every])) for joint in self.runs[0].joints}
+        """Joint → share of the time at the motor's limit."""
+        return compute_limit_shares(self.runs[0].joints, self.tau, self.runs[0].tau_max)
 
     @property
     def events(self) -> tuple[str, ...]:

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gimbal_pin.control.controllers import COMPILED, HOLDING, ORACLE, OURS, TUNED
-from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, Pid, Robust, bounds
+from gimbal_pin.control.controllers import BASELINE, COMPILED, HOLDING, ORACLE, OURS, TUNED
+from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, Pid, bounds
 from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.carried import CarriedTorque
 from gimbal_pin.control.laws.design import inner
@@ -24,7 +24,7 @@ from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.forecast import Forecast, Spectrum
 from gimbal_pin.pointing.guard import Guard
-from gimbal_pin.pointing.navigator import ErrorFrom, Fusion, Navigator
+from gimbal_pin.pointing.navigator import Fusion, Navigator
 from gimbal_pin.pointing.pointer import Holder, Pointer
 from gimbal_pin.pointing.result import SLOW
 from gimbal_pin.pointing.sight import Sight
@@ -32,70 +32,6 @@ from gimbal_pin.rig.config import Noise
 
 FALLEN = 0.5
 """Share of the bandwidth of the PID that is fallen back to."""
-
-
-@dataclass(frozen=True, eq=False)
-class Loops:
-    """One loop per joint for every law, all of one disk margin with the drives that the model knows.
-
-    Attributes:
-        model: What is known.
-        dt: Sampling interval, s.
-        delay: Samples from measurement to torque, the drives' own not counted.
-    """
-
-    model: Model
-    dt: float
-    delay: int
-
-    @cached_property
-    def equals(self) -> tuple[Equal, ...]:
-        """The loops of each joint; those whose drives are alike share them."""
-        made = {drive: Equal(self.dt, self.delay * self.dt, drive) for drive in self.model.drives}
-        return tuple(made[drive] for drive in self.model.drives)
-
-    @property
-    def pid(self) -> tuple[Pid, ...]:
-        """The nominal outer loop."""
-        return tuple(equal.pid for equal in self.equals)
-
-    @cached_property
-    def robust(self) -> Robust:
-        """Lyapunov redesign on top of the joints' slow loops."""
-        return redesigned(self.equals, bounds(self.model, np.random.default_rng(0)))
-
-    @cached_property
-    def late(self) -> tuple[float, ...]:
-        """Time by which each drive acts late, s, (n)."""
-        return self.model.late(self.dt)
-
-    @cached_property
-    def leads(self) -> tuple[float, ...]:
-        """Time from a sample to the middle of the hold of its torque, s, one per distinct drive."""
-        return tuple((self.delay + 0.5) * self.dt + late for late in sorted(set(self.late)))
-
-    def per_lead(self, gains: Sequence[Pid]) -> tuple[Pid, ...]:
-        """Return the slowest of the joints' loops, per distinct drive: what its forecast is weighted by."""
-        return tuple(
-            min((pid for pid, own in zip(gains, self.late) if own == late), key=lambda pid: pid.kp)
-            for late in sorted(set(self.late))
-        )
-
-    def of(self, name: str) -> tuple[tuple[Pid, ...], dict[str, Any]]:
-        """Return the outer loops of a model-based controller, and what of `CarriedTorque` goes with them."""
-        if name == "with-observer":
-            own = {"observers": tuple(equal.observer for equal in self.equals)}
-            return tuple(equal.observed for equal in self.equals), own
-        if name == "lyapunov":
-            return tuple(equal.slow for equal in self.equals), {"robust": self.robust}
-        return self.pid, {}
-
-    def margins(self, name: str, law: JointPid | ComputedTorque | None = None) -> tuple[Margins, ...]:
-        """Return the margins of a controller's loops, joint by joint; those of `law`, where one is given."""
-        if name == "with-observer":
-            return tuple(observed_margins(e.observed, e.observer, e.delay, e.drive) for e in self.equals)
-        gains, extra = (law.gains, vars(law)) if law is not None else self.of(name)
-        return tuple(equal.of(pid) for equal, pid in zip(self.equals, inner(gains, extra.get("robust"))))
 
 
 def slack(loops: Mapping[str, tuple[Margins, ...]], joints: Sequence[str]) -> tuple[str, ...]:
@@ -159,7 +95,7 @@ class Roster:
     trusted: tuple[bool, ...] = ()
     dt: float = 0.001
     delay: int = 1
-    law: Law | None = None
+    law: JointPid | ComputedTorque | None = None
     machine: Machine | None = None
     learns: bool = True
 
@@ -169,30 +105,51 @@ class Roster:
         return Sight(self.model.rig)
 
     @cached_property
-    def loops(self) -> Loops:
-        """The outer loops, joint by joint."""
-        return Loops(self.model, self.dt, self.delay)
+    def equals(self) -> tuple[Equal, ...]:
+        """Per joint one loop for every law, all of one disk margin; joints whose drives are alike share them."""
+        made = {drive: Equal(self.dt, self.delay * self.dt, drive) for drive in self.model.drives}
+        return tuple(made[drive] for drive in self.model.drives)
+
+    @cached_property
+    def lateness(self) -> tuple[float, ...]:
+        """Distinct times by which drives act late, s."""
+        return tuple(sorted(set(self.model.late(self.dt))))
 
     @property
-    def given(self) -> JointPid | ComputedTorque | None:
-        """The law whose gains "tuned" has."""
-        return self.law if isinstance(self.law, (JointPid, ComputedTorque)) else None
+    def leads(self) -> tuple[float, ...]:
+        """Time from a sample to the middle of the hold of its torque, s, one per distinct drive."""
+        return tuple((self.delay + 0.5) * self.dt + late for late in self.lateness)
+
+    def choose_loops(self, name: str) -> tuple[tuple[Pid, ...], dict[str, Any]]:
+        """Return a controller's outer loops, and what of `CarriedTorque` goes with them."""
+        if name == "with-observer":
+            return tuple(own.observed for own in self.equals), {"observers": tuple(own.observer for own in self.equals)}
+        if name == "lyapunov":
+            robust = redesigned(self.equals, bounds(self.model, np.random.default_rng(0)))
+            return tuple(own.slow for own in self.equals), {"robust": robust}
+        return tuple(own.pid for own in self.equals), {}
 
     def margins(self, name: str) -> tuple[Margins, ...]:
         """Return the margins of a controller's loops, joint by joint, with the drives that the model knows."""
-        return self.loops.margins(name, self.given if name in (TUNED, COMPILED) else None)
+        if name == "with-observer":
+            return tuple(observed_margins(e.observed, e.observer, e.delay, e.drive) for e in self.equals)
+        law = self.law if name in (TUNED, COMPILED) else None
+        gains, extra = self.choose_loops(name) if law is None else (law.gains, vars(law))
+        return tuple(equal.of(pid) for equal, pid in zip(self.equals, inner(gains, extra.get("robust"))))
 
     def navigator(self, gains: tuple[Pid, ...], predicts: bool = False, fuses: bool = False) -> Navigator:
-        """Return navigation for the joints' outer loops."""
-        leads = self.loops.leads if predicts else (0.0,) * len(self.loops.leads)
+        """Return navigation for outer loops; the slowest of those that share a drive weighs its forecast."""
+        rows = list(zip(gains, self.model.late(self.dt)))
+        slowest = [min((pid for pid, late in rows if late == own), key=lambda pid: pid.kp) for own in self.lateness]
+        leads = self.leads if predicts else (0.0,) * len(slowest)
         fusion = Fusion(self.noise.gyro, self.step, self.dt) if fuses else None
-        forecast = Forecast(self.spectrum, self.loops.per_lead(gains), self.dt, leads, self.learns)
+        forecast = Forecast(self.spectrum, tuple(slowest), self.dt, leads, self.learns)
         return Navigator(self.sight, self.wanted, self.dt, forecast, fusion=fusion)
 
     def holder(self, name: str) -> Holder:
         """Return one controller, or the compiled one; raise `UsageError` if there is none of that name."""
-        if name == COMPILED and self.machine is not None and self.given is not None:
-            return self.machine.holding(self.tuned(self.given))
+        if name == COMPILED and self.machine is not None and self.law is not None:
+            return self.machine.holding(self.tuned(self.law))
         return self.pointer(name)
 
     def pointer(self, name: str) -> Pointer:
@@ -201,17 +158,17 @@ class Roster:
         Raises:
             UsageError: There is none of that name.
         """
-        if name == TUNED and self.given is not None:
-            return self.tuned(self.given)
+        if name == TUNED and self.law is not None:
+            return self.tuned(self.law)
         if name not in NAMES:
             raise UsageError("controller", f"'{name}' is unknown", f"there are {', '.join(NAMES)}")
-        gains, extra = self.loops.of(name)
+        gains, extra = self.choose_loops(name)
         if name in NAMES[:3]:  # they know nothing of the platform's acceleration
             navigator = replace(self.navigator(gains), accelerates=False)
             if name == "computed-torque-fixed":
                 return self.guarded(navigator, ComputedTorque(replace(self.model, terms=()), gains, self.dt))
-            source: ErrorFrom = "platform" if name == "pid-joint" else "camera"
-            return self.guarded(replace(navigator, source=source), self.pid(gains))
+            by_platform = name == "pid-joint"
+            return self.guarded(replace(navigator, by_platform=by_platform), self.pid(gains))
         rank = NAMES.index(name)
         predicts, fuses = rank >= NAMES.index("with-prediction"), rank >= NAMES.index("with-gyros")
         navigator = replace(self.navigator(gains, predicts, fuses), oracle=name == ORACLE)
@@ -236,7 +193,7 @@ class Roster:
     def guarded(self, navigator: Navigator, law: Law) -> Pointer:
         """Return a controller with its guard, and a PID of lower bandwidth to fall back to."""
         noisy = self.noise.gyro > 0 and self.noise.accelerometer > 0
-        slower = tuple(Pid.placed(FALLEN * bandwidth(pid), DAMPING, INTEGRAL) for pid in self.loops.pid)
+        slower = tuple(Pid.placed(FALLEN * bandwidth(pid), DAMPING, INTEGRAL) for pid in self.choose_loops(BASELINE)[0])
         return Pointer(navigator, law, Guard(self.dt, noisy), self.pid(slower))
 
     def pid(self, gains: tuple[Pid, ...]) -> JointPid:

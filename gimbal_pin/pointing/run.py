@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -13,6 +15,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 from tqdm import tqdm
 
+from gimbal_pin.control.laws.base import Carried
 from gimbal_pin.dynamics.model import Model, build_friction_effects
 from gimbal_pin.dynamics.plant import Plant, State
 from gimbal_pin.dynamics.simulation import Drive, _resample_halfway
@@ -22,7 +25,6 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.demand import swinging
 from gimbal_pin.pointing.measurement import Measurement, Station
-from gimbal_pin.pointing.navigator import carried
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.result import Contest, Pointing, Row
 from gimbal_pin.pointing.roster import Roster
@@ -46,7 +48,8 @@ class Sensed:
         """Return what arrives of what the sensors say at sample k; the oracle sees `leads` half-samples ahead."""
         gyros = self.sight.rates(state.q, state.v, self.w[k]) + self.noise[k]
         w, f = self.platform_imu[k]
-        true = tuple([carried(self.held(2 * k + lead)) for lead in leads]) or None
+        rows = [self.held(2 * k + lead) for lead in leads]
+        true = tuple([Carried(row[3:6], row[:3], row[6:9]) for row in rows]) or None
         arrived: Measurement | None = Measurement(
             self.t[k], self.station.angles(state.q), gyros[:3], w, f, gyros[3:], true
         )
@@ -77,8 +80,6 @@ def point(
     delay: int = 1,
     drive: Sequence[Signal] = (),
     name: str = "pointing",
-    motion: str = "S",
-    seed: int = 0,
 ) -> Pointing:
     """Run the loop; the camera starts where it should look, turning with nothing.
 
@@ -95,8 +96,6 @@ def point(
         delay: Samples between measurement and torque.
         drive: What stands between the command and the torque that acts, after the plant's own.
         name: The controller's name.
-        motion: What the platform's motion is called.
-        seed: What the seed is called.
 
     Raises:
         UsageError: The platform's motion is too short or has no attitude, or the state left the finite numbers.
@@ -108,31 +107,27 @@ def point(
         raise UsageError("platform", "has no attitude", "give one with the motion: the camera's error needs it")
     quat = np.asarray(base.quat[::2])
     sensed = Sensed(plant, base, station or Station.of(rig), t, rng)
-    loop = Loop(
-        Plant(plant, base),
-        Drive((*plant.drive, *drive), rig, dt, plant),
-        sensed,
-        Rotation.from_quat(quat, scalar_first=True).as_matrix(),
-        delay,
-        name,
-    )
-    q, tau, events = loop.run(pointer)
-    error = errors(sensed.sight, q, loop.attitudes, pointer.navigator.wanted)
-    return Pointing(name, motion, seed, rig.joints, t, error, q, tau, quat, rig.tau_max, events)
+    attitudes = Rotation.from_quat(quat, scalar_first=True).as_matrix()
+    motors = Drive((*plant.drive, *drive), rig, dt, plant)
+    q, tau, events = run_loop(pointer, Plant(plant, base), motors, sensed, attitudes, delay, name)
+    error = errors(sensed.sight, q, attitudes, pointer.navigator.wanted)
+    return Pointing(name, "S", 0, rig.joints, t, error, q, tau, quat, rig.tau_max, events)
 
 
 class System(Protocol):
-    """A plant on its platform, as `Loop` integrates it."""
+    """A plant on its platform, as `run_loop` integrates it."""
 
     def step(self, t: float, state: State, tau: Array, dt: float) -> State:
         """Return the state a sample later."""
 
 
-@dataclass(frozen=True, eq=False)
-class Loop:
-    """Plant, drives and sensors, ready to run.
+def run_loop(
+    pointer: Holder, system: System, motors: Drive, sensed: Sensed, attitudes: Array, delay: int, name: str
+) -> tuple[Array, Array, tuple[str, ...]]:
+    """Run the loop; return true angles and commanded torques, (N, n) each, and what happened.
 
-    Attributes:
+    Args:
+        pointer: The controller.
         system: The plant, on its platform.
         motors: The drives.
         sensed: The sensors.
@@ -140,42 +135,32 @@ class Loop:
         delay: Samples between measurement and torque.
         name: For the progress bar and for errors.
     """
-
-    system: System
-    motors: Drive
-    sensed: Sensed
-    attitudes: Array
-    delay: int
-    name: str
-
-    def run(self, pointer: Holder) -> tuple[Array, Array, tuple[str, ...]]:
-        """Return true angles and commanded torques, (N, n) each, and what happened."""
-        t, dt, navigator, sight = self.sensed.t, pointer.dt, pointer.navigator, self.sensed.sight
-        limit = sight.rig.tau_max
-        leads = tuple([2 * lead / dt for lead in navigator.forecast.leads]) if navigator.oracle else ()
-        view = sight.view(q0 := sight.reached(self.attitudes[0], navigator.wanted, sight.home))
-        state = State(q0, view.against @ view.R.T @ self.sensed.w[0])  # the camera looks as wanted and does not turn
-        command: Array = np.zeros(len(limit))
-        pending: deque[Array] = deque([command] * self.delay)
-        memory, q, tau = None, np.empty((len(t), len(limit))), np.empty((len(t), len(limit)))
-        for k in tqdm(range(len(t)), self.name, unit="sample", disable=None, leave=False, delay=2):
-            if state.lost:
-                raise UsageError(self.name, f"diverged {t[k]:.3g} s after its start", "lower bandwidth or delay")
-            seen = self.sensed.see(k, state, leads)
-            if memory is None and seen is not None:
-                memory = pointer.start(seen, self.attitudes[k] @ sight.attitude(state.q), self.attitudes[k])
-            if memory is not None and seen is not None:
-                command, memory = pointer.torque(seen, memory)
-            pending.append(command)
-            acting = np.minimum(np.maximum(pending.popleft(), -limit), limit)
-            q[k], tau[k] = state.q, acting
-            state = self.system.step(t[k], state, self.motors.acting(acting, state), dt)
-        return q, tau, () if memory is None else memory.events
+    t, dt, navigator, sight = sensed.t, pointer.dt, pointer.navigator, sensed.sight
+    limit = sight.rig.tau_max
+    leads = tuple([2 * lead / dt for lead in navigator.forecast.leads]) if navigator.oracle else ()
+    view = sight.view(q0 := sight.reached(attitudes[0], navigator.wanted, sight.home))
+    state = State(q0, view.against @ view.R.T @ sensed.w[0])  # the camera looks as wanted and does not turn
+    command: Array = np.zeros(len(limit))
+    pending: deque[Array] = deque([command] * delay)
+    memory, q, tau = None, np.empty((len(t), len(limit))), np.empty((len(t), len(limit)))
+    for k in tqdm(range(len(t)), name, unit="sample", disable=None, leave=False, delay=2):
+        if state.lost:
+            raise UsageError(name, f"diverged {t[k]:.3g} s after its start", "lower bandwidth or delay")
+        seen = sensed.see(k, state, leads)
+        if seen is not None:
+            if memory is None:
+                memory = pointer.start(seen, attitudes[k] @ sight.attitude(state.q), attitudes[k])
+            command, memory = pointer.torque(seen, memory)
+        pending.append(command)
+        acting = np.minimum(np.maximum(pending.popleft(), -limit), limit)
+        q[k], tau[k] = state.q, acting
+        state = system.step(t[k], state, motors.acting(acting, state), dt)
+    return q, tau, () if memory is None else memory.events
 
 
 def errors(sight: Sight, q: Array, base: Array, wanted: Array) -> Array:
     """``log(R_dᵀ R)`` along a run, rad, (N, 3)."""
-    return np.array([pin.log3(turn) for turn in wanted.T @ base @ sight.attitudes(q)])
+    return np.array([pin.log3(wanted.T @ R @ sight.attitude(angles)) for R, angles in zip(base, q)])
 
 
 Ground = Callable[[int], Platform]
@@ -213,28 +198,22 @@ class Course:
         ground, rng = self.ground(seed), np.random.default_rng([seed, 1])
         run = point(
             self.plant, pointer, ground, rng=rng, seconds=self.seconds, station=self.station, delay=self.delay,
-            drive=self.drive, name=name, motion=self.motion, seed=seed,
+            drive=self.drive, name=name,
         )  # fmt: skip
         # While sensors fail, the motion asks for no torque that the loop's could be compared with.
-        if self.station.faults:
-            return run
-        return replace(run, swings=swinging(self.plant, pointer.navigator.wanted, ground, run))
+        wanted, faults = pointer.navigator.wanted, self.station.faults
+        swings = () if faults else swinging(self.plant, wanted, ground, run)
+        return replace(run, platform=self.motion, seed=seed, swings=swings)
 
 
-Mapper = Callable[[Callable[[tuple[str, int]], Pointing], Iterable[tuple[str, int]]], Iterable[Pointing]]
-"""`map`, or a pool's."""
-
-
-def compete(course: Course, roster: Roster, names: Sequence[str], seeds: int, mapped: Mapper = map) -> Contest:
-    """Run every controller with every seed; `mapped` may run several at once."""
+def compete(course: Course, roster: Roster, names: Sequence[str], seeds: int, jobs: int = 1) -> Contest:
+    """Run every controller with every seed, in so many processes, under a progress bar."""
     plan = [(name, seed) for seed in range(seeds) for name in names]
-    runs = list(mapped(partial(run_one, course, roster), plan))
+    with ExitStack() as stack:
+        pool = None if jobs == 1 else stack.enter_context(ProcessPoolExecutor(min(jobs, len(plan))))
+        ran = (map if pool is None else pool.map)(partial(course.run, roster), *zip(*plan))
+        runs = list(tqdm(ran, "pointing", len(plan), unit="run", disable=None, leave=False, delay=2))
     rows = [Row(name, tuple(run for run in runs if run.controller == name)) for name in names]
     plain = build_friction_effects(course.plant.rig.joints)
     beside = dict.fromkeys(term.effect.name for term in roster.model.terms if term.effect not in plain)
     return Contest(course.plant.rig.name, course.plant.rig.payload, tuple(rows), tuple(beside))
-
-
-def run_one(course: Course, roster: Roster, plan: tuple[str, int]) -> Pointing:
-    """Run one entry of a plan, as a function that another process can be given."""
-    return course.run(roster, *plan)

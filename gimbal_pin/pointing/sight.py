@@ -109,13 +109,6 @@ class Sight:
         moved(self.model, self.data, self.q, self.v)
         return np.array(frame_velocity(self.model, self.data, self.frame, LOCAL).angular)
 
-    def attitudes(self, q: Array) -> Array:
-        """Attitudes in the base link at many angles, (N, n) → (N, 3, 3)."""
-        out = np.empty((len(q), 3, 3))
-        for row, angles in zip(out, q):
-            row[...] = self.attitude(angles)
-        return out
-
     def error(self, actual: Array, wanted: Array) -> Array:
         """``log(Rᵀ R_d)``: the turn that is left, in the camera's frame, rad, as far as the rig commands it, (m,)."""
         return np.asarray(pin.log3(actual.T.dot(wanted))[self.rows])

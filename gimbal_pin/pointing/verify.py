@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import ExitStack
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from gimbal_pin.control.controllers import BASELINE, COMPILED, TUNED
-from gimbal_pin.control.laws.base import Law
+from gimbal_pin.control.laws import ComputedTorque, JointPid
 from gimbal_pin.control.laws.loop import Margins, worst
 from gimbal_pin.control.laws.uncertainty import draw_model
 from gimbal_pin.control.tracking import Tracking
@@ -27,11 +24,11 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Log
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import LEARNED, WANTED, Recorded, Shaken, entered, learned, shaken_log, unbalanced
+from gimbal_pin.pointing.bench import LEARNED, WANTED, Recorded, Shaken, learn_roster, shaken_log, unbalanced
 from gimbal_pin.pointing.demand import Demand
 from gimbal_pin.pointing.measurement import Fault, Station
-from gimbal_pin.pointing.result import Contest, Pointing
-from gimbal_pin.pointing.roster import NAMES, Machine, Roster, slack
+from gimbal_pin.pointing.result import Contest
+from gimbal_pin.pointing.roster import NAMES, Machine, slack
 from gimbal_pin.pointing.run import Course, Ground, compete
 from gimbal_pin.pointing.sight import Sight, unable
 from gimbal_pin.pointing.sweep import Sweep, sweep
@@ -128,7 +125,7 @@ class Asked:
     seconds: float = 30.0
     jobs: int = 1
     delay: int = 1
-    law: Law | None = None
+    law: JointPid | ComputedTorque | None = None
     machine: Machine | None = None
     sweep: bool = False
 
@@ -157,7 +154,6 @@ class Verified:
         targets: The figures that count, beside their bounds.
         margins: Of the world-frame PID, the worst of its joints: all controllers have equal margins to it.
         causes: What `diagnose` found and the controllers compensate, in sentences.
-        late: How far ahead the platform's motion is foreseen, s, per distinct drive.
         recorded: The runs on a recorded motion, where there are some on profile S as well.
         demand: What the recorded motion asks of the motors, where it asks for more than they have.
         steps: How the thesis's steps were followed, where that was asked for.
@@ -171,7 +167,6 @@ class Verified:
     targets: tuple[Target, ...]
     margins: Margins
     causes: tuple[str, ...]
-    late: tuple[float, ...]
     recorded: Contest | None = None
     demand: Demand | None = None
     steps: Tracking | None = None
@@ -248,32 +243,31 @@ def verify(rig: Rig, asked: Asked) -> Verified:
     )
     log = shaken_log(plant, drive) if asked.log is None else asked.log
     model, findings = modelled(rig, log, asked)
-    lesson = learned(rig, log, model=model)
     station = Station.of(rig, asked.faults)
+    roster = learn_roster(rig, log, station, model, delay=asked.delay)
+    roster = replace(roster, law=asked.law, machine=asked.machine)
     courses = [Course(plant, *motion, station, drive, asked.delay) for motion in grounds(rig, asked)]
-    roster = replace(entered(lesson, courses[0]), law=asked.law, machine=asked.machine)
-    ran = [shared(course, asked, names, roster) for course in courses]
-    late = max(lesson.model.late(roster.dt), default=0.0) + (asked.delay - 1) * roster.dt
+    ran = [compete(course, roster, names, asked.seeds, asked.jobs) for course in courses]
+    late = max(roster.model.late(roster.dt), default=0.0) + (asked.delay - 1) * roster.dt
     judged = [target for contest in ran for target in targets(contest, Sight(rig), late)]
     demand, steps = None, None
     if courses[-1].motion == "log":
         motion, seconds = courses[-1].ground(0), courses[-1].seconds
         demand = Demand.of(plant, WANTED, motion.part(slice(np.searchsorted(motion.t, seconds, "right"))))
     if asked.steps:
-        steps = stepped(replace(plant, drive=(*plant.drive, *drive)), lesson.model, roster.dt, asked.delay)
+        steps = stepped(replace(plant, drive=(*plant.drive, *drive)), roster.model, roster.dt, asked.delay)
         judged += step_targets(steps)
     return Verified(
         ran[0],
         tuple(judged),
         worst(list(roster.margins(BASELINE))),
         tuple(finding.sentence for finding in findings),
-        roster.loops.leads,
         recorded=ran[1] if len(ran) > 1 else None,
         demand=demand if demand is not None and demand.weak else None,
         steps=steps,
         sweep=sweep(courses[0], roster) if asked.sweep else None,
         loops={name: roster.margins(name) for name in names},
-        missed=missed(lesson.model, asked.causes, asked.find, findings, asked.log is not None),
+        missed=missed(roster.model, asked.causes, asked.find, findings, asked.log is not None),
         failed=bool(asked.faults),
     )
 
@@ -301,18 +295,3 @@ def grounds(rig: Rig, asked: Asked) -> list[tuple[Ground, str, float]]:
         longest = min(asked.seconds, np.floor(lasting * 1000 - 1) / 1000)
         out.append((Recorded(asked.recorded.about(centre)), "log", longest))
     return out
-
-
-def shared(course: Course, asked: Asked, names: Sequence[str], roster: Roster) -> Contest:
-    """Run a contest, by several processes if so asked, under a progress bar."""
-    total = len(names) * asked.seeds
-    with ExitStack() as stack:
-        bar = stack.enter_context(tqdm(total=total, desc="pointing", unit="run", disable=None, leave=False, delay=2))
-        pool = None if asked.jobs == 1 else stack.enter_context(ProcessPoolExecutor(min(asked.jobs, total)))
-
-        def counted(run: Any, plan: Iterable[tuple[str, int]]) -> Iterable[Pointing]:
-            for one in map(run, plan) if pool is None else pool.map(run, plan):
-                bar.update()
-                yield one
-
-        return compete(course, roster, names, asked.seeds, counted)

@@ -12,10 +12,9 @@ import numpy as np
 
 from gimbal_pin.control.experiment import bench_run, perturbed
 from gimbal_pin.control.judging import Judgement, judge_controllers
-from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import Tracking, tour, track
-from gimbal_pin.control.tuning import Tuning, pair_rivals, tune
+from gimbal_pin.control.tuning import Law, Tuning, pair_rivals, tune
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
 from gimbal_pin.diagnosis.file import list_writers

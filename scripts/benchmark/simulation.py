@@ -20,9 +20,9 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.profile import profile_s
-from gimbal_pin.pointing.bench import WANTED, Shaken
+from gimbal_pin.pointing.bench import WANTED, Shaken, rehearsed
 from gimbal_pin.pointing.forecast import Spectrum
-from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Station
+from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.roster import Roster
 from gimbal_pin.pointing.run import Course, point
@@ -93,7 +93,7 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
     """
     rig, seconds = model.rig, 2.0
     course = Course(plant, Shaken(Sight(rig).centre, seconds), "S", seconds, Station.of(rig), drive)
-    spectrum, station = Spectrum.assumed(DT, GYRO, ACCELEROMETER), course.station
+    spectrum, station = Spectrum.of(rehearsed(rig)[1], DT), course.station
     pointer = Roster(model, WANTED, spectrum, station.noise, float(station.step.max())).pointer("switch")
     ground = course.ground(0)
 

@@ -85,7 +85,7 @@ def test_each_drives_forecast_is_weighted_by_its_own_loops() -> None:
     found = roster(late(0.005))
     forecast, alone = found.pointer("switch").navigator.forecast, Equal()
     assert forecast.leads == (pytest.approx(0.0015), pytest.approx(0.0065))
-    assert forecast.gains == (alone.pid, found.loops.pid[0])
+    assert forecast.gains == (alone.pid, found.equals[0].pid)
 
 
 # --- The oracle --------------------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ def test_the_text_says_who_swings_why_an_observer_costs_and_what_is_not_known() 
     fast, slow = Margins(58.0, 15.0, 1.07, 0.006, 25.0), Margins(56.0, 19.0, 1.07, 0.012, 12.0)
     loops = {name: (slow if name == "with-observer" else fast,) * 3 for name in sizes}
     contest = Contest("thesis", None, tuple(rows))
-    told = text.verified(Verified(contest, (), fast, (), (), loops=loops, missed=("roll: cogging was planted",)))
+    told = text.verified(Verified(contest, (), fast, (), loops=loops, missed=("roll: cogging was planted",)))
     assert "world-frame PID is unstable, it swings by itself: yaw at 12 Hz with 80 % of the torque limit" in told
     assert "all but with observer" in told and told.count("yaw, roll, tilt") == 2
     assert "with observer shakes 2 times as much as with gyros" in told and "crosses at 12 Hz, not at 25" in told

@@ -60,6 +60,7 @@ from gimbal_pin.pointing import (
     trusted,
     unbalanced,
 )
+from gimbal_pin.pointing.guard import Watch
 from gimbal_pin.pointing.navigator import Fused
 from gimbal_pin.pointing.sight import holding, inverted, lost_turn
 from gimbal_pin.pointing.verify import planted_once
@@ -123,7 +124,8 @@ def test_inverse_kinematics_reaches_and_holds_the_attitude(name: str) -> None:
     sight, t = Sight(rig), DT * np.arange(6)
     ground = profile_s(t, np.random.default_rng(0)).about(sight.centre)
     held = holding(sight, WANTED, ground)
-    turned = Rotation.from_quat(np.asarray(ground.quat), scalar_first=True).as_matrix() @ sight.attitudes(held.q)
+    base = Rotation.from_quat(np.asarray(ground.quat), scalar_first=True).as_matrix()
+    turned = base @ np.array([sight.attitude(q) for q in held.q])
     np.testing.assert_allclose(turned, np.broadcast_to(WANTED, turned.shape), atol=1e-10)
     np.testing.assert_allclose(held.v[1:-1], (held.q[2:] - held.q[:-2]) / (2 * DT), atol=0.02)
     for q, v, w in zip(held.q, held.v, ground.w):
@@ -378,15 +380,14 @@ def test_the_tuned_controller_has_the_gains_of_tune(kind: str) -> None:
     """Whatever their margins: the others' are equal, and there is no such controller where no law is given."""
     model = nominal(rig_of("handheld"))
     law = tune(model, kind=kind, bandwidth_hz={"pan": 5.0, "roll": 6.0, "tilt": 7.0}, robust=kind != "pid").controller
-    spectrum = Spectrum.assumed(DT, GYRO, ACCELEROMETER)
-    roster = Roster(model, WANTED, spectrum, Noise(GYRO, ACCELEROMETER), 0.0, law=law)
-    pointer = roster.pointer("tuned")
-    assert pointer.law.gains == law.gains != roster.pointer("switch").law.gains
+    controllers = roster(model, law=law)
+    pointer = controllers.pointer("tuned")
+    assert pointer.law.gains == law.gains != controllers.pointer("switch").law.gains
     assert isinstance(pointer.law, JointPid if kind == "pid" else CarriedTorque)
     assert kind == "pid" or (pointer.law.robust == law.robust is not None and pointer.navigator.fusion is not None)
     assert pointer.navigator.accelerates == (kind != "pid")
     with pytest.raises(UsageError, match="'tuned' is unknown"):
-        replace(roster, law=None).pointer("tuned")
+        replace(controllers, law=None).pointer("tuned")
 
 
 def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
@@ -507,8 +508,7 @@ def test_a_known_delay_is_told_beside_the_ratio_that_it_changes(late: float) -> 
     assert ratio.must == (4.0 if late > 0.004 else 5.0) and (f"must is {ratio.must:g}" in ratio.note) == (late > 0.004)
     assert (f"{1e3 * late:g} ms" in ratio.note) == (late > 0) == bool(ratio.note)
     now, slower = (
-        roster(nominal(rig), delay=1 + steps).loops.margins("pid-world")[0].crossover_hz
-        for steps in (0, round(late / DT))
+        roster(nominal(rig), delay=1 + steps).margins("pid-world")[0].crossover_hz for steps in (0, round(late / DT))
     )
     assert (slower < now) == (late > 0)
 
@@ -577,14 +577,21 @@ def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torqu
     assert not any("encoders" in event for event in run.events)
     weak = replace(rig, motors=tuple(replace(motor, tau_max=0.2) for motor in rig.motors))
     run = replace(course, plant=nominal(weak)).run(roster(nominal(weak)), "with-gyros", 0)
-    assert any("torque limit" in event for event in run.events) and max(run.at_limit.values()) > 0.2
+    assert any("torque limit" in event for event in run.events) and max(Row("", (run,)).at_limit.values()) > 0.2
     assert (np.abs(run.tau) <= 0.2 + 1e-12).all() and np.isfinite(run.error).all()
 
 
+class BlindGuard(Guard):
+    """A guard that lets every reading through."""
+
+    def step(self, seen: Measurement, watch: Watch, v: Array, steep: bool = False) -> tuple[Measurement, Watch]:
+        return seen, watch
+
+
 def test_what_is_no_number_becomes_no_torque() -> None:
-    """Whatever slips through: without a guard a NaN of the camera's gyro reaches the law, and no torque comes out."""
+    """Whatever slips through: past a blind guard a NaN of the gyro reaches the law, and no torque comes out."""
     rig = rig_of("turret")
-    pointer = replace(roster(nominal(rig)).pointer("with-gyros"), guard=None)
+    pointer = replace(roster(nominal(rig)).pointer("with-gyros"), guard=BlindGuard(DT))
     seen = Measurement(0.0, np.array([0.3, 0.4]), np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81]), np.zeros(0))
     memory = pointer.start(seen, WANTED, np.eye(3))
     tau, memory = pointer.torque(seen._replace(t=DT, gyro=np.full(3, np.nan)), memory)
@@ -626,8 +633,9 @@ def test_a_run_knows_its_torque_and_its_limits() -> None:
     tau = np.where(t < 6, 1.0, 2.0)[:, None]
     quat = np.tile([1.0, 0, 0, 0], (8000, 1))
     run = Pointing("a", "S", 0, ("yaw",), t, np.zeros((8000, 3)), tau, tau, quat, np.array([2.0]))
-    assert run.counted.start == 2000 and run.at_limit["yaw"] == pytest.approx(1 / 3)
-    assert run.torque_rms["yaw"] == pytest.approx(hypot(1.0, 1.0), rel=1e-9)
+    row = Row("a", (run, run))
+    assert run.counted.start == 2000 and row.at_limit["yaw"] == pytest.approx(1 / 3)
+    assert row.torque_rms["yaw"] == pytest.approx(hypot(1.0, 1.0), rel=1e-9)
 
 
 def test_a_fault_is_read_as_it_is_written() -> None:
