@@ -53,10 +53,6 @@ def false(*_: Any) -> bool:
     return False
 
 
-def nothing(*_: Any, **__: Any) -> None:
-    """Stand for a check that finds nothing."""
-
-
 def unchanged(evidence: Any, *_: Any) -> Any:
     """Stand for a step that changes nothing."""
     return evidence
@@ -85,7 +81,6 @@ ABLATIONS = {
     "prior": Ablation("ten times the prior of the alignment", "engine.alignment.USUAL", 2.5e-2),
     "blocks": Ablation("what a few blocks tell is as sure as what all do", "result.moderate", unchanged),
     "turns": Ablation("gate closed at swift turns", "diagnose.open_turns", unchanged),
-    "swung": Ablation("no look for limit cycles", "diagnose.find_limit_cycle", nothing),
     "overdone": Ablation("causes of any torque", "score.OVERDONE", 1e9),
     "alike": Ablation("a drive's coefficient may be anything", "columns.ALIKE", (-1e9, 1e9)),
 }  # fmt: skip

@@ -19,7 +19,6 @@ from gimbal_pin.diagnosis.engine.alignment import retimed
 from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
 from gimbal_pin.diagnosis.findings import report_findings, report_unusable_logs
 from gimbal_pin.diagnosis.given_model import compare_given_model, state_payload_with_causes
-from gimbal_pin.diagnosis.limit_cycle import find_limit_cycle
 from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.reversals import open_turns
 from gimbal_pin.diagnosis.state import Problem, solved
@@ -163,7 +162,7 @@ def searched(
         evidence, held = alternate_blocks(evidence, filtering)
     found = explain(evidence, reduction, of_refitted(causes), timed=filtering.alignment is None)
     resting = check_driven(found, find_joints_asked_to_rest(train))
-    apart = test_log_consistency(rig, each, found.final.causes) or find_limit_cycle(rig, train, found, filtering.cutoff)
+    apart = test_log_consistency(rig, each, found.final.causes)
     if apart is not None:
         return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
     held = retimed(held, found.alignment)

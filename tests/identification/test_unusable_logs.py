@@ -11,18 +11,15 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import cycle, pairwise
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.diagnosis import Explained, diagnose
-from gimbal_pin.diagnosis.limit_cycle import detect_limit_cycle, find_limit_cycle
+from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
-from gimbal_pin.effects import Cause, Cogging, Delay, Saturation
+from gimbal_pin.effects import Cogging
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.identification import Online, identify
 from gimbal_pin.log import PLAUSIBLE_RANGES, Array, Imu, Log, log_columns, read_log, read_mapping, write_log
@@ -433,45 +430,3 @@ def test_milliseconds_are_refused_whatever_the_cutoff(run: Run, tmp_path: Path, 
     write_log(replace(log, t=1e3 * log.t, v=None), tmp_path / "x.csv")
     code, _, err = run("identify", "turret", tmp_path / "x.csv", *more)
     assert code == 2 and "t is in ms, map it: --map t=COLUMN*1e-3" in err and err.count("\n") == 1
-
-
-@pytest.mark.parametrize("hertz", [1.0, 30.0])
-def test_a_loop_that_swings_from_limit_to_limit_beyond_the_band_is_the_logs_fault(hertz: float) -> None:
-    """As slow as the motion it is a drive that is too weak, and of a wider band the swing is what is looked at."""
-    rig = Rig.load("turret")
-    log = recorded(rig, 1)
-    relay = rig.tau_max[0] * np.sign(np.sin(2 * np.pi * hertz * log.t))
-    assert log.tau is not None
-    tau = np.column_stack([np.where(log.t % 1.0 < 0.8, relay, log.tau[:, 0]), log.tau[:, 1]])
-    faults = [detect_limit_cycle(rig, replace(log, tau=tau), cutoff) for cutoff in (12.0, 45.0)]
-    assert [fault is not None for fault in faults] == [hertz > 12.0, False]
-    assert (
-        detect_limit_cycle(rig, log, 12.0) is None
-        and detect_limit_cycle(rig, replace(log, tau=0.9 * tau), 12.0) is None
-    )
-    for fault in faults[: int(hertz > 12.0)]:
-        assert fault is not None and fault.makes_physics_unreliable and fault.joint == rig.joints[0]
-        assert "for 80 % of the time, to and fro at 30 Hz" in fault.sentence
-
-
-@pytest.mark.parametrize(("causes", "state", "told"), [((), "structured", True), ((), "noise", False)])
-def test_where_such_a_loop_leaves_a_structure_and_no_name_nothing_is_withheld(
-    causes: tuple[Cause, ...], state: str, told: bool
-) -> None:
-    swings(causes, state, told)
-
-
-@pytest.mark.parametrize("state", ["structured", "noise"])
-def test_of_such_a_loop_the_limit_is_believed_and_no_spring(state: str) -> None:
-    swings((Saturation("pan", limit=1.0), Cogging("pan", (14.0,))), state, True)
-    swings((Delay("pan", 1e-3),), state, False)
-
-
-def swings(causes: tuple[Cause, ...], state: str, told: bool) -> None:
-    """Ask whether these causes, and what is left beside them, stand in a log of a loop that swings."""
-    rig = Rig.load("turret")
-    log = recorded(rig, 1)
-    relay = np.sign(np.sin(2 * np.pi * 30.0 * log.t))[:, None] * rig.tau_max * np.array([1.0, 0.0])
-    found = SimpleNamespace(final=SimpleNamespace(causes=causes), structured=(state == "structured", False))
-    assert (find_limit_cycle(rig, [replace(log, tau=relay)], cast(Explained, found), 12.0) is None) == told
-    assert find_limit_cycle(rig, [log], cast(Explained, found), 12.0) is None
