@@ -35,6 +35,7 @@ from gimbal_pin.regression import (
     build_mask,
     compute_decimation,
     compute_direction,
+    compute_lost_impulse,
     compute_settling_time,
     count_smoother_memory,
     dilate_flags,
@@ -80,6 +81,8 @@ class Part(NamedTuple):
         origin: Time at which its log began, s.
         dt: Interval of the grid, s.
         rows: How many rows it gives.
+        impulse: What the smoother takes off the torque's impulse at the nearest turn of a joint, N m s, (m, n).
+        corner: What it takes off the rates where joints turn, rad/s, (m, n), as far as that is known.
         losses: What each motor turned into heat since its log began, (n); None: nobody knows.
         logged: The torque before it was smoothed; None: nobody knows.
         late: By how much later than it was smoothed each joint's torque was found to act, s, (n,).
@@ -93,6 +96,8 @@ class Part(NamedTuple):
     origin: float
     dt: float
     rows: int
+    impulse: Array
+    corner: Array | float = 0.0
     losses: tuple[Losses, ...] | None = None
     logged: UnfilteredTorque | None = None
     late: Array | float = 0.0
@@ -140,7 +145,7 @@ class Part(NamedTuple):
     @property
     def slide(self) -> Array:
         """Mean direction of each joint over each sample, in [-1, 1], (m, n)."""
-        return compute_direction(self.channels.v, self.channels.a, self.dt)
+        return compute_direction(self.channels.v + self.corner, self.channels.a, self.dt)
 
     @property
     def time(self) -> Array:
@@ -329,6 +334,7 @@ def build_part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, w
     gate = compute_gate(channels, filtering, taper)
     length, dt = 2 * half, stretch.dt * step
     rows = slice(0, length * step, step)
+    shock = spread_from_turns(compute_lost_impulse(stretch, filtering, channels.t), channels.v)[rows]
     logged = UnfilteredTorque.of(stretch, filtering, channels.t, step)
     channels = channels.select(rows)
     gate = gate[rows]
@@ -351,6 +357,8 @@ def build_part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, w
         float(whole.t[0]),
         dt,
         count,
+        shock,
+        0.0,
         tuple(Losses.along(whole.t, tau, channels.t) for tau in np.asarray(whole.tau).T),
         logged,
     )
@@ -370,6 +378,17 @@ def compute_band_edge(frequency: Array, band: float) -> Array:
     """Return the gain at some frequencies, Hz, (f,), of a band, Hz, whose last quarter fades."""
     inside = np.clip((band - frequency) / (0.25 * band), 0.0, 1.0)
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * inside))
+
+
+def spread_from_turns(values: Array, v: Array) -> Array:
+    """Values at the nearest sample at which each rate changes its sign, (m, n); zero where none does."""
+    out = np.zeros_like(values)
+    for j, rate in enumerate(v.T):
+        turns = np.flatnonzero(rate[1:] * rate[:-1] < 0)
+        if len(turns):
+            nearest = np.searchsorted((turns[1:] + turns[:-1]) / 2, np.arange(len(rate)))
+            out[:, j] = values[turns[nearest], j]
+    return out
 
 
 def compute_gate(channels: Samples, filtering: Filtering, taper: float = TAPER) -> Array:

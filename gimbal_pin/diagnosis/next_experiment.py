@@ -170,8 +170,10 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     rows, frequency = 2 * round(length * dt * logs.band), fft.rfftfreq(length, dt)
     own = np.arange(like.whitener.shape[1]) / (len(like.gate) * like.dt)
     gain = np.stack([np.interp(frequency[: rows // 2 + 1], own, gain) for gain in like.whitener])
-    warm, quiet = np.full_like(q, AMBIENT), np.zeros_like(gain)
-    part = Part(channels, warm, compute_gate(channels, filtering), gain, quiet, 0.0, dt, rows)
+    none = np.zeros_like(q)
+    part = Part(
+        channels, none + AMBIENT, compute_gate(channels, filtering), gain, np.zeros_like(gain), 0.0, dt, rows, none
+    )
     evidence = Evidence(
         logs.rig,
         (part,),

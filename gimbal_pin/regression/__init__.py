@@ -78,6 +78,7 @@ from gimbal_pin.regression.samples import Segment as Segment
 from gimbal_pin.regression.samples import UnfilteredTorque as UnfilteredTorque
 from gimbal_pin.regression.samples import classify_base_motion as classify_base_motion
 from gimbal_pin.regression.samples import compute_decimation as compute_decimation
+from gimbal_pin.regression.samples import compute_lost_impulse as compute_lost_impulse
 from gimbal_pin.regression.samples import compute_settling_time as compute_settling_time
 from gimbal_pin.regression.samples import find_moving_base as find_moving_base
 from gimbal_pin.regression.samples import resample_torque as resample_torque

@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import signals
@@ -287,6 +288,13 @@ class UnfilteredTorque(NamedTuple):
         """Resample and smooth a torque at the samples of the log, N m, (L,), as theirs was: (m,)."""
         even = signals.resample(self.t, torque[:, None], self.grid)
         return np.asarray(signals.zero_phase(even, self.sections)[:: self.step, 0])
+
+
+def compute_lost_impulse(segment: Segment, filtering: Filtering, grid: Array) -> Array:
+    """``∫τ dt - h * ∫τ dt``: what the smoother h takes off the torque's impulse, N m s, (m, n)."""
+    tau = resample_torque(segment, filtering, grid)
+    whole = cumulative_trapezoid(tau, dx=segment.dt, axis=0, initial=0.0)
+    return whole - signals.zero_phase(whole, signals.lowpass(filtering.cutoff * filtering.smoothing, 1 / segment.dt))
 
 
 def _resample_base_motion(log: Log, base_link: str, near: slice, grid: Array, sections: Array) -> Platform:

@@ -9,11 +9,20 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
+from gimbal_pin.control import ComputedTorque, Pid
 from gimbal_pin.diagnosis import BAND, Problem, diagnose, gather, solved
-from gimbal_pin.diagnosis.reversals import SMEAR, open_turns
-from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
+from gimbal_pin.diagnosis.reversals import (
+    compute_corners,
+    compute_inertial_torque,
+    compute_smear,
+    find_shifts,
+    get_dry_friction,
+    open_turns,
+)
+from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters, simulate
 from gimbal_pin.effects import CAUSES, Cause, Presliding, Term
 from gimbal_pin.log import Array, Log, Motion, lowpass, zero_phase
+from gimbal_pin.regression import compute_lost_impulse, split_segments
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 
@@ -75,15 +84,57 @@ def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
         assert bool(np.any(after.used > before.used + 0.02)) == opens
 
 
+@pytest.mark.parametrize("late", [-1, 0, 1])
+def test_a_torque_that_acts_at_another_time_is_told_and_opens_no_turn(rig: Rig, motion: Motion, late: int) -> None:
+    tau = nominal(rig).inverse(motion.q, motion.v, motion.a) + 0.002 * np.sign(motion.v)
+    log = logged(rig, motion, np.roll(tau, late, axis=0))
+    before = gather(rig, [log], ALIGNED)
+    state = solved(Problem.of(before, reduce_parameters(rig)), ())
+    np.testing.assert_allclose(find_shifts(state), abs(late) * log.dt, atol=0.15 * log.dt)
+    assert bool(np.any(open_turns(before, state, ALIGNED).used > before.used + 0.02)) == (late == 0)
+
+
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.4])
 def test_the_smoother_shifts_a_turn_by_the_jump_of_the_acceleration(share: float) -> None:
-    """Late by ``SMEAR/(2π f_c) F/T``."""
+    """Late by ``SMEAR/(2π f_c) F/T``; where the torque jumps, too, its lost impulse is as much the other way."""
     t = 2.5e-4 * np.arange(-2000, 2001)
     v = np.where(t < 0, 1 + share, 1 - share) * t  # unit inertia under T = 1
-    cutoff = BAND.cutoff * BAND.smoothing
+    sections = lowpass(BAND.cutoff * BAND.smoothing, 1 / 2.5e-4)
     near = np.abs(t) < 0.01
-    late = np.interp(0.0, zero_phase(v[:, None], lowpass(cutoff, 1 / 2.5e-4))[near, 0], t[near])
-    assert late == pytest.approx(SMEAR / (2 * np.pi * cutoff) * share, rel=0.05)
+    late = np.interp(0.0, zero_phase(v[:, None], sections)[near, 0], t[near])
+    assert late == pytest.approx(compute_smear(BAND) * share, rel=0.05)
+    jumping = Log("jump", ("one",), t + 0.5, v[:, None], None, share * np.sign(t)[:, None])
+    stretch = next(split_segments(jumping, BAND.cutoff))
+    lost = compute_lost_impulse(stretch, EXACT, jumping.t)
+    assert lost[2000, 0] == pytest.approx(-compute_smear(BAND) * share, rel=0.05)
+
+
+@pytest.mark.parametrize("jumps", ["torque", "acceleration"])
+def test_the_moment_of_a_turn_is_known(rig: Rig, jumps: str) -> None:
+    """Whether the motor makes up for the friction or the motion bends: to half of what it might be late."""
+    model, filtering = nominal(rig), EXACT if jumps == "torque" else BAND
+    motion = turning(rig, 0.12, 1e-3)
+    log = Log("exact", rig.joints, motion.t, motion.q, motion.v, model.inverse(motion.q, motion.v, motion.a))
+    if jumps == "acceleration":
+        law = ComputedTorque(replace(model, terms=()), (Pid.placed(5.0, 1.0, 0.2),) * rig.n, 1e-3, lead=1.5e-3)
+        log = simulate(model, law, motion, rng=np.random.default_rng(1))
+    problem = Problem.of(gather(rig, [log], filtering), reduce_parameters(rig))
+    gliding, (part,) = solved(problem, ()), problem.evidence.parts
+    c, friction = part.channels, get_dry_friction(gliding)
+    turns = np.zeros(c.v.shape, dtype=bool)
+    turns[1:] = c.v[1:] * c.v[:-1] < 0
+    corner = compute_corners(part, turns, gliding, friction, filtering)
+    errors, sizes = [], []
+    for j in range(rig.n):
+        k = np.flatnonzero(turns[:, j])[2:-2]
+        rate = np.asarray(log.v)[:, j]
+        i = np.flatnonzero(rate[1:] * rate[:-1] < 0)
+        crossed = log.t[i] - rate[i] * 1e-3 / (rate[i + 1] - rate[i])
+        told = c.t[k] - (c.v + corner)[k, j] / c.a[k, j]
+        errors.append(np.min(np.abs(crossed - told[:, None]), axis=1))
+        torque = compute_inertial_torque(gliding, c.q[k], c.a[k, j], np.full(len(k), j))
+        sizes.append(compute_smear(filtering) * friction[j] / np.abs(torque))
+    assert np.linalg.norm(np.concatenate(errors)) < np.linalg.norm(np.concatenate(sizes)) / 2
 
 
 def test_friction_that_builds_up_where_joints_turn_swiftly_is_found(rig: Rig, motion: Motion) -> None:
