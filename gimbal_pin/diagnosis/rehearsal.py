@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any, NamedTuple
+from itertools import islice
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.special import logit
@@ -122,6 +123,7 @@ class _Planted(NamedTuple):
     Attributes:
         cause: It, with its shape parameters.
         direction: Its coefficients where its size is one, (c,).
+        rest: What the model leaves of its torque then, (rows n,).
         share: Torque that it then adds over the joint's.
         largest: Largest size that a rig may have.
         seen: Size from which it is found.
@@ -131,23 +133,25 @@ class _Planted(NamedTuple):
 
     cause: Cause
     direction: Array
+    rest: Array
     share: float
     largest: float
     seen: float
     named: float = np.inf
     alike: tuple[CauseAt, ...] = ()
 
-    def describe(self, size: float, rig: Rig) -> Size:
-        """Return a size in the units of its joint: the first of its figures that it changes."""
-        cause, values = self.cause, tuple((size * self.direction).tolist())
-        if isinstance(cause, RigEffect):
-            cause = resize(cause, values[0])
-        given, none = (values, (0.0,) * len(values)) if isinstance(cause, Effect) else ((), ())
-        shown = cause.shown(given)
-        changed = [one for one, other in zip(shown, cause.shown(none)) if one.value != other.value]
-        figure = next(iter(changed or (one for one in shown if one.value)))
-        unit, said = (rig.in_units(cause.place, x) for x in (figure.unit, cause.sentence(given)))
-        return Size(figure.name, figure.value, unit, size * self.share, said, write_effect(cause, shown))
+
+def describe_size(one: _Planted, size: float, rig: Rig) -> Size:
+    """Return a size in the units of its joint: the first of its figures that it changes."""
+    cause, values = one.cause, tuple((size * one.direction).tolist())
+    if isinstance(cause, RigEffect):
+        cause = resize(cause, values[0])
+    given, none = (values, (0.0,) * len(values)) if isinstance(cause, Effect) else ((), ())
+    shown = cause.shown(given)
+    changed = [figure for figure, other in zip(shown, cause.shown(none)) if figure.value != other.value]
+    figure = next(iter(changed or (figure for figure in shown if figure.value)))
+    unit, said = (rig.in_units(cause.place, x) for x in (figure.unit, cause.sentence(given)))
+    return Size(figure.name, figure.value, unit, size * one.share, said, write_effect(cause, shown))
 
 
 def write_effect(cause: Cause, shown: Sequence[Parameter]) -> str:
@@ -195,12 +199,12 @@ def rehearse(
     columns = [shelf.of(cause, state) for cause in bar]
     places = [CauseAt(name, joint) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint]
     places += [CauseAt(name, None) for name, kind in kinds.items() if not kind.of_joint]
-    grids: dict[CauseAt, list[Cause]] = {at: [] for at in places}
-    for cause in shelf.causes:
-        grids[get_place(cause)].append(cause)
-    wanted = {cause for grid in grids.values() for cause in pick_forms(grid)}
-    planted, rest = plant_causes(search, state, [one for one in columns if one.cause in wanted])
-    told = compare_causes(search, state, planted, rest, columns)
+    grids: dict[CauseAt, list[Columns]] = {at: [] for at in places}
+    for one in columns:
+        grids[get_place(one.cause)].append(one)
+    planted = [plant_cause(search, state, one) for grid in grids.values() for one in pick_forms(grid)]
+    gains = explain_planted(state.fit, np.stack([one.seen * one.rest for one in planted], axis=1), columns)
+    told = [compare_cause(search, state, *pair, columns) for pair in zip(planted, gains)]
     found = [summarize_forms(at, kinds[at.cause], [x for x in told if get_place(x.cause) == at], rig) for at in places]
     idle = "the motion holds the joint still"
     found += [Rehearsed(name, at, why=idle) for at in still for name, kind in kinds.items() if kind.of_joint]
@@ -212,72 +216,102 @@ def get_place(cause: Cause) -> CauseAt:
     return CauseAt(cause.name, cause.place if cause.of_joint else None)
 
 
-def pick_forms(causes: Sequence[Cause], tones: int = 8) -> list[Cause]:
+def pick_forms(grid: Sequence[Columns], tones: int = 8) -> list[Columns]:
     """Return what is planted of a cause's grid: its plainest form, which grids begin with; of harmonics so many."""
-    if causes and causes[0].pieces:
-        every = np.array([one.pieces[0] for one in causes])
+    if grid and grid[0].cause.pieces:
+        every = np.array([one.cause.pieces[0] for one in grid])
         nearest = np.argmin(np.abs(every - np.geomspace(every[0], every[-1], tones)[:, None]), axis=1)
-        return [causes[k] for k in np.unique(nearest).tolist()]
-    return [cause for cause in causes if form(cause) == form(causes[0])]
+        return [grid[k] for k in np.unique(nearest).tolist()]
+    return [one for one in grid if form(one.cause) == form(grid[0].cause)]
 
 
-def compute_distance(fall: Array) -> Array:
-    """``D² - 2 z D = fall``: deviations of the noise from which a sum of squares falls by so much in 19 of 20 logs."""
-    return np.asarray(LUCKY + np.sqrt(LUCKY**2 + fall))
-
-
-def plant_causes(search: Search, state: State, columns: Sequence[Columns]) -> tuple[list[_Planted], Array]:
-    """Return causes with the size from which each is found, and what the model leaves of them at size one, (rows n, t).
+def plant_cause(search: Search, state: State, one: Columns) -> _Planted:
+    """Return a cause with the size from which it is found.
 
     `diagnose` asks that the criterion falls by the threshold, without the block that tells most as well, and by more
     than an error of the model's form.
     """
-    now, evidence, count = state.fit, state.problem.evidence, rows(state)
-    n, total = len(now.scale), evidence.whiten_all(state.torque)
-    planted, left = list[_Planted](), list[Array]()
-    for one, seen in zip(columns, visibility(now, columns).tolist()):
-        rest = project(now, one.own, one.joint)
-        u = pick_direction(one, rest)
-        rest = rest @ u
-        felt = retime(state, one.cause, rest) if isinstance(one.cause, Signal) and one.cause.linear else rest
-        blocks = now.by_block(felt[:, None] ** 2)[:, 0]
-        many = count.sum() if one.joint is None else count[one.joint]
-        asked = many * np.expm1((search.threshold + free(one.cause) * np.log(count.max())) / many)
-        outside = felt.reshape(-1, n) / now.scale
-        form_error = compare_with_form_error(evidence, outside, 0 * outside, [(FORM_ERROR, total)]).max()
-        told = np.array([blocks.sum(), blocks.sum() - blocks.max(), form_error])
-        far = np.append(compute_distance(np.array([asked, search.threshold])), 1.0)
-        least = np.max(far / np.sqrt(np.maximum(told, 1e-300)))
-        torque = total if one.joint is None else total[:, one.joint]
-        power = float(np.linalg.norm(one.own @ u) / np.linalg.norm(torque))
-        most = find_largest(one, u, evidence.rig, power) if seen >= HIDDEN else 0.0
-        planted.append(_Planted(one.cause, u, power, most, float(least)))
-        left.append(rest)
-    return planted, np.stack(left, axis=1)
+    now, evidence, count, cause = state.fit, state.problem.evidence, rows(state), one.cause
+    rest = project(now, one.own, one.joint)
+    u = pick_direction(cause, rest)
+    felt = rest = rest @ u
+    if isinstance(cause, Signal) and cause.linear:  # a delay of up to `LATEST` is taken for the log's own
+        late = min(cause.late(evidence.parts[0].dt), LATEST)
+        felt = rest - late * project_slope(state, evidence.rig.joint_index(cause.joint))
+    blocks = now.by_block(felt[:, None] ** 2)[:, 0]
+    many = count.sum() if one.joint is None else count[one.joint]
+    asked = many * np.expm1((search.threshold + free(cause) * np.log(count.max())) / many)
+    outside, torque = felt.reshape(-1, len(now.scale)) / now.scale, evidence.whiten_all(state.torque)
+    form_error = compare_with_form_error(evidence, outside, 0 * outside, [(FORM_ERROR, torque)]).max()
+    told = np.array([blocks.sum(), blocks.sum() - blocks.max(), form_error])
+    # D² - 2 z D = fall: deviations of the noise from which a sum of squares falls by so much in 19 of 20 logs.
+    far = np.append(LUCKY + np.sqrt(LUCKY**2 + np.array([asked, search.threshold])), 1.0)
+    seen = float(np.max(far / np.sqrt(np.maximum(told, 1e-300))))
+    power = float(np.linalg.norm(one.own @ u) / np.linalg.norm(torque if one.joint is None else torque[:, one.joint]))
+    largest = find_largest(one, u, evidence.rig, power) if visibility(now, [one])[0] >= HIDDEN else 0.0
+    return _Planted(cause, u, rest, power, largest, seen)
 
 
-def pick_direction(columns: Columns, rest: Array) -> Array:
+def compare_cause(search: Search, state: State, one: _Planted, gains: Array, columns: Sequence[Columns]) -> _Planted:
+    """Return a planted cause with the size from which it is named, and what it is taken for.
+
+    As in `selection.rivals`, by the best of each place that promises anything at the size from which it is found.
+
+    Args:
+        search: The candidates.
+        state: The rigid model.
+        one: The cause.
+        gains: What each candidate gains on it, (k,).
+        columns: The candidates' columns.
+    """
+    cause, own, best = one.cause, get_place(one.cause), dict[CauseAt, Columns]()
+    for k in np.argsort(-gains).tolist():
+        if gains[k] >= PROMISE * search.threshold and (place := get_place(columns[k].cause)) != own:
+            best.setdefault(place, columns[k])
+    evidence, cost = state.problem.evidence, float(np.log(rows(state).max()))
+    needed = {
+        place: find_size_apart(state.fit, one.rest, rival, cost * (free(cause) - free(rival.cause)))
+        for place, rival in islice(best.items(), TRIED)
+    }
+    seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
+    needed |= {CauseAt(name, own.joint): np.inf for name in cause.blurred(seen)}
+    named = max([one.seen, *needed.values()])
+    limit = one.seen if named <= one.largest else one.largest
+    return one._replace(named=named, alike=tuple(place for place, size in needed.items() if size > limit))
+
+
+def explain_planted(now: Fit, planted: Array, columns: Sequence[Columns]) -> Array:
+    """Return what each candidate, within its bounds, explains of torques that the model leaves, (rows n, t): (t, k)."""
+    found = np.zeros((planted.shape[1], len(columns)))
+    for batch in batches(columns):
+        some = [columns[k] for k in batch]
+        joint, c = some[0].joint, some[0].width
+        S = weigh_together(now, some)
+        whole = products(S, c)
+        gram = whole - products(now.along(S, joint), c)
+        s = (planted[now.rows(joint)].T @ S).reshape(len(found), -1, c)
+        own = fitting(gram, s)
+        lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in some)))
+        possible = np.all((own >= lower) & (own <= upper), axis=2)
+        possible &= share(gram, whole) * np.array([one.bulk for one in some]) >= HIDDEN
+        found[:, batch] = np.where(possible, np.sum(own * s, axis=2), 0.0)
+    return found
+
+
+def pick_direction(cause: Cause, rest: Array) -> Array:
     """Return the coefficients to plant: the first that a person states; of a harmonic the phase that shows least."""
-    cause, width = columns.cause, rest.shape[1]
     if isinstance(cause, Harmonic):
         return np.linalg.eigh(rest.T @ rest)[1][:, 0]
     names = [c.name for c in cause.coefficients] if isinstance(cause, Effect) else []
     stated = [names.index(p.name) for p in cause.stated() if p.name in names]
-    return np.eye(width)[stated[0] if stated else 0]
-
-
-def retime(state: State, drive: Signal, rest: Array) -> Array:
-    """Return what is left of a linear drive, (rows n,): a delay of up to `LATEST` is taken for the log's own."""
-    evidence = state.problem.evidence
-    late = min(drive.late(evidence.parts[0].dt), LATEST)
-    return rest - late * project_slope(state, evidence.rig.joint_index(drive.joint))
+    return np.eye(rest.shape[1])[stated[0] if stated else 0]
 
 
 def find_largest(columns: Columns, u: Array, rig: Rig, power: float) -> float:
     """Return the largest size of a cause that a rig may have.
 
-    It takes no more than all of the joint's torque, is within the bounds of its coefficients and figures, and at the
-    joint's limits of angle, at rest and at its limit of rate, no more than the motor gives.
+    It takes no more than all of the joint's torque, is within the bounds of its coefficients, and at the joint's limits
+    of angle, at rest and at its limit of rate, no more than the motor gives.
     """
     cause = columns.cause
     if isinstance(cause, Signal):
@@ -286,42 +320,11 @@ def find_largest(columns: Columns, u: Array, rig: Rig, power: float) -> float:
         most = [1.0 / power, *(columns.upper[u > 0] / u[u > 0])]
     if isinstance(cause, Effect):
         limit, tau = rig.limits[j := rig.joint_index(cause.joint)], float(rig.tau_max[j])
-        corners = [(q, v, tau) for q in (limit.lower, limit.upper) for v in (0.0, limit.velocity)]
-        inside = [at for at in corners if np.isfinite(at).all()]
-        bases = [cause.basis(Sample(0.0, q, v, 0.0, 1.0, tau)) for q, v, _ in inside]
-        loads = [abs(float(np.array([float(x) for x in basis]) @ u)) for basis in bases]
+        corners = ((q, v) for q in (limit.lower, limit.upper) for v in (0.0, limit.velocity))
+        inside = (Sample(0.0, q, v, 0.0, 1.0, tau) for q, v in corners if np.isfinite([q, v, tau]).all())
+        loads = [abs(float(np.array([float(x) for x in cause.basis(at)]) @ u)) for at in inside]
         most += [tau / load for load in loads if load > 0]
-        figures = zip(cause.shown(tuple(u.tolist())), cause.shown(tuple((2 * u).tolist())))
-        most += [p.upper / p.value for p, twice in figures if p.value > 0 and np.isclose(twice.value, 2 * p.value)]
     return float(min(most))
-
-
-def compare_causes(
-    search: Search, state: State, planted: Sequence[_Planted], rest: Array, columns: Sequence[Columns]
-) -> list[_Planted]:
-    """Return planted causes with the sizes from which they are named, and what they are taken for.
-
-    As in `selection.rivals`, the best of each place that promises anything at the size from which the cause is found.
-    """
-    now, evidence, cost = state.fit, state.problem.evidence, float(np.log(rows(state).max()))
-    places, told = [get_place(one.cause) for one in columns], []
-    for one, torque, gain in zip(planted, rest.T, explain_planted(now, rest * [one.seen for one in planted], columns)):
-        cause, own, best = one.cause, get_place(one.cause), dict[CauseAt, Columns]()
-        for k in np.argsort(-gain).tolist():
-            if gain[k] < PROMISE * search.threshold or len(best) == TRIED:
-                break
-            if places[k] != own:
-                best.setdefault(places[k], columns[k])
-        needed = {
-            place: find_size_apart(now, torque, rival, cost * (free(cause) - free(rival.cause)))
-            for place, rival in best.items()
-        }
-        seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
-        needed |= {CauseAt(name, own.joint): np.inf for name in cause.blurred(seen)}
-        named = max([one.seen, *needed.values()])
-        limit = one.seen if named <= one.largest else one.largest
-        told.append(one._replace(named=named, alike=tuple(place for place, size in needed.items() if size > limit)))
-    return told
 
 
 def find_size_apart(now: Fit, torque: Array, rival: Columns, fall: float) -> float:
@@ -347,35 +350,18 @@ def find_size_apart(now: Fit, torque: Array, rival: Columns, fall: float) -> flo
     return float(apart / np.sqrt(total))
 
 
-def explain_planted(now: Fit, planted: Array, columns: Sequence[Columns]) -> Array:
-    """Return what each candidate, within its bounds, explains of torques that the model leaves, (rows n, t): (t, k)."""
-    found = np.zeros((planted.shape[1], len(columns)))
-    for batch in batches(columns):
-        some = [columns[k] for k in batch]
-        joint, c = some[0].joint, some[0].width
-        S = weigh_together(now, some)
-        whole = products(S, c)
-        gram = whole - products(now.along(S, joint), c)
-        s = (planted[now.rows(joint)].T @ S).reshape(len(found), -1, c)
-        own = fitting(gram, s)
-        lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in some)))
-        possible = np.all((own >= lower) & (own <= upper), axis=2)
-        possible &= share(gram, whole) * np.array([one.bulk for one in some]) >= HIDDEN
-        found[:, batch] = np.where(possible, np.sum(own * s, axis=2), 0.0)
-    return found
-
-
 def summarize_forms(place: CauseAt, kind: type[Cause], told: Sequence[_Planted], rig: Rig) -> Rehearsed:
     """Return what is said of a cause at its place: of the form that is the median of those that show."""
     families: dict[tuple[object, ...], list[_Planted]] = {}
     for one in sorted(told, key=lambda one: one.share):
         key = [getattr(one.cause, field.name) for field in fields(one.cause) if field.name != get_size_name(one.cause)]
         families.setdefault(tuple(key), []).append(one)
-    shown = []
-    for family in families.values():
-        if (seen := find_edge(family, [one.seen for one in family])) is not None:
-            named = find_edge(family, [one.named for one in family])
-            shown.append((seen.describe(seen.seen, rig), named and named.describe(named.named, rig), seen.alike))
+    edges = [[find_edge(family, "seen"), find_edge(family, "named")] for family in families.values()]
+    shown = [
+        (describe_size(seen, seen.seen, rig), named and describe_size(named, named.named, rig), seen.alike)
+        for seen, named in edges
+        if seen is not None
+    ]
     if not shown:
         why = kind.hidden if all(one.largest == 0 for one in told) else WEAK
         return Rehearsed(place.cause, place.joint, len(families), why=why)
@@ -388,21 +374,18 @@ def get_size_name(cause: Cause) -> str:
     return cause.shapes[0].name if isinstance(cause, Signal) else ""
 
 
-def find_edge(family: Sequence[_Planted], needed: Sequence[float]) -> _Planted | None:
+def find_edge(family: Sequence[_Planted], what: Literal["seen", "named"]) -> _Planted | None:
     """Return the first of a cause's forms, the weakest first, that shows at the size it needs; None where none does.
 
     A drive's needs a size of one: it is moved, between its form and the next weaker, to where that is so.
     """
-    k = next((k for k, one in enumerate(family) if needed[k] <= one.largest), len(family))
-    if k == len(family):
-        return None
-    one, name = family[k], get_size_name(family[k].cause)
-    if not name:
-        return one
-    weaker, before = (family[k - 1], min(needed[k - 1], 1e9)) if k else (one, needed[k])
-    if before <= max(needed[k], 1.0):
-        return one._replace(seen=1.0, named=1.0)
-    way = np.log(before) / np.log(before / needed[k])
-    low, high = (getattr(x.cause, name) for x in (weaker, one))
-    moved = one.cause.altered(**{name: low * (high / low) ** way})
-    return one._replace(cause=moved, share=one.share * needed[k], seen=1.0, named=1.0)
+    needed = [float(getattr(one, what)) for one in family]
+    k = next((k for k, one in enumerate(family) if needed[k] <= one.largest), None)
+    if k is None or not (name := get_size_name(family[k].cause)):
+        return None if k is None else family[k]
+    one, before = family[k], min(needed[k - 1], 1e9) if k else 1.0
+    if before > max(needed[k], 1.0):
+        sizes = [np.log(getattr(x.cause, name)) for x in (one, family[k - 1])]
+        at = float(np.exp(np.interp(0.0, np.log([needed[k], before]), sizes)))
+        one = one._replace(cause=one.cause.altered(**{name: at}), share=one.share * needed[k])
+    return one._replace(seen=1.0, named=1.0)
