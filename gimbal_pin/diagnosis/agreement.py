@@ -7,9 +7,7 @@ well: this comes before any name.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -27,106 +25,75 @@ from gimbal_pin.regression import Design, Filtering, project_rows
 from gimbal_pin.rig.rig import Rig
 
 _EXCESS = 2.0
-"""The same over what each log's own fit leaves: less could be a misfit that the logs' motions bring out differently."""
+"""Torque that a log's own parameters move, over what its own fit leaves, from which it is of another rig: less could be
+a misfit that the logs' motions bring out differently."""
 _EXPLAINED_EXCESS = 0.5
 """The same where logs differed before any cause was found: causes must explain it, not only make it smaller."""
-_SOUND_DISPERSION = 4.0
-"""Dispersion under which nothing that could set a log apart is left of it."""
 
 
-class LogDisagreement(NamedTuple):
-    """How far a log is from what all logs share.
-
-    Attributes:
-        log: Its name.
-        torque: Torque that the difference of parameters moves on it, friction refitted, N m rms, (n,): its share of
-            the whitened torque, times the torque's rms.
-        excess: The same over what the log's own fit leaves, (n,).
-        share: The same over the log's torque, (n,).
-    """
-
-    log: str
-    torque: Array
-    excess: Array
-    share: Array
-
-    def compute_material_excess(self, limit: Array | float) -> Array:
-        """Its excess at joints where that is beyond a limit and matters, (n,); zero elsewhere."""
-        return np.where((self.excess > limit) & (self.share > MATERIAL_SHARE), self.excess, 0.0)
-
-
-def fit_each_log(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> dict[str, State]:
-    """Fit the rigid model to every log that is long enough for it, by number and name; held-out ones are among them."""
-    reduction, states = reduce_parameters(rig), dict[str, State]()
-    for k, log in enumerate(logs if len(logs) > 1 else ()):
-        with contextlib.suppress(DataError):
-            evidence = gather(rig, [log], filtering)
-            states[f"{k + 1}: {log.name}"] = solved(Problem.of(evidence, reduction), ())
-    return states
-
-
-def add_reason(fault: Fault, rig: Rig, logs: Sequence[Log]) -> Fault:
-    """Return the fault of logs that disagree with the likeliest reason, see `assess_agreement`."""
-    reduction = reduce_parameters(rig, base=greatest_base_motion(rig, logs))
-    found = assess_agreement(Design(rig, reduction, build_friction_effects(rig.joints), tuple(logs), Filtering()))
-    return fault if found is None or found.reason is None else replace(fault, sentence=f"{fault.sentence}; {found.why}")
-
-
-def test_log_consistency(rig: Rig, states: Mapping[str, State], causes: Sequence[Cause] | None = None) -> Fault | None:
+def find_disagreement(rig: Rig, logs: Sequence[Log], filtering: Filtering, causes: Sequence[Cause]) -> Fault | None:
     """Compare the logs' parameters: each on its own is as good as its sensors, together they are not.
 
     Args:
         rig: The rig.
-        states: Fits of the rigid model to each log.
-        causes: What has been found, which is put in every fit; None: nothing was looked for yet. Then a joint at which
-            something is left of a log on its own is not judged, as that may be what sets the log apart.
+        logs: Its logs, held-out ones among them; those that are long enough for a fit of their own are compared.
+        filtering: The band.
+        causes: What has been found, which is put in every fit.
 
     Returns:
-        The fault, or None: the logs agree, or there is only one that is long enough to tell.
+        The fault with the likeliest reason, see `assess_agreement`; None: the logs agree, or cannot tell.
     """
+    reduction, states = reduce_parameters(rig), dict[str, State]()
+    for number, log in enumerate(logs if len(logs) > 1 else ()):
+        with contextlib.suppress(DataError):
+            evidence = gather(rig, [log], filtering)
+            states[f"{number + 1}: {log.name}"] = solved(Problem.of(evidence, reduction), ())
     if len(states) < 2:
         return None
-    rows = _compare_logs(states)
-    if causes is None:
-        is_sound = np.all([state.fit.dispersion < _SOUND_DISPERSION for state in states.values()], axis=0)
-        limit = np.where(is_sound, _EXCESS, np.inf)
-    else:
-        differed = np.any([row.compute_material_excess(_EXCESS) > 0 for row in rows], axis=0)
-        limit = np.where(differed, _EXPLAINED_EXCESS, _EXCESS)
-        rows = _compare_logs({name: solved(state.problem, causes, state) for name, state in states.items()})
-    worst = max(rows, key=lambda row: float(np.max(row.compute_material_excess(limit))))
-    excess = worst.compute_material_excess(limit)
-    j = int(np.argmax(excess))
-    if not excess[j] > 0:
+    excess, share, _ = _compare_logs(states.values())
+    limit = np.where(np.any((excess > _EXCESS) & (share > MATERIAL_SHARE), axis=0), _EXPLAINED_EXCESS, _EXCESS)
+    excess, share, torque = _compare_logs([solved(one.problem, causes, one) for one in states.values()])
+    excess = np.where((excess > limit) & (share > MATERIAL_SHARE), excess, 0.0)
+    k, j = (int(x) for x in np.unravel_index(np.argmax(excess), excess.shape))
+    if not excess[k, j] > 0:
         return None
-    figures = tuple(Parameter(f"log {row.log}", float(row.torque[j]), "N m") for row in rows)
+    figures = tuple(Parameter(f"log {name}", float(moved), "N m") for name, moved in zip(states, torque[:, j]))
     sentence = (
-        f"the logs are not of one rig: what fits each of them apart differs by {digits(worst.torque[j], 2)} N m rms at "
-        f"{rig.joints[j]} in log {worst.log}, {digits(worst.excess[j], 2)} times what the fits leave"
+        f"the logs are not of one rig: what fits each of them apart differs by {digits(torque[k, j], 2)} N m rms at "
+        f"{rig.joints[j]} in log {[*states][k]}, {digits(excess[k, j], 2)} times what the fits leave"
     )
+    reduction = reduce_parameters(rig, base=greatest_base_motion(rig, logs))
+    why = assess_agreement(Design(rig, reduction, build_friction_effects(rig.joints), tuple(logs), Filtering()))
+    sentence += "" if why is None or why.reason is None else f"; {why.why}"
     mend = "diagnose them one at a time; 'identify' takes several payloads together: LOG@PAYLOAD"
-    return Fault("logs-disagree", rig.joints[j], sentence, figures, float(excess[j]), True, mend).in_units(rig)
+    return Fault("logs-disagree", rig.joints[j], sentence, figures, float(excess[k, j]), True, mend).in_units(rig)
 
 
-def _compare_logs(states: Mapping[str, State]) -> list[LogDisagreement]:
+def _compare_logs(states: Collection[State]) -> tuple[Array, Array, Array]:
     """Compare each log's parameters with those that all share, ``(Σ H_i)⁻¹ Σ H_i β_i``.
 
     H_i is the information that a log has of the base parameters and of what the causes add, which one rig has the same
     in every log; friction, which changes with temperature, is left open.
+
+    Returns:
+        Torque that the difference moves on each log, friction refitted, whitened, rms: over what the log's own fit
+        leaves, over all of the log's torque, and that share of its rms, N m, (L, n) each.
     """
     columns, fitted = [], []
-    for state in states.values():
+    for state in states:
         fit, width = state.fit, len(state.problem.reduction.independent)
         rubbing = slice(width, width + len(state.problem.friction))
-        shared = np.delete(fit.stack, rubbing, axis=1)
-        columns.append(project_rows(shared, fit.stack[:, rubbing]))
+        columns.append(project_rows(np.delete(fit.stack, rubbing, axis=1), fit.stack[:, rubbing]))
         fitted.append(columns[-1] @ np.delete(fit.theta, rubbing))
     common = np.linalg.lstsq(np.vstack(columns), np.concatenate(fitted), rcond=1e-10)[0]
     rows = []
-    for (name, state), X, y in zip(states.items(), columns, fitted):
-        evidence, fit = state.problem.evidence, state.fit
-        whitened = (x.reshape(-1, evidence.rig.n) / fit.scale for x in (fit.residual, y - X @ common, fit.target))
-        left, size, whole = (np.maximum(np.sqrt(np.mean(x**2, axis=0)), 1e-300) for x in whitened)
-        level = np.sqrt(np.mean(np.concatenate(evidence.torque) ** 2, axis=0))
-        rows.append(LogDisagreement(name, size / whole * level, size / left, size / whole))
-    return rows
+    for state, X, y in zip(states, columns, fitted):
+        fit, n = state.fit, len(state.fit.scale)
+        powers = (
+            np.mean((x.reshape(-1, n) / fit.scale) ** 2, axis=0) for x in (y - X @ common, fit.residual, fit.target)
+        )
+        moved, left, whole = (np.maximum(np.sqrt(power), 1e-300) for power in powers)
+        level = np.sqrt(np.mean(np.concatenate(state.problem.evidence.torque) ** 2, axis=0))
+        rows.append((moved / left, moved / whole, moved / whole * level))
+    excess, share, torque = np.array(rows).swapaxes(0, 1)
+    return excess, share, torque

@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin.checks import CheckedLog, Fault, check_log
 from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
 from gimbal_pin.checks.torque_time import find_shifted_torques, find_time_fault, report_shifts
-from gimbal_pin.diagnosis.agreement import add_reason, fit_each_log, test_log_consistency
+from gimbal_pin.diagnosis.agreement import find_disagreement
 from gimbal_pin.diagnosis.band import alternate_blocks, usual
 from gimbal_pin.diagnosis.counterfactual import add_sensor_findings
 from gimbal_pin.diagnosis.engine import Explained, explain
@@ -150,21 +150,16 @@ def searched(
         raise DataError(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
         )
-    each = fit_each_log(rig, [one.log for one in checked], filtering)
-    apart = test_log_consistency(rig, each)
-    if apart is not None:
-        apart = add_reason(apart, rig, [one.log for one in checked])
-        return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
     reduction = reduce_parameters(rig, base=base)
     gliding = solved(Problem.of(alternate_blocks(evidence, filtering)[0] if whole else evidence, reduction), ())
     evidence, held = (open_turns(one, gliding, filtering) for one in (evidence, held))
     if whole:
         evidence, held = alternate_blocks(evidence, filtering)
     found = explain(evidence, reduction, of_refitted(causes), timed=filtering.alignment is None)
-    resting = check_driven(found, find_joints_asked_to_rest(train))
-    apart = test_log_consistency(rig, each, found.final.causes)
+    apart = find_disagreement(rig, [one.log for one in checked], filtering, found.final.causes)
     if apart is not None:
         return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
+    resting = check_driven(found, find_joints_asked_to_rest(train))
     held = retimed(held, found.alignment)
     said = report_findings(found, held, checked, filtering, rng)
     said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
