@@ -195,12 +195,10 @@ class _Search:
         return self.response.compute([form.build(own) for form, own in zip(forms, _split(forms, x))])
 
     def compute_slopes(self, forms: Sequence[Form], x: Array) -> Array:
-        """Base parameters per figure, (b, p), by differences to where a body allows a step; none where it does not."""
-        here, columns = self.compute_response(forms, x), []
-        for step in _STEP * np.eye(len(x)):
-            ahead = self.compute_response(forms, x + step)
-            columns.append(ahead - here if np.isfinite(ahead).all() else here - self.compute_response(forms, x - step))
-        return np.nan_to_num(np.stack(columns, axis=1) / _STEP)
+        """Base parameters per figure, (b, p), by differences; none where no body allows the step."""
+        here = self.compute_response(forms, x)
+        ahead = [self.compute_response(forms, x + step) for step in _STEP * np.eye(len(x))]
+        return np.nan_to_num((np.stack(ahead, axis=1) - here[:, None]) / _STEP)
 
     def invert(self, forms: Sequence[Form], slopes: Array) -> tuple[Array, int]:
         """Pseudo-inverse of slopes over the directions that show, (p, b), and how many these are.
@@ -225,24 +223,22 @@ class _Search:
         return self.fits[key]
 
     def minimise(self, forms: Sequence[Form], x: Array) -> FittedForms | None:
-        """Fit causes, first beside sizes that a form starts from; no step goes where no body may."""
+        """Fit causes by least squares; no step goes where no body may."""
         from scipy.optimize import least_squares
 
         change, W = self.difference.change, self.difference.whitener
         if not np.isfinite(self.compute_response(forms, x)).all():
             return None
         low, high = _get_bounds(forms)
-        free = np.array([not value for form in forms for _, value in form.start])
-        for which in (free, np.ones_like(free))[int(free.all()) :]:
-            x = least_squares(
-                lambda at: W @ (self.compute_response(forms, at) - change),
-                x,
-                lambda at, which=which: W @ self.compute_slopes(forms, at) * which,
-                (low, high),
-                x_scale=(high - low) / 2,
-                ftol=1e-4,
-                max_nfev=30,  # what goes on beyond that fits badly
-            ).x
+        x = least_squares(
+            lambda at: W @ (self.compute_response(forms, at) - change),
+            x,
+            lambda at: W @ self.compute_slopes(forms, at),
+            (low, high),
+            x_scale=(high - low) / 2,
+            ftol=1e-4,
+            max_nfev=30,  # what goes on beyond that fits badly
+        ).x
         values = dict(zip(forms, _split(forms, x)))
         if not all(form.build(own).plausible(self.difference.rig) for form, own in values.items()):
             return None
