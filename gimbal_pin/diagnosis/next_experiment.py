@@ -24,7 +24,7 @@ from gimbal_pin.diagnosis.extended import build_extended_model
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.parting import Apart, NextExperiment, Parting
 from gimbal_pin.diagnosis.probability import LUCKY, foresee_log_odds
-from gimbal_pin.diagnosis.result import Diagnosis, Rival
+from gimbal_pin.diagnosis.result import Diagnosis, Rival, get_joint
 from gimbal_pin.diagnosis.shapes import refined
 from gimbal_pin.diagnosis.state import Problem, State, width, without
 from gimbal_pin.diagnosis.uncertainty import compute_tangent
@@ -119,9 +119,8 @@ class Contest:
 
     def parting(self, expected: Apart | None) -> Parting:
         """Describe it, and what a next experiment will do to it."""
-        joint = self.cause.place if self.cause.of_joint else None
         instead = (self.cause.experiment, self.rival.experiment)
-        return Parting(self.cause.name, joint, self.rival.name, self.now, expected, instead)
+        return Parting(self.cause.name, get_joint(self.cause), self.rival.name, self.now, expected, instead)
 
 
 def contest(state: State, cause: Cause, kind: type[Cause], told: Rival, known: Sequence[Cause] = ()) -> Contest | None:
@@ -174,14 +173,8 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     part = Part(
         channels, none + AMBIENT, compute_gate(channels, filtering), gain, np.zeros_like(gain), 0.0, dt, rows, none
     )
-    evidence = Evidence(
-        logs.rig,
-        (part,),
-        logs.band,
-        number_blocks([part], logs.band),
-        measure_ranges(logs.rig, [*logs.parts, part], filtering),
-    )
-    return Problem.of(evidence, known.reduction), channels.tau
+    block, seen = number_blocks([part], logs.band), measure_ranges(logs.rig, [*logs.parts, part], filtering)
+    return Problem.of(Evidence(logs.rig, (part,), logs.band, block, seen), known.reduction), channels.tau
 
 
 class Tried(NamedTuple):
@@ -258,15 +251,12 @@ def next_experiment(
         moving = motion(best.limits, best.x, dt)
     partings = (each.parting(apart if ok else None) for each, apart, ok in zip(contests, best.apart, possible))
     held = rig.config.fixed
-    moving = None if moving is None else hold_joints(moving, list(held.values()))
+    if moving is not None and held:
+        rest = np.zeros((len(moving), len(held)))
+        q, v, a = (np.hstack([x, rest]) for x in (moving.q, moving.v, moving.a))
+        q[:, rig.n :] = [*held.values()]
+        moving = replace(moving, q=q, v=v, a=a)
     return NextExperiment((*rig.joints, *held), moving, tuple(partings), finished)
-
-
-def hold_joints(motion: Motion, at: Sequence[float]) -> Motion:
-    """Return a motion with further joints that rest at some angles, rad, or places, m."""
-    still = np.zeros((len(motion), len(at)))
-    q, v, a = (np.concatenate(pair, axis=1) for pair in ((motion.q, still + at), (motion.v, still), (motion.a, still)))
-    return replace(motion, q=q, v=v, a=a)
 
 
 def planned(found: Diagnosis, causes: Mapping[str, type[Cause]] = CAUSES, *, rng: np.random.Generator) -> Diagnosis:

@@ -27,6 +27,7 @@ from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.fit import Fit, project
 from gimbal_pin.diagnosis.library import Library, list_candidates
 from gimbal_pin.diagnosis.probability import LUCKY, SURE, foresee_log_odds
+from gimbal_pin.diagnosis.result import get_joint
 from gimbal_pin.diagnosis.score import HIDDEN, batches, fitting, products, share, visibility, weigh_together
 from gimbal_pin.diagnosis.shapes import form, free
 from gimbal_pin.diagnosis.state import Problem, State, resize, solved
@@ -213,7 +214,7 @@ def rehearse(
 
 def get_place(cause: Cause) -> CauseAt:
     """Return where a cause is."""
-    return CauseAt(cause.name, cause.place if cause.of_joint else None)
+    return CauseAt(cause.name, get_joint(cause))
 
 
 def pick_forms(grid: Sequence[Columns], tones: int = 8) -> list[Columns]:
