@@ -20,6 +20,7 @@ from .given_model import compute_difference as compute_difference
 from .next_experiment import next_experiment as next_experiment
 from .next_experiment import planned as planned
 from .parting import NextExperiment as NextExperiment
+from .probability import LISTED as LISTED
 from .rehearsal import Rehearsal as Rehearsal
 from .rehearsal import Rehearsed as Rehearsed
 from .rehearsal import rehearse as rehearse

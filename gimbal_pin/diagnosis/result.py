@@ -13,7 +13,7 @@ from gimbal_pin.checks import Alteration, Fault, describe_parameters, list_alter
 from gimbal_pin.control.tracking import or_null
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.parting import NextExperiment
-from gimbal_pin.diagnosis.probability import SURE, moderate
+from gimbal_pin.diagnosis.probability import LISTED, SURE, moderate
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause
@@ -167,13 +167,14 @@ class Finding:
     def probabilities(self) -> tuple[tuple[str, str | None, float], ...]:
         """How probable it is that each cause is there: cause, joint and probability, the finding's own first.
 
-        Of all that were fitted in its place; what no log of this range tells from it shares its probability.
+        Of all that were fitted in its place, times `LISTED`: what is there may have a form that nobody fitted. What no
+        log of this range tells from it shares its probability.
         """
         credible = find_credible(self.cause, self.rivals)
         own = [self.cause, *(name for name in self.alike if name not in credible)]
         odds = [(name, self.joint, 1.0 / len(own)) for name in own]
         odds += [(one.cause, one.joint, exp(one.log_odds)) for one in self.rivals if one.cause not in own]
-        share = (1.0 - self.p_value) / sum(each for *_, each in odds)
+        share = LISTED * (1.0 - self.p_value) / sum(each for *_, each in odds)
         return tuple((name, joint, share * each) for name, joint, each in odds)
 
     @property

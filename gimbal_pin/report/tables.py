@@ -193,9 +193,8 @@ def list_curves(found: Diagnosis) -> list[str]:
 
 
 def state_probability(finding: Finding) -> str:
-    """How probable a finding's cause is, of all that were fitted in its place."""
-    chance = finding.probability
-    return "" if chance is None else f"probability {'over 99.9' if chance > 0.999 else figures(100 * chance)} %"
+    """How probable a finding's cause is."""
+    return f"probability {figures(100 * finding.probability, 2)} %"
 
 
 def state_size(figure: Parameter) -> str:
