@@ -46,10 +46,10 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 257,
-    "percent of functions that are one word": 37,
-    "upper-case constants": 968,
-    "distinct deep names imported by the tests": 140,
+    "names at the top of more than one module": 246,
+    "percent of functions that are one word": 36,
+    "upper-case constants": 946,
+    "distinct deep names imported by the tests": 130,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

@@ -54,14 +54,6 @@ class Holding:
             "a YAML file of these; repeatable",
         ),
     ] = ()
-    learn_map: Annotated[
-        UseAppendAction[tuple[str, ...]],
-        Reads(maps),
-        arg(metavar="COLUMN=SOURCE", help="columns of --learn, beside a --platform-log that has its own"),
-    ] = ()
-    steps: Annotated[
-        bool, arg(help="step the thesis's angles beside that, with every law that a base at rest tells apart")
-    ] = False
     controllers: Annotated[str | None, optional("NAME,…", f"who meets the platform: {THERE}", "all")] = None
     learn: Annotated[
         str | None,
@@ -72,7 +64,6 @@ class Holding:
             "one is simulated, 60 s",
         ),
     ] = None
-    find: Annotated[bool, arg(help="let diagnose look for causes in that log, and compensate them")] = False
     effect: Effects = ()
     fault: Annotated[
         UseAppendAction[tuple[str, ...]],
@@ -96,14 +87,8 @@ class Holding:
 
     def check(self) -> None:
         """Raise `UsageError` for what does not go together."""
-        if not self.moving and self.steps:
-            raise UsageError(
-                "--steps", "goes with a motion; a controller's own steps are run anyway", f"give {MOTIONS}"
-            )
         if not self.moving and self.fault:
             raise UsageError("--fault", "goes with a platform that moves", f"give {MOTIONS}")
-        if self.learn_map and self.learn is None:
-            raise UsageError("--learn-map", "has no log to map", "name it with --learn LOG")
 
     def taught(self, rig: str, payload: str | None) -> Log | None:
         """Return the log that teaches, if one is named; say what is wrong with its platform's IMU."""
@@ -111,7 +96,7 @@ class Holding:
 
         if self.learn is None:
             return None
-        own: Sequence[str] = self.learn_map or (() if self.platform_log is not None else self.map)
+        own: Sequence[str] = () if self.platform_log is not None else self.map
         loaded, (log,) = load_logs(rig, payload, [self.learn], own)
         if loaded.base in log.imus:
             noted(check_platform_log(log.t, log.imus[loaded.base], log.name).notes)
@@ -125,7 +110,6 @@ class Holding:
         law: Law | None,
         log: Log | None,
         late: int,
-        sweep: bool,
         machine: Machine | None = None,
     ) -> Verified:
         """Hold the camera, and judge it; what is given beside the rig is what `Asked` calls so, `late` its delay."""
@@ -139,17 +123,14 @@ class Holding:
             log=log,
             recorded=carried(rig, "none", self.platform_log, self.map, 1.0, 0.0, 1e-3, 0),
             profile=self.platform == "S",
-            steps=self.steps,
             size=self.platform_size,
             names=None if self.controllers is None else tuple(self.controllers.split(",")),
-            find=self.find,
             causes=tuple(self.effect),
             faults=tuple(parse_fault(text) for text in self.fault),
             seeds=self.seeds,
             seconds=self.seconds,
             jobs=self.jobs,
             delay=late,
-            sweep=sweep,
             machine=machine,
         )
         runs = len(asked.whom) * self.seeds * (1 + (asked.recorded is not None and asked.profile))

@@ -83,7 +83,7 @@ def track(
     if held.moving:
         plant = None if model is None else plant_of(model, loaded)
         known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
-        verified = held.verified(loaded, plant, known, law, log, held_late, pages.report is not None, machine)
+        verified = held.verified(loaded, plant, known, law, log, held_late, machine)
     pages.write(loaded, verified, steps, stood, judged)
     told = [] if steps is None or judged is None else [text.tracking(steps, judged, loaded)]
     told += [] if verified is None else [text.verified(verified, verbose)]

@@ -24,10 +24,9 @@ from gimbal_pin.pointing.bench import WANTED, Shaken, rehearsed
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Holder
-from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.roster import Roster, trusted
 from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.sight import Sight, unable
-from gimbal_pin.pointing.sweep import trusted
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.reading import parse_decimal
 from gimbal_pin.rig.rig import Rig

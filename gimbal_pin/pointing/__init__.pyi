@@ -6,7 +6,6 @@ from .bench import shaken_log as shaken_log
 from .bench import unbalanced as unbalanced
 from .controller import Controller as Controller
 from .controller import leveled as leveled
-from .demand import Demand as Demand
 from .forecast import Forecast as Forecast
 from .forecast import Spectrum as Spectrum
 from .guard import Guard as Guard
@@ -24,6 +23,7 @@ from .result import Row as Row
 from .result import jitter as jitter
 from .roster import NAMES as NAMES
 from .roster import Roster as Roster
+from .roster import trusted as trusted
 from .run import Course as Course
 from .run import Sensed as Sensed
 from .run import compete as compete
@@ -31,11 +31,6 @@ from .run import point as point
 from .sight import Sight as Sight
 from .sight import gyros_between as gyros_between
 from .sight import unable as unable
-from .sweep import Sweep as Sweep
-from .sweep import trusted as trusted
-from .targets import Followed as Followed
-from .targets import Target as Target
-from .targets import targets as targets
 from .verify import Asked as Asked
 from .verify import Verified as Verified
 from .verify import verify as verify

@@ -22,9 +22,8 @@ from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Station
 from gimbal_pin.pointing.navigator import attitude
-from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.roster import Roster, trusted
 from gimbal_pin.pointing.sight import Sight
-from gimbal_pin.pointing.sweep import trusted
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.rig import Rig
 

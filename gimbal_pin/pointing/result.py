@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from math import degrees, sqrt
 from typing import Any
@@ -60,15 +60,6 @@ def summed(events: Iterable[str]) -> tuple[str, ...]:
     return tuple(min(same)[1] + f" ({len(same)} times)" * (len(same) > 1) for same in kinds.values())
 
 
-@dataclass(frozen=True)
-class Swing:
-    """An unstable joint: its loop swings at `hz`, Hz, with a torque of `share` torque limits, rms."""
-
-    joint: str
-    hz: float
-    share: float
-
-
 @dataclass(frozen=True, eq=False)
 class Pointing:
     """One run of one controller on one platform's motion.
@@ -85,7 +76,6 @@ class Pointing:
         base: Attitude of the platform in the world, (w, x, y, z), (N, 4).
         tau_max: Largest torque of each motor, N m, (n,).
         events: What happened, in sentences.
-        swings: Unstable joints.
     """
 
     controller: str
@@ -99,7 +89,6 @@ class Pointing:
     base: Array
     tau_max: Array
     events: tuple[str, ...] = ()
-    swings: tuple[Swing, ...] = ()
 
     __repr__ = brief
 
@@ -179,12 +168,6 @@ class Row:
         """The events of all runs, each kind once, with its count."""
         return summed(event for run in self.runs for event in run.events)
 
-    @property
-    def swings(self) -> tuple[Swing, ...]:
-        """Per joint that is unstable in any of the runs, the largest."""
-        every = sorted((swing for run in self.runs for swing in run.swings), key=lambda swing: swing.share)
-        return tuple(sorted({swing.joint: swing for swing in every}.values(), key=lambda swing: -swing.share))
-
     def to_dict(self) -> dict[str, Any]:
         """Return what `track --json` writes."""
         return {
@@ -197,7 +180,6 @@ class Row:
             "torque_rms": dict(self.torque_rms),
             "at_limit": dict(self.at_limit),
             "events": list(self.events),
-            "unstable": [asdict(swing) for swing in self.swings],
         }
 
 
@@ -287,14 +269,9 @@ class Contest:
         """Controller → jitter, rad rms."""
         return {row.controller: row.jitter_rms for row in self.rows}
 
-    @cached_property
-    def stable(self) -> Mapping[str, float]:
-        """The same of stable controllers."""
-        return {row.controller: row.jitter_rms for row in self.rows if not row.swings}
-
     @property
     def gain(self) -> float | None:
-        """Jitter of the world-frame PID over ours; None where one did not run, or is unstable."""
+        """Jitter of the world-frame PID over ours; None where one did not run."""
         return self.ratio(BASELINE, OURS)
 
     @property
@@ -303,14 +280,14 @@ class Contest:
         return self.ratio(OURS, ORACLE)
 
     def ratio(self, above: str, below: str) -> float | None:
-        """One controller's jitter over another's, None where one did not run, or is unstable."""
-        have = self.stable
+        """One controller's jitter over another's, None where one did not run."""
+        have = self.jitter
         return have[above] / have[below] if above in have and below in have else None
 
     @property
     def budget(self) -> Budget | None:
-        """Where the baseline's error goes, as far as controllers are stable."""
-        return Budget.of(self.stable, self.beside)
+        """Where the baseline's error goes."""
+        return Budget.of(self.jitter, self.beside)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the rows and the budget, JSON's `pointing` and `pointing_budget`."""

@@ -16,18 +16,19 @@ from gimbal_pin.control.laws.carried import CarriedTorque
 from gimbal_pin.control.laws.design import inner
 from gimbal_pin.control.laws.equal import DAMPING, INTEGRAL, Equal, bandwidth, redesigned
 from gimbal_pin.control.laws.observer import observed_margins
-from gimbal_pin.control.laws.uncertainty import inertia
+from gimbal_pin.control.laws.uncertainty import columns, estimate, inertia
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.errors import UsageError, digits
-from gimbal_pin.log.log import Array
+from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.forecast import Forecast, Spectrum
 from gimbal_pin.pointing.guard import Guard
 from gimbal_pin.pointing.navigator import Fusion, Navigator
 from gimbal_pin.pointing.pointer import Holder, Pointer
 from gimbal_pin.pointing.result import SLOW
-from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.pointing.sight import Sight, holding
 from gimbal_pin.rig.config import Noise
 
 FALLEN = 0.5
@@ -219,3 +220,34 @@ def without_hidden(model: Model) -> Model:
     left = mixing @ phi[places] - mixing[:, ~free] @ phi[places[~free]]
     phi[places[free]] = np.linalg.pinv(mixing[:, free]) @ left
     return replace(model, rig=rig.with_phi(phi))
+
+
+SAMPLES = 200
+"""Moments at which the model is judged."""
+
+
+def trusted(model: Model, wanted: Array, platform: Platform) -> tuple[bool, ...]:
+    """Return, per joint, whether the estimated torque says more than its deviation: ``rms(Y P Yᵀ) < var(Y θ)``.
+
+    Both along the motion that holds the camera on the given platform. What a PID's integral finds by itself, the mean
+    of the torque, counts for nothing. A model that was never identified is believed.
+
+    Args:
+        model: The model, with its covariance.
+        wanted: The camera's attitude in the world, (3, 3).
+        platform: A motion of the platform with its attitude.
+    """
+    known = estimate(model)
+    if known is None:
+        return (True,) * model.rig.n
+    part, held, Y = along(model, known[1], wanted, platform)
+    variance = np.einsum("njk,kl,njl->nj", Y, known[0].covariance, Y)
+    torque = model.inverse(held.q, held.v, held.a, platform=part)
+    return tuple((variance.mean(axis=0) < torque.var(axis=0)).tolist())
+
+
+def along(model: Model, places: Array, wanted: Array, platform: Platform) -> tuple[Platform, Motion, Array]:
+    """Return moments of a platform's motion, what holds the camera there, and torque per unit parameter, (N, n, k)."""
+    part = platform.part(slice(None, None, max(1, len(platform) // SAMPLES)))
+    held = holding(Sight(model.rig), wanted, part)
+    return part, held, columns(model, places, held.q, held.v, held.a, part)

@@ -23,7 +23,6 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.demand import swinging
 from gimbal_pin.pointing.measurement import Measurement, Station
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.result import Contest, Pointing, Row
@@ -200,10 +199,7 @@ class Course:
             self.plant, pointer, ground, rng=rng, seconds=self.seconds, station=self.station, delay=self.delay,
             drive=self.drive, name=name,
         )  # fmt: skip
-        # While sensors fail, the motion asks for no torque that the loop's could be compared with.
-        wanted, faults = pointer.navigator.wanted, self.station.faults
-        swings = () if faults else swinging(self.plant, wanted, ground, run)
-        return replace(run, platform=self.motion, seed=seed, swings=swings)
+        return replace(run, platform=self.motion, seed=seed)
 
 
 def compete(course: Course, roster: Roster, names: Sequence[str], seeds: int, jobs: int = 1) -> Contest:

@@ -76,9 +76,8 @@ def carried(
     parts: list[Section] = []
     if held is not None:
         parts += [pointing(replace(held, recorded=None)), animation(moving(rig, held), SCENE)]
-        alone = [replace(held, contest=other, recorded=None, targets=()) for other in held.contests[1:]]
+        alone = [replace(held, contest=other, recorded=None) for other in held.contests[1:]]
         parts += [pointing(one, title=OTHER) for one in alone]
-        parts += [] if held.steps is None else [tracking(held.steps, rig, "that of the camera")]
     if steps is not None:
         parts.append(tracking(steps, rig, plant, judged))
     return render(rig.title, [*parts, rig_section(rig)], rig.config.description)

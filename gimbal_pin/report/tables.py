@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.identification import Agreement, Identified
     from gimbal_pin.log.io.inspection import Channel
-    from gimbal_pin.pointing.result import Contest, Row
+    from gimbal_pin.pointing.result import Contest
     from gimbal_pin.pointing.verify import Verified
     from gimbal_pin.report.evaluation import Evaluated, Known
     from gimbal_pin.report.format import Joint
@@ -219,12 +219,6 @@ def list_unnamed(found: Diagnosis) -> list[str]:
     return [f"{what}: {', '.join(names)}" for what, names in said.items() if names]
 
 
-def list_swings(who: str, row: Row) -> list[str]:
-    """Say which joints a controller makes swing by themselves: such a controller's figures say nothing."""
-    sizes = [f"{s.joint} at {digits(s.hz, 2)} Hz with {digits(100 * s.share, 2)} %" for s in row.swings]
-    return [f"{who} is unstable, it swings by itself: {', '.join(sizes)} of the torque limit"] if sizes else []
-
-
 def rivals(finding: Finding) -> Table:
     """The causes that were fitted in a finding's place."""
     rows: list[list[Content]] = []
@@ -329,16 +323,16 @@ def judgement(found: Judgement, joints: Sequence[Joint]) -> Table:
 
 def followed(found: Tracking) -> Table:
     """A line per controller: the worst joint of all steps."""
-    from gimbal_pin.pointing.targets import Followed
-
     rows = []
-    for name, worst in Followed.of(found).items():
-        own = [metrics for one in found.experiments if one.controller == name for metrics in one.joints.values()]
-        sizes = [angle(worst.rms), f"{figures(worst.overshoot_percent, 2)} %", angle(worst.cross_axis_peak)]
+    for name in dict.fromkeys(run.controller for run in found.experiments):
+        runs = [run for run in found.experiments if run.controller == name]
+        own = [metrics for run in runs for metrics in run.joints.values()]
+        overshoot = max((m.overshoot_percent for m in own if not isnan(m.overshoot_percent)), default=nan)
+        crossing = max((run.cross_axis_peak for run in runs if not isnan(run.cross_axis_peak)), default=nan)
+        sizes = [angle(max(m.rms_error for m in own)), f"{figures(overshoot, 2)} %", angle(crossing)]
         rows.append([controller_name(name), *sizes, f"{figures(100 * max(m.saturated for m in own), 2)} %"])
-    return Table(
-        ["Controller", "RMS error", "Overshoot", "Error of still axes", "At torque limit"], rows, label="Steps"
-    )
+    head = ["Controller", "RMS error", "Overshoot", "Error of still axes", "At torque limit"]
+    return Table(head, rows, label="Steps")
 
 
 def overview(found: Auto, most: int) -> Table:
@@ -397,25 +391,6 @@ def contest(found: Contest) -> Table:
     return Table([*head, "At torque limit, of the time"], rows, label="Controllers on the platform")
 
 
-def list_demand(found: Verified) -> list[str]:
-    """Say what a recorded motion asks of motors too weak for it, and how still the camera is where they are not."""
-    demand = found.demand
-    if demand is None:
-        return []
-    limits = dict(zip(demand.joints, demand.tau_max.tolist()))
-    weak = ", ".join(f"{j} for up to {digits(demand.peak[j])} N m of its {limits[j]:g}" for j in demand.weak)
-    when = ", ".join(f"{first:.1f}" + f" to {last:.1f}" * (last - first > 0.1) for first, last in demand.moments)
-    apart = demand.apart(found.contests[-1])
-    rest = ", ".join(f"{controller_name(name)} {angle(size)}" for name, size in apart.items())
-    still = "none is left, they fill the run" if any(map(isnan, apart.values())) else rest
-    lines = [f"the recorded motion asks {weak}, at {when} s; jitter apart from these moments: {still}"]
-    if isnan(demand.least["unforeseen"]):
-        return lines
-    blind, seeing = (angle(demand.least[name]) for name in ("unforeseen", "foreseen"))
-    bound = f"the torque limits alone leave any controller {blind} rms, or {seeing} if it foresees the motion"
-    return [*lines, f"{bound}, unless it rolls the camera instead"]
-
-
 def equal_margins(found: Verified) -> Table:
     """Margins of every controller's loops; controllers and joints whose loops are the same share a row."""
     from gimbal_pin.control.controllers import BASELINE as PID
@@ -429,20 +404,6 @@ def equal_margins(found: Verified) -> Table:
         who = f"all but {listed(map(controller_name, rest))}" if few else listed(map(controller_name, names))
         rows.append([who if rest else "all", ", ".join(joints), *margins(own)])
     return Table(["Loops of", "Joints", *MARGINS], rows, texts=2, label="Margins of the loops")
-
-
-def targets(found: Verified) -> Table:
-    """The figures that are asked for, beside their bounds."""
-    tones = {"aim": "good", "must": "good", "missed": "poor"}
-    rows: list[list[Content]] = [
-        [
-            one.name,
-            *(figures(x) for x in (one.value, one.must, one.aim)),
-            toned(one.verdict, tones.get(one.verdict, "")),
-        ]
-        for one in found.targets
-    ]
-    return Table(["Target", "Value", "Must", "Aim", "Reached"], rows, caption="Targets")
 
 
 def budget(parts: Mapping[str, float], size: Callable[[str], float], of: str) -> Table:

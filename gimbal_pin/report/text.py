@@ -447,30 +447,18 @@ def exported(found: Exported, folder: Path) -> str:
 
 
 def verified(found: Verified, verbose: bool = True) -> str:
-    """Every controller on all that was run, a line each; with `verbose` margins, targets and where the error goes."""
+    """Every controller on all that was run, a line each; with `verbose` margins and where the error goes."""
     from gimbal_pin.log.limited import PUSHED, describe_limits
 
     lines = [circumstances(found)]
     for contest in found.contests:
         platform = contest.rows[0].runs[0].platform
         lines += [f"platform {platform}"] * (len(found.contests) > 1) + [str(tables.contest(contest))]
-    if found.steps is not None:
-        lines += ["steps", str(tables.followed(found.steps))]
     lines += [PUSHED] if any(describe_limits(row.at_limit) for _, row in every(found)) else []
-    lines += [line for who, row in every(found) for line in tables.list_swings(who, row)] + list(found.slack)
+    lines += list(found.slack)
     if verbose:
         lines += ["", str(tables.equal_margins(found))] if found.loops else []
-        lines += ["", str(tables.targets(found))] if found.targets else []
-        lines += [f"{t.name}: {t.note}" for t in found.targets if t.note and t.value is not None]
-        demanded = tables.list_demand(found)
-        lines += [*([""] if demanded else []), *demanded, *budget(found)]
-        lines += [] if found.sweep is None or found.contest.gain is None else ["", found.sweep.sentence]
-        lines += remarks(found)
-    else:
-        missed = [target for target in found.targets if target.verdict == "missed"]
-        lines += [f"missed: {target.name}, {figures(target.value)} of {figures(target.must)}" for target in missed]
-    lines += [f"compensated: {sentence}" for sentence in found.causes]
-    lines += [f"NOT compensated: {sentence}" for sentence in found.missed]
+        lines += [*budget(found), *remarks(found)]
     events = [(name, event) for name, row in every(found) for event in row.happened]
     shown = events if verbose else events[:SEVERAL]
     rest = [f"and {len(events) - len(shown)} more events, see --verbose"] if len(events) > len(shown) else []
@@ -492,9 +480,6 @@ def circumstances(found: Verified) -> str:
     ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
     motions = " and ".join(f"platform {run.platform}, {count} × {run.t[-1]:.3g} s" for run, count in ways)
     more = f"; {controller_name(TUNED)} has the gains of tune and margins of its own" if TUNED in contest.jitter else ""
-    if found.steps is not None:
-        sizes = ", ".join(f"{joint} {digits(degrees(step))}°" for joint, step in found.steps.steps.items())
-        more += f"; steps of {sizes} by minimum jerk in 0.5 s, loops of 8 Hz, all at once and one at a time"
     mounted = f" with {contest.payload}" if contest.payload else ""
     return (
         f"{contest.rig}{mounted} on {motions}; every loop's disk margin with the drives that are known is at least "
@@ -506,7 +491,7 @@ def remarks(found: Verified) -> list[str]:
     """What the fallback is, why an observer may cost more than it gains, and what the oracle bounds."""
     from gimbal_pin.control.controllers import HOLDING, ORACLE, OURS
 
-    still, lines = found.contest.jitter, []
+    still, lines = found.contest.jitter, list[str]()
     if OURS in still:
         lines.append(f"{controller_name(OURS)}: {HOLDING[OURS]}")
     plain, observed = still.get("with-gyros"), still.get("with-observer")
@@ -517,7 +502,7 @@ def remarks(found: Verified) -> list[str]:
             f"loop crosses at {digits(slow)} Hz, not at {digits(fast)}, and what an observer makes up for "
             "this model knows already"
         )
-    least = min((jitter for name, jitter in found.contest.stable.items() if name != ORACLE), default=inf)
+    least = min((jitter for name, jitter in still.items() if name != ORACLE), default=inf)
     if least < 0.97 * still.get(ORACLE, 0.0):
         lines.append(f"{ORACLE}: no bound here, as another shakes less: foreknowledge is not what its error is made of")
     return lines
@@ -531,7 +516,7 @@ def budget(found: Verified) -> list[str]:
     parted = found.contest.budget
     if parted is None or not parted.telling:
         names = ", ".join(name for _, name in STEPS)
-        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}, all of them stable"]
+        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}"]
     table = tables.budget(parted.parts, parted.size, controller_name(BASELINE))
     return ["", str(table), *([parted.note] if parted.note else [])]
 

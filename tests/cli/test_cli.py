@@ -109,9 +109,8 @@ def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path:
 def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path) -> None:
     options = ("--platform", "S", "--learn", log_file, "--seeds", "1", "--seconds", "0.8")
     plot = ("--plot", tmp_path / "p.svg")
-    found = result(run, "track", "turret", *options, *plot, "--controllers", "pid-world,switch,oracle", "--steps")
-    steps = ("pid-joint", "computed-torque-fixed", "with-friction", "lyapunov")
-    assert found["schema"] == 1 and [row["controller"] for row in found["experiments"]] == [*steps] * 3
+    found = result(run, "track", "turret", *options, *plot, "--controllers", "pid-world,switch,oracle")
+    assert found["schema"] == 1 and found["experiments"] == []
     rows = {row["controller"]: row for row in found["pointing"]}
     assert list(rows) == ["pid-world", "switch", "oracle"]
     for row in rows.values():
@@ -119,18 +118,10 @@ def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path
         assert 0 < row["jitter_rms_deg"] < row["jitter_max_deg"] and row["drift_deg"] >= 0
     assert rows["switch"]["jitter_rms_deg"] < 0.5 * rows["pid-world"]["jitter_rms_deg"]
     assert sum(part["share"] for part in found["pointing_budget"].values()) == pytest.approx(1.0)
-    gain, distance, jitter, *followed = found["pointing_targets"]
-    assert [target["must"] for target in followed] == [0.02, 0.2, 0.01]
-    worst = max(joint["rms_error"] for row in found["experiments"][2::4] for joint in row["joints"].values())
-    assert followed[0]["value"] == pytest.approx(np.rad2deg(worst))
-    assert gain["value"] == pytest.approx(rows["pid-world"]["jitter_rms_deg"] / rows["switch"]["jitter_rms_deg"])
-    assert distance["must"] == 2.5 and jitter["value"] == pytest.approx(rows["switch"]["jitter_rms_deg"])
     assert (tmp_path / "p.svg").stat().st_size > 1000
     refused(run("track", "turret"), 2, "CONTROLLER", "--platform S")
-    refused(run("track", "turret", "--platform", "S", "--learn-map", "t=time"), 2, "--learn-map", "--learn LOG")
     refused(run("track", "turret", "c.yaml", "--animation", tmp_path / "a.html"), 2, "--animation", "--platform S")
     refused(run("track", "turret", *options, "--controllers", "magic"), 2, "magic", "oracle")
-    refused(run("track", "turret", "--steps"), 2, "CONTROLLER", "--platform S")
 
 
 def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
@@ -164,13 +155,11 @@ def test_auto_walks_from_a_log_to_a_report(run: Run, tmp_path: Path, monkeypatch
     whole(out)
 
 
-def test_two_logs_have_two_mappings(log_file: Path) -> None:
-    """Beside a recorded motion `--map` is that motion's, and `--learn-map` the other log's."""
+def test_a_mapping_is_that_of_the_recorded_motion_where_there_is_one(log_file: Path) -> None:
     beside = Holding(learn=str(log_file), platform_log=Path("motion.csv"), map=("t=elsewhere",))
     assert beside.taught("turret", None) is not None
-    for wrong in (replace(beside, platform_log=None), replace(beside, learn_map=("t=elsewhere",))):
-        with pytest.raises(LogError, match="elsewhere"):
-            wrong.taught("turret", None)
+    with pytest.raises(LogError, match="elsewhere"):
+        replace(beside, platform_log=None).taught("turret", None)
 
 
 URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="{mass}"/>

@@ -27,15 +27,14 @@ from gimbal_pin.control import (
     tune,
 )
 from gimbal_pin.control.laws.observer import observed_loop
-from gimbal_pin.dynamics import Estimated, Model, compute_imu_readings, compute_rnea, nominal, plant_with
-from gimbal_pin.effects import Delay, parse_effect
+from gimbal_pin.dynamics import Estimated, Model, compute_imu_readings, compute_rnea, nominal
+from gimbal_pin.effects import Delay
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Imu, Platform, profile_s
 from gimbal_pin.pointing import (
     NAMES,
     WANTED,
     Budget,
-    Contest,
     Course,
     Forecast,
     Fusion,
@@ -49,21 +48,18 @@ from gimbal_pin.pointing import (
     Sight,
     Spectrum,
     Station,
-    Target,
     attitude,
     compete,
     gyros_between,
     jitter,
     parse_fault,
     point,
-    targets,
     trusted,
     unbalanced,
 )
 from gimbal_pin.pointing.guard import Watch
 from gimbal_pin.pointing.navigator import Fused
 from gimbal_pin.pointing.sight import holding, inverted, lost_turn
-from gimbal_pin.pointing.verify import planted_once
 from gimbal_pin.rig import Noise, Rig
 from tests.rigs import chain
 
@@ -490,29 +486,6 @@ def test_the_budget_adds_up(sizes: list[float]) -> None:
     assert bool(parted.note) == (min(parted.parts.values()) < 0)  # and then alone one is more than all
 
 
-def test_a_target_knows_which_way_is_up() -> None:
-    verdicts = [Target("", value, 5, 10, True).verdict for value in (12.0, 7.0, 3.0)]
-    assert verdicts == ["aim", "must", "missed"]
-    assert [Target("", value, 2.5, 1.3, False).verdict for value in (1.0, 2.0, 3.0)] == verdicts
-    assert Target("", None, 5, 10, True).verdict == "–"
-
-
-@pytest.mark.parametrize("late", [0.0, 0.005])
-def test_a_known_delay_is_told_beside_the_ratio_that_it_changes(late: float) -> None:
-    """A bound that is another than without it, and a PID that is slower: both only where there is a delay."""
-    rig = rig_of("turret")
-    run = Course(nominal(rig), Shaken(Sight(rig).centre, 0.1), "S", 0.1, Station.of(rig)).run(
-        roster(nominal(rig)), "pid-world", 0
-    )
-    ratio, *_ = targets(Contest("turret", None, (Row("pid-world", (run,)),)), Sight(rig), late)
-    assert ratio.must == (4.0 if late > 0.004 else 5.0) and (f"must is {ratio.must:g}" in ratio.note) == (late > 0.004)
-    assert (f"{1e3 * late:g} ms" in ratio.note) == (late > 0) == bool(ratio.note)
-    now, slower = (
-        roster(nominal(rig), delay=1 + steps).margins("pid-world")[0].crossover_hz for steps in (0, round(late / DT))
-    )
-    assert (slower < now) == (late > 0)
-
-
 # --- In closed loop --------------------------------------------------------------------------------------------------
 
 
@@ -651,11 +624,3 @@ def test_a_fault_is_read_as_it_is_written() -> None:
 def test_what_is_no_fault_says_what_there_is(text: str) -> None:
     with pytest.raises(UsageError, match="camera-gyro"):
         parse_fault(text)
-
-
-def test_a_cause_that_the_log_shows_is_not_planted_twice() -> None:
-    rig = rig_of("thesis")
-    plant = plant_with(nominal(rig), [parse_effect("cogging:yaw:amplitude=0.1,harmonic=42", rig)]).plant
-    planted_once(plant, ["cogging:roll:amplitude=0.1,harmonic=42"])
-    with pytest.raises(UsageError, match="already"):
-        planted_once(plant, ["cogging:yaw:amplitude=0.2,harmonic=7"])

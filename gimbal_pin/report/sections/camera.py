@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from math import degrees, isfinite
 
 import numpy as np
 from markupsafe import Markup
@@ -14,7 +13,6 @@ from gimbal_pin.log.limited import LEAST_SHARE_TOLD, PUSHED, describe_limits
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Budget, Contest, Row
-from gimbal_pin.pointing.sweep import Sweep
 from gimbal_pin.pointing.verify import Verified
 from gimbal_pin.report import camera_chart as chart
 from gimbal_pin.report import plots, tables
@@ -47,28 +45,21 @@ def pointing(found: Verified, note: str = "", title: str = "Camera") -> Section:
     `note`: what the plant and the model were, as sentences.
     """
     contest = found.contest
-    missed = [target.name for target in found.targets if target.verdict == "missed"]
-    bounds = f"{'A must is' if len(missed) == 1 else 'Musts are'} missed: {listed(missed)}." if missed else ""
-    tone = "poor" if missed else "good" if (contest.gain or 0.0) > 1 else "fair"
+    tone = "good" if (contest.gain or 0.0) > 1 else "fair"
     weak = any(describe_limits(row.at_limit) for row in contest.rows)
     equal = "No loop crosses higher or has a smaller disk margin: bandwidth alone would win a simulation."
     if TUNED in contest.jitter:
         equal += f" Apart from {controller_name(TUNED)}, whose margins stand where it was tuned."
-    demand = tables.list_demand(found) if contest.rows[0].runs[0].platform == "log" else []
     parts: list[object] = [
-        paragraph(" ".join(filter(None, [headline(contest), FAILED * found.failed, bounds])), f"headline {tone}"),
+        paragraph(" ".join(filter(None, [headline(contest), FAILED * found.failed])), f"headline {tone}"),
         paragraph(" ".join(filter(None, [circumstances(contest), note]))),
-        *(paragraph(f"{line[:1].upper()}{line[1:]}.") for line in demand),
         cards(numbers(found)),
         heading("What the camera sees"),
         gazes(outlook(contest, WANTED), WANTED),
         *diagrams(contest),
-        *([] if found.sweep is None else wrong_models(found.sweep)),
         heading("Every controller"),
         tables.contest(contest),
         *([paragraph(f"At the torque limit for long: {PUSHED}.", "side")] if weak else []),
-        *([tables.targets(found)] if found.targets else []),
-        *(paragraph(f"{t.name}: {t.note}.", "side") for t in found.targets if t.note and t.value is not None),
         *[heading("Margins"), tables.equal_margins(found), paragraph(equal, "side")],
         *remarks(found),
     ]
@@ -139,15 +130,12 @@ def hardest(row: Row) -> tuple[str, float]:
 
 
 def remarks(found: Verified) -> list[Markup]:
-    """Return what is compensated, what is not, who is unstable, and what happened."""
+    """Return whose loops are too slow, and what happened."""
     rows = [(controller_name(row.controller), row) for row in found.contest.rows]
-    swings = [f"{line}: its figures say nothing." for who, row in rows for line in tables.list_swings(who, row)]
     events = [f"{who}: {event}" for who, row in rows for event in row.happened]
     events = events if len(events) <= EVENTS else [*events[:EVENTS], f"and {len(events) - EVENTS} more, in the JSON"]
-    parts = [heading("Compensated"), bullets(found.causes)] if found.causes else []
-    parts += [heading("Planted and not compensated"), bullets(found.missed)] if found.missed else []
-    asides = {"Unstable": swings, "Too slow": found.slack, "What happened": events}
-    return [*parts, *(notice(title, bullets(lines)) for title, lines in asides.items() if lines)]
+    asides = {"Too slow": found.slack, "What happened": events}
+    return [notice(title, bullets(lines)) for title, lines in asides.items() if lines]
 
 
 def diagrams(contest: Contest) -> list[Markup]:
@@ -164,38 +152,6 @@ def diagrams(contest: Contest) -> list[Markup]:
     told = budget is not None and budget.telling
     parts = [heading("Where the error goes"), budget_picture(budget)] if budget is not None and told else []
     return [*parts, heading("The line of sight, and its price"), plots.picture(partial(curves, rows), alt, caption)]
-
-
-def wrong_models(sweep: Sweep) -> list[Markup]:
-    """Return jitter against the model's error."""
-    said = f"{sweep.sentence[:1].upper()}{sweep.sentence[1:]}."
-    sides = " (left), and along what the log left least certain, in standard deviations (right)"
-    caption = (
-        f"Jitter of {figures(sweep.seconds, 2)} s with models that are wrong on purpose: all masses, moments and "
-        f"inertias by one share{sides if sweep.uncertain else ''}. "
-        f"Dashed: the {controller_name(BASELINE)}, which takes nothing but inertias from the model."
-    )
-    drawn = plots.picture(partial(against_error, sweep), f"Jitter against the model's error. {said}", caption)
-    return [heading("How wrong the model may be"), paragraph(said), drawn]
-
-
-def against_error(sweep: Sweep) -> plots.Figure:
-    """Draw jitter against the model's error, per cent and, where the model has a covariance, standard deviations."""
-    swept = [(sweep.scaled, 100.0), ({**sweep.uncertain, 0.0: sweep.scaled[0.0]}, 1.0)]
-    swept = swept if sweep.uncertain else swept[:1]
-    figure, (panels,) = plots.panels(1, len(swept), 2.6, share=(False, True))
-    for axes, (found, unit) in zip(panels, swept):
-        errors = [error for error in sorted(found) if isfinite(found[error])]
-        axes.plot(
-            [unit * error for error in errors], [degrees(found[error]) for error in errors], "o-", color=OWN, ms=3.5
-        )
-        axes.axhline(degrees(sweep.pid), color=chart.COLOURS[BASELINE], ls="--", lw=1.2)
-    panels[0].set(xlabel="error of masses and inertias, %", ylabel="jitter, ° rms", ylim=(0, None))
-    for axes in panels[1:]:
-        axes.set(xlabel="error along what is least certain, standard deviations")
-    pid = controller_name(BASELINE)
-    plots.named(panels[0], [(controller_name(OURS), OWN), (pid, chart.COLOURS[BASELINE])], dashed=[pid])
-    return figure
 
 
 def stretch(row: Row) -> str:

@@ -1,4 +1,4 @@
-"""How far a model can be trusted: against its covariance, and by jitter with models that are wrong on purpose."""
+"""Jitter of the model-based controller with models that are wrong on purpose, beside the PID's."""
 
 from __future__ import annotations
 
@@ -6,52 +6,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import degrees, inf, isfinite
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.control.laws.carried import CarriedTorque
-from gimbal_pin.control.laws.uncertainty import change_parameters, columns, estimate
-from gimbal_pin.dynamics.model import Model
+from gimbal_pin.control.laws.uncertainty import change_parameters, estimate
+from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.pointing.bench import Shaken, learn_roster, shaken_log, unbalanced
+from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
-from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.roster import Roster, along
 from gimbal_pin.pointing.run import Course
-from gimbal_pin.pointing.sight import Sight, holding
-
-SAMPLES = 200
-"""Moments at which the model is judged."""
-
-
-def trusted(model: Model, wanted: Array, platform: Platform) -> tuple[bool, ...]:
-    """Return, per joint, whether the estimated torque says more than its deviation: ``rms(Y P Yᵀ) < var(Y θ)``.
-
-    Both along the motion that holds the camera on the given platform. What a PID's integral finds by itself, the mean
-    of the torque, counts for nothing. A model that was never identified is believed.
-
-    Args:
-        model: The model, with its covariance.
-        wanted: The camera's attitude in the world, (3, 3).
-        platform: A motion of the platform with its attitude.
-    """
-    known = estimate(model)
-    if known is None:
-        return (True,) * model.rig.n
-    part, held, Y = along(model, known[1], wanted, platform)
-    variance = np.einsum("njk,kl,njl->nj", Y, known[0].covariance, Y)
-    torque = model.inverse(held.q, held.v, held.a, platform=part)
-    return tuple((variance.mean(axis=0) < torque.var(axis=0)).tolist())
-
-
-def along(model: Model, places: Array, wanted: Array, platform: Platform) -> tuple[Platform, Motion, Array]:
-    """Return moments of a platform's motion, what holds the camera there, and torque per unit parameter, (N, n, k)."""
-    part = platform.part(slice(None, None, max(1, len(platform) // SAMPLES)))
-    held = holding(Sight(model.rig), wanted, part)
-    return part, held, columns(model, places, held.q, held.v, held.a, part)
+from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.rig.rig import Rig
 
 
 def doubtful(model: Model, wanted: Array, platform: Platform) -> Array | None:
@@ -122,18 +94,6 @@ class Sweep:
             return f"with all masses and inertias up to {tried:.0f} % wrong, the model still does better than a PID"
         return f"a PID is safer with masses and inertias more than {' or '.join(sides)} wrong"
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds; null for the jitter of a loop that diverged."""
-        sides = (self.scaled, self.uncertain)
-        told = [[[error, degrees(size) if isfinite(size) else None] for error, size in one.items()] for one in sides]
-        return {
-            "scaled": told[0],
-            "standard_deviations": told[1],
-            "pid_deg": degrees(self.pid),
-            "pid_safer": list(self.safer),
-            "seconds": self.seconds,
-        }
-
 
 def sweep(course: Course, roster: Roster) -> Sweep:
     """Hold the camera with models that are wrong on purpose; runs are short, on the first seed's motion."""
@@ -161,3 +121,22 @@ def held_jitter(course: Course, pointer: Pointer) -> float:
 def heavier(model: Model, share: float) -> Model:
     """Return the model with every mass, first moment and inertia more by a share; friction stays."""
     return replace(model, rig=model.rig.with_phi(model.rig.phi * (1 + share)))
+
+
+def main(rig: str, payload: str | None = None) -> None:
+    """Print jitter against the error of the model that a simulated shaken log of 60 s gives.
+
+    Args:
+        rig: A rig.
+        payload: Its payload.
+    """
+    loaded = Rig.load(rig, payload)
+    plant, station = nominal(unbalanced(loaded)), Station.of(loaded)
+    roster = learn_roster(loaded, shaken_log(plant), station)
+    found = sweep(Course(plant, Shaken(Sight(loaded).centre, SECONDS), "S", SECONDS, station), roster)
+    print(f"PID: {degrees(found.pid):.5f} deg rms")
+    for share, size in sorted(found.scaled.items()):
+        print(f"masses and inertias {100 * share:+.0f} %: {degrees(size):.5f} deg rms")
+    for deviations, size in sorted(found.uncertain.items()):
+        print(f"least certain {deviations:+g} standard deviations: {degrees(size):.5f} deg rms")
+    print(found.sentence)

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import tyro
 from scipy.spatial.transform import Rotation
 
 from gimbal_pin.control.experiment import perturbed
@@ -306,7 +305,3 @@ def main(
             events = "; ".join(counted(event for one in ran for event in one["switch"].events))
             print(f"{rig_name:20}{name:20}{row}{ratios}  {events[:200]}")
             sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    tyro.cli(main)

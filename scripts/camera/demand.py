@@ -1,26 +1,28 @@
-"""What a platform's motion asks of the motors: where no controller holds the camera, and loops that ask for more."""
+"""What a recorded motion asks of a rig's motors, and the jitter that their limits leave whoever controls."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import degrees, isnan
-from typing import Any
+from math import degrees
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.signal import welch
+from scipy.optimize import lsq_linear
 
+from gimbal_pin.cli.inputs import carried
 from gimbal_pin.control.laws.uncertainty import inertia
-from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.result import SETTLING, Contest, Pointing, Swing, split
+from gimbal_pin.pointing.bench import WANTED, unbalanced
+from gimbal_pin.pointing.result import SETTLING
 from gimbal_pin.pointing.sight import Sight, holding
+from gimbal_pin.rig.rig import Rig
 
-BEFORE, AFTER = 0.1, 0.6
-"""Around a moment at which a motor is too weak, what is not counted either, s: the loop has to find back."""
+AFTER = 0.6
+"""After a moment at which a motor is too weak, for how long the loop may have to find back, s."""
 READY = 0.3
 """How long before such a moment a controller that foresees it may begin to make ready, s."""
 RATE = 250.0
@@ -104,36 +106,6 @@ class Demand:
         known = 0 if foreseen else int(np.argmax(np.abs(asked) > limit))
         return least(float(self.t[1] - self.t[0]), asked, limit, self.answer[rows, j], known)
 
-    def within(self, t: Array) -> NDArray[np.bool_]:
-        """Whether the motors are strong enough at each of the times t, s, and were so just before."""
-        fine = np.ones(len(t), dtype=bool)
-        for first, last in self.moments:
-            fine &= (t < first - BEFORE) | (t > last + AFTER)
-        return fine
-
-    def jitter(self, run: Pointing) -> float:
-        """Jitter of a run where the motors are strong enough, rad rms; nan where they never are."""
-        fast, _ = split(run.sight, run.dt)
-        power = np.sum(fast**2, axis=1)[self.within(run.t[run.counted])]
-        return float(np.sqrt(power.mean())) if len(power) else float("nan")
-
-    def apart(self, contest: Contest) -> Mapping[str, float]:
-        """Controller → its jitter where the motors are strong enough, over all its runs, rad rms."""
-        return {
-            row.controller: float(np.sqrt(np.mean([self.jitter(run) ** 2 for run in row.runs]))) for row in contest.rows
-        }
-
-    def to_dict(self, contest: Contest) -> dict[str, Any]:
-        """Return what JSON holds; null for the jitter of a run in which the motors never suffice."""
-        still = self.apart(contest)
-        return {
-            "peak": dict(self.peak),
-            "tau_max": dict(zip(self.joints, self.tau_max.tolist())),
-            "beyond": [list(moment) for moment in self.moments],
-            "jitter_rms_deg_within": {name: None if isnan(x) else degrees(x) for name, x in still.items()},
-            "least_jitter_rms_deg": {name: None if isnan(x) else degrees(x) for name, x in self.least.items()},
-        }
-
 
 LONGEST_STRETCH = 600
 """Samples of the longest stretch that is worked out, in about a second."""
@@ -155,8 +127,6 @@ def least(dt: float, asked: Array, limit: float, answer: Array, first: int) -> A
     Returns:
         The error at the end of every interval, rad, (N,).
     """
-    from scipy.optimize import lsq_linear
-
     n = len(asked)
     summed = np.tril(np.ones((n, n)))
     # Torque that may not act before `first` is no unknown of the problem.
@@ -166,55 +136,20 @@ def least(dt: float, asked: Array, limit: float, answer: Array, first: int) -> A
     return np.asarray(moved @ found.x)
 
 
-BAND = (2.0, 60.0)
-"""Frequencies at which a loop is looked for that swings, Hz: below are motions, above the propellers."""
-LINE = 0.1
-"""Half width of a line, in shares of its frequency."""
-SMALLEST = 0.05
-"""A line of less torque, rms in torque limits, is none."""
-BEYOND = 9.0
-"""Power beyond that which the motion asks for: a loop of disk margin 0.5 has less than five times as much."""
-LONGEST = 2.0
-"""Length of the stretches whose spectra are averaged, s; a run of fewer than two is looked at as one."""
-
-
-def swinging(plant: Model, wanted: Array, platform: Platform, run: Pointing) -> tuple[Swing, ...]:
-    """Return the joints that swing by themselves in the second half of a run, the one that swings most first.
-
-    What the motion asks for is inverse dynamics of the camera standing still; a stable loop gives that, times its
-    complementary sensitivity. Moments at which a motor is too weak for it are not looked at.
+def main(rig: str, log: Path, maps: tuple[str, ...] = (), payload: str | None = None) -> None:
+    """Print each motor's largest torque beside its limit, the moments beyond it, and the least jitter.
 
     Args:
-        plant: The plant.
-        wanted: The camera's attitude in the world, (3, 3).
-        platform: What carried it.
-        run: What the camera did.
+        rig: A rig.
+        log: A recorded motion: gyro and accelerometer of its base link.
+        maps: Columns of the log, as for `gimbal-pin track --map`.
+        payload: Its payload.
     """
-    half = slice((run.counted.start + len(run.t)) // 2, None)
-    step = max(1, round(1 / RATE / run.dt))
-    rows = len(run.t[half]) // step
-    whole = np.column_stack([run.t[half], run.tau[half] / run.tau_max])[: rows * step]
-    t, *shares = whole.reshape(rows, step, -1).mean(axis=1).T
-    if len(t) < 8 or not any(lines(x, t)[1].max(initial=0.0) > SMALLEST**2 for x in shares):
-        return ()
-    asked = Demand.of(plant, wanted, platform.at(t))
-    fine, found = asked.within(t), []
-    for joint, own, torque, limit in zip(run.joints, shares, asked.tau.T, run.tau_max):
-        (f, power), (_, known) = lines(fine * own, t), lines(fine * torque / limit, t)
-        # Of the lines of at least half the power of the loudest one, that which exceeds the motion's most.
-        beyond = np.where(power >= power.max(initial=0.0) / 2, power / np.maximum(known, 1e-12), 0.0)
-        k = int(np.argmax(beyond)) if len(f) else 0
-        if len(f) and power[k] > SMALLEST**2 and beyond[k] > BEYOND:
-            found.append(Swing(joint, float(f[k]), float(np.sqrt(power[k]))))
-    return tuple(sorted(found, key=lambda swing: -swing.share))
-
-
-def lines(x: Array, t: Array) -> tuple[Array, Array]:
-    """Frequencies within `BAND`, Hz, and the power of a line at each of them, (K,)."""
-    rate = 1 / float(t[1] - t[0])
-    f, density = welch(x - x.mean(), rate, nperseg=min(len(x), round(LONGEST * rate)))
-    total = np.concatenate([[0.0], np.cumsum(density * (f[1] - f[0]))])
-    wide = np.maximum(LINE * f, 1.5 * f[1])  # a window smears a line over three bins at least
-    low, high = np.searchsorted(f, f - wide, "left"), np.searchsorted(f, f + wide, "right")
-    inside = (f >= BAND[0]) & (f <= BAND[1])
-    return f[inside], (total[high] - total[low])[inside]
+    loaded = Rig.load(rig, payload)
+    motion = carried(loaded, "none", log, maps, 1.0, 0.0, 1e-3, 0)
+    found = Demand.of(nominal(unbalanced(loaded)), WANTED, motion.about(Sight(loaded).centre))
+    for joint, limit in zip(found.joints, found.tau_max.tolist()):
+        print(f"{joint}: up to {found.peak[joint]:.3g} N m of {limit:g}")
+    print("beyond it:", ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in found.moments) or "never")
+    if found.moments:
+        print("least jitter, deg rms:", ", ".join(f"{what} {degrees(x):.4f}" for what, x in found.least.items()))
