@@ -185,7 +185,7 @@ def state_bytes(n: int, links: int, due: int) -> int:
     """
     sensors = 10 + n + 3 * max(links, 1)
     guarded, gyros = 2 * sensors + 15 + 4 * n, links + 1
-    after = 15 + 2 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 5
+    after = 22 + 4 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 5
     return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
 
 
@@ -232,7 +232,7 @@ def parameters(
     law, model, navigator = stored.law, stored.model, pointer.navigator
     n, dt, forecast = model.rig.n, stored.law.dt, navigator.forecast
     friction, back = Resistance(model.by_joint), pointer.fallback
-    holding = pointer.law
+    holding, pace = pointer.law, pointer.navigator.pace
     assert isinstance(holding, (JointPid, CarriedTorque))
     computed = isinstance(law, ComputedTorque)
     robust = law.robust if isinstance(law, ComputedTorque) else None
@@ -265,6 +265,14 @@ def parameters(
         "fusion_gain": 0.0 if navigator.fusion is None else navigator.fusion.gain,
         "fusion_share": 0.0 if navigator.fusion is None else navigator.fusion.share,
         "fusion_bound": 0.0 if navigator.fusion is None else navigator.fusion.bound,
+        "pace": {
+            "home": navigator.sight.home.tolist(),
+            "rate": pace.rates.tolist(),
+            "torque": pace.torques.tolist(),
+            "inertia": pace.inertias.ravel().tolist(),
+            "near": pace.near,
+            "ramp": pace.ramp,
+        },
         "limits": {
             "noisy": pointer.guard.noisy,
             "held": guard.HELD,

@@ -14,16 +14,16 @@ import numpy as np
 from gimbal_pin.control.controllers import OURS
 from gimbal_pin.dynamics.model import convert_model, read_model_data
 from gimbal_pin.dynamics.sensors import Sensors
-from gimbal_pin.errors import ModelError, UsageError
+from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
 from gimbal_pin.log.io.files import write_json
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.pointing.bench import WANTED, learn_roster
+from gimbal_pin.pointing.bench import learn_roster
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Measurement, Station
 from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.pointer import Held
 from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.sight import unable
+from gimbal_pin.pointing.sight import Sight, unable
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.reading import LARGEST_TEXT, read_bytes
 from gimbal_pin.rig.records import bounded_field, prefix_place, read_record
@@ -49,12 +49,16 @@ class Controller:
     All readings are in their links' frames. The torque is finite and within the motors' limits whatever the sensors
     say; `events` tells what failed. A step changes the object: one controller for one loop.
 
+    From wherever the joints stand at the start the camera turns to the wanted attitude as fast as the rig's rates and
+    torques let it; without a wanted attitude it is held where it looks at the start.
+
     Attributes:
         recipe: What the controller was made of: model, wanted attitude, sensors, the platform's spectrum.
         pointer: The calculation, which keeps nothing from step to step.
+        keeps: Whether the camera is held where it looks at the start, whatever attitude the recipe has.
     """
 
-    def __init__(self, recipe: Roster) -> None:
+    def __init__(self, recipe: Roster, keeps: bool = False) -> None:
         """Make the controller named ``switch`` of a comparison; all that a step needs is worked out here.
 
         Raises:
@@ -62,7 +66,7 @@ class Controller:
         """
         if reason := unable(recipe.model.rig, recipe.wanted):
             raise UsageError(f"rig {recipe.model.rig.name}", f"cannot hold its camera: {reason}", "change that")
-        self.recipe, self.pointer = recipe, recipe.pointer(OURS)
+        self.recipe, self.pointer, self.keeps = recipe, recipe.pointer(OURS), keeps
         self.memory: Held | None = None
         zero, links = np.zeros(3), len(self.pointer.navigator.sight.moved)
         for k in range(WARM_UP):
@@ -70,20 +74,25 @@ class Controller:
         self.memory = None
 
     @staticmethod
-    def learn(rig: Rig, log: Log, wanted: Array = WANTED, *, delay: int = 1, noise: Noise | None = None) -> Controller:
+    def learn(
+        rig: Rig, log: Log, wanted: Array | None = None, *, delay: int = 1, noise: Noise | None = None
+    ) -> Controller:
         """Identify the model and the platform's spectrum from a log.
 
         Args:
             rig: The rig.
             log: A log of it; its base should be shaken, with the base's IMU in the log.
-            wanted: Attitude that the camera keeps in the world, (3, 3); `attitude(yaw, pitch)` makes one.
+            wanted: Attitude that the camera turns to and keeps in the world, (3, 3); `attitude(yaw, pitch)` makes one
+                that looks along x at zero. None: the camera is held where it looks at the start.
             delay: Samples of 1 ms from a measurement to its torque.
             noise: Densities of the IMUs' noise; None: those that the rig's YAML states, else the benchmark's.
         """
         stated = rig.config.noise
         own = noise or (stated if stated.gyro > 0 else Noise(GYRO, ACCELEROMETER))
         station = Station(Sensors.of(rig, DT).encoder_step, own)
-        return Controller(learn_roster(rig, log, station, wanted=wanted, delay=delay))
+        sight = Sight(rig)
+        kept = sight.attitude(sight.home) if wanted is None else wanted
+        return Controller(learn_roster(rig, log, station, wanted=kept, delay=delay), wanted is None)
 
     @property
     def dt(self) -> float:
@@ -105,7 +114,36 @@ class Controller:
         """
         base = leveled(measurement.f) if platform is None else platform
         q = measurement.q if np.isfinite(measurement.q).all() else np.zeros(len(measurement.q))
-        self.memory = self.pointer.start(measurement, base @ self.pointer.navigator.sight.attitude(q), base)
+        camera = base @ self.pointer.navigator.sight.attitude(q)
+        self.memory = self.pointer.start(measurement, camera, base)
+        return self.hold(camera) if self.keeps else self.memory
+
+    def attitude(self) -> Array:
+        """Return where the camera looks by the controller's own estimate: its attitude in the world, (3, 3).
+
+        Raises:
+            UsageError: There was no measurement yet.
+        """
+        memory = self.begun()
+        return self.pointer.navigator.camera(memory.known, memory.watch.good.q)
+
+    def hold(self, wanted: Array | None = None) -> Held:
+        """Turn the camera to an attitude in the world, (3, 3), and keep it; None: where it looks now.
+
+        Raises:
+            UsageError: There was no measurement yet, or it is no rotation matrix.
+        """
+        memory, camera, navigator = self.begun(), self.attitude(), self.pointer.navigator
+        goal = camera if wanted is None else rotation(np.ravel(wanted), "wanted", UsageError)
+        q = memory.watch.good.q
+        known = navigator.aimed(memory.known, q, camera @ navigator.sight.attitude(q).T, goal)
+        self.memory = memory._replace(known=known)
+        return self.memory
+
+    def begun(self) -> Held:
+        """Return the memory; raise `UsageError` before the first measurement."""
+        if self.memory is None:
+            raise UsageError("controller", "has seen no measurement yet", "call start or step first")
         return self.memory
 
     def step(self, measurement: Measurement) -> Array:
@@ -125,7 +163,7 @@ class Controller:
                 "rig": own.model.rig.name,
                 "payload": own.model.rig.payload,
                 "joints": own.model.rig.joints,
-                "wanted": own.wanted.ravel(),
+                "wanted": None if self.keeps else own.wanted.ravel(),
                 "dt": own.dt,
                 "delay": own.delay,
                 "encoder_step": own.step,
@@ -156,17 +194,20 @@ class Controller:
                 raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: learn one for it")
             if len(stored.trusted) not in (0, rig.n):
                 raise ModelError(f"{place}: trusted", "is not one value per joint", "write it with Controller.save")
+            sight, wanted = Sight(rig), stored.wanted
+            kept = sight.attitude(sight.home) if wanted is None else rotation(wanted, f"{place}: wanted", ModelError)
             return Controller(
                 Roster(
                     read_model_data(stored.model, rig, f"{place}: model"),
-                    rotation(stored.wanted, f"{place}: wanted"),
+                    kept,
                     stored.spectrum.spectrum(f"{place}: spectrum"),
                     stored.noise,
                     stored.encoder_step,
                     stored.trusted,
                     dt=stored.dt,
                     delay=stored.delay,
-                )
+                ),
+                wanted is None,
             )
 
 
@@ -193,7 +234,7 @@ class Stored:
     """What `Controller.save` writes."""
 
     joints: tuple[str, ...]
-    wanted: tuple[float, ...]
+    wanted: tuple[float, ...] | None
     model: Any
     spectrum: StoredSpectrum
     noise: Noise
@@ -203,11 +244,11 @@ class Stored:
     encoder_step: float = bounded_field(0.0, 0.0, 1.0)
 
 
-def rotation(entries: Sequence[float], place: str) -> Array:
-    """Return a rotation matrix from its nine entries; `ModelError` if they are none."""
+def rotation(entries: Sequence[float] | Array, place: str, error: type[GimbalPinError]) -> Array:
+    """Return a rotation matrix from its nine entries; an `error` if they are none."""
     R = np.array(entries).reshape(3, 3) if len(entries) == 9 else np.zeros((3, 3))
     if not (np.allclose(R @ R.T, np.eye(3), atol=1e-9) and np.linalg.det(R) > 0):
-        raise ModelError(place, "is no rotation matrix", "give its nine entries, row by row")
+        raise error(place, "is no rotation matrix", "give its nine entries, row by row")
     return R
 
 

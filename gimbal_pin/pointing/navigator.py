@@ -17,6 +17,7 @@ from gimbal_pin.pointing.forecast import Forecast, Past
 from gimbal_pin.pointing.measurement import Measurement
 from gimbal_pin.pointing.result import SLOW
 from gimbal_pin.pointing.sight import Sight, View
+from gimbal_pin.pointing.turn import Gaze, Pace, Turn
 from gimbal_pin.rig.brief import brief
 
 exp3, log3 = pin.exp3, pin.log3
@@ -131,7 +132,9 @@ class Known(NamedTuple):
         past: What the forecast remembers.
         t: Time of the sample, s.
         v: Joint rates, rad/s, (n,).
+        wanted: The attitude that is kept, or turned to, in the world, (3, 3).
         fused: What fusion remembers; None without it.
+        turn: The way to that attitude; None: it is kept.
     """
 
     R: Array
@@ -139,7 +142,9 @@ class Known(NamedTuple):
     past: Past
     t: float
     v: Array
+    wanted: Array
     fused: Fused | None = None
+    turn: Turn | None = None
 
     @property
     def ended(self) -> bool:
@@ -165,16 +170,18 @@ class Fix(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Navigator:
-    """Inverse kinematics of a fixed attitude from what the sensors say.
+    """Inverse kinematics of a wanted attitude from what the sensors say.
 
-    ``q̇ = J⁻¹(ω_c - Rᵀ ω)``, ``e = -J⁻¹ log(R_dᵀ R)``, ``ė = -J⁻¹ ω_c``, ``q̇_d = q̇ + ė = -J⁻¹ Rᵀ ω``, and
-    ``q̈_d = -J⁻¹ α(q, q̇_d, ω, ω̇)`` with α the camera's angular acceleration while the joints do not accelerate.
+    ``q̇ = J⁻¹(ω_c - Rᵀ ω)``, ``e = -J⁻¹ log(R_dᵀ R)``, ``ė = J⁻¹(ω_d - ω_c)``, ``q̇_d = q̇ + ė = J⁻¹(ω_d - Rᵀ ω)``, and
+    ``q̈_d = J⁻¹(ω̇_d - α(q, q̇_d, ω, ω̇))`` with α the camera's angular acceleration while the joints do not accelerate.
+    ω_d is zero but for the turn from where the camera looks at the start to where it shall look.
 
     Attributes:
         sight: Kinematics of the camera.
         wanted: R_d, the camera's attitude in the world, (3, 3).
         dt: Sampling interval, s.
         forecast: The platform's motion, ahead by as much as each distinct drive of the law is late; or now.
+        pace: How fast the camera is turned to where it shall look.
         by_platform: The platform's gyro tells the attitude, with the encoders between, not the camera's own.
         accelerates: False takes no wanted acceleration from inverse kinematics.
         oracle: The platform's true motion ahead is known, not predicted, for every lead.
@@ -185,6 +192,7 @@ class Navigator:
     wanted: Array
     dt: float
     forecast: Forecast
+    pace: Pace
     by_platform: bool = False
     accelerates: bool = True
     oracle: bool = False
@@ -196,7 +204,22 @@ class Navigator:
         """Memory at the first sample, where the attitudes in the world of camera and base link are known, (3, 3)."""
         own, turning = (base, seen.w) if self.by_platform else (camera, seen.gyro)
         fused = None if self.fusion is None else begun(base, self.sight.between(seen.q), seen)
-        return Known(own, turning, self.forecast.start(seen.w, seen.f), seen.t, np.zeros(len(seen.q)), fused)
+        past = self.forecast.start(seen.w, seen.f)
+        known = Known(own, turning, past, seen.t, np.zeros(len(seen.q)), self.wanted, fused)
+        return self.aimed(known, seen.q, base, self.wanted)
+
+    def camera(self, known: Known, q: Array) -> Array:
+        """Attitude of the camera in the world at the last sample, whose angles are q, (3, 3)."""
+        own = known.R.dot(self.sight.attitude(q)) if self.by_platform else known.R
+        return own if known.fused is None else np.asarray(own.dot(exp3(known.fused.turn)))
+
+    def aimed(self, known: Known, q: Array, base: Array, wanted: Array) -> Known:
+        """Memory with another wanted attitude, turned to from the angles q on a base of that attitude, (3, 3)."""
+        return known._replace(wanted=wanted, turn=self.pace.turn(self.sight, base, q, wanted, known.t))
+
+    def gaze(self, known: Known, t: float) -> Gaze | None:
+        """Where the camera should look at a time while it turns; None while it is kept as wanted."""
+        return None if known.turn is None or t >= known.turn.end else known.turn.gaze(t, self.sight)
 
     def fix(self, seen: Measurement, known: Known, doubtful: frozenset[str] = frozenset()) -> tuple[Fix, Known]:
         """Return where the joints are and should be, and the next memory; `doubtful` sensors are not fused.
@@ -210,11 +233,14 @@ class Navigator:
         against, carries = view.against, seen.w.dot(view.R)
         v = against.dot(carries - seen.gyro)
         R, actual, rate, fused = self.attitude(R, view, seen, known.fused, elapsed, doubtful)
-        error = against.dot(log3(self.wanted.T.dot(actual)))
+        gaze = self.gaze(known, seen.t)
         past = self.forecast.step(known.past, seen.t, seen.w, seen.f)
-        ahead = self.ahead(seen, view, v, past)
-        aim = Aim(seen.q + error, against.dot(carries + rate), ahead[0].a, ahead)
-        return Fix(seen.q, v, aim, view.steep), Known(R, turning, past, seen.t, v, fused)
+        after = Known(R, turning, past, seen.t, v, known.wanted, fused, gaze and known.turn)
+        error = against.dot(log3((known.wanted if gaze is None else gaze.R).T.dot(actual)))
+        ahead = self.ahead(seen, view, after)
+        wished = carries + rate if gaze is None else carries + rate - gaze.w
+        aim = Aim(seen.q + error, against.dot(wished), ahead[0].a, ahead)
+        return Fix(seen.q, v, aim, view.steep), after
 
     def attitude(
         self, R: Array, view: View, seen: Measurement, fused: Fused | None, elapsed: float, doubtful: frozenset[str]
@@ -237,16 +263,18 @@ class Navigator:
             base = R @ between[0].T
         return R, R, 0.0, begun(base, between, seen)._replace(ended=fused.ended)
 
-    def ahead(self, seen: Measurement, view: View, v: Array, past: Past) -> tuple[Ahead, ...]:
-        """Return joint rates and accelerations that keep the camera's attitude, at every lead; `view`: at the first."""
-        bases = self.forecast.ahead(past) if not self.oracle or seen.true is None else seen.true
+    def ahead(self, seen: Measurement, view: View, known: Known) -> tuple[Ahead, ...]:
+        """Return rates and accelerations of the joints that are asked for at every lead; `view`: at the first."""
+        bases, v = self.forecast.ahead(known.past) if not self.oracle or seen.true is None else seen.true, known.v
         out = []
         for k, (lead, base) in enumerate(zip(self.forecast.leads, bases)):
             q = seen.q + lead * v
             there = self.sight.view(q) if k else view
-            rates = there.against.dot(base.w.dot(there.R))
+            gaze = self.gaze(known, seen.t + lead)
+            carries = base.w.dot(there.R)
+            rates = there.against.dot(carries if gaze is None else carries - gaze.w)
             drift = self.sight.drift(q, rates, base.w, base.dw) if self.accelerates else np.zeros(3)
-            a = there.against.dot(drift)
+            a = there.against.dot(drift if gaze is None else drift - gaze.dw)
             out.append(Ahead(q, rates, a, base))
         return tuple(out)
 

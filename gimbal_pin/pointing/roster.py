@@ -29,6 +29,7 @@ from gimbal_pin.pointing.navigator import Fusion, Navigator
 from gimbal_pin.pointing.pointer import Holder, Pointer
 from gimbal_pin.pointing.result import SLOW
 from gimbal_pin.pointing.sight import Sight, holding
+from gimbal_pin.pointing.turn import Pace
 from gimbal_pin.rig.config import Noise
 
 FALLEN = 0.5
@@ -145,7 +146,12 @@ class Roster:
         leads = self.leads if predicts else (0.0,) * len(slowest)
         fusion = Fusion(self.noise.gyro, self.step, self.dt) if fuses else None
         forecast = Forecast(self.spectrum, tuple(slowest), self.dt, leads, self.learns)
-        return Navigator(self.sight, self.wanted, self.dt, forecast, fusion=fusion)
+        return Navigator(self.sight, self.wanted, self.dt, forecast, self.pace, fusion=fusion)
+
+    @cached_property
+    def pace(self) -> Pace:
+        """How fast the camera is turned to where it shall look."""
+        return Pace.of(self.model)
 
     def holder(self, name: str) -> Holder:
         """Return one controller, or the compiled one; raise `UsageError` if there is none of that name."""

@@ -28,6 +28,7 @@ from tests.exported import (
     Twin,
     built,
     compile_,
+    floats,
     has,
     holding_gap,
     modelled,
@@ -153,6 +154,28 @@ def test_the_same_sensors_give_the_same_torques(plain: Twin, faults: list[str]) 
 
 
 @compiled_here
+@pytest.mark.parametrize("which", ["plain", "pid"])
+def test_the_turn_at_the_start_is_the_same(which: str, request: pytest.FixtureRequest) -> None:
+    """Sensors of a camera that turns as it should, on a base that stands: the same torques all along."""
+    tested: Twin = request.getfixturevalue(which)
+    side, navigator, rng = Side(tested), tested.pointer.navigator, np.random.default_rng(0)
+    sight, n = navigator.sight, tested.library.n
+    q = floats(np.array([1.0, -0.3, 0.4])[:n])
+    turn = navigator.pace.turn(sight, np.eye(3), q, WANTED, 0.0)
+    assert turn is not None
+    seen, memory = resting(tested, rng, 0)._replace(q=q), None
+    for k in range(1200):
+        left, speed, _ = turn.progress(1e-3 * k)
+        q, v = turn.goal + left * turn.way, speed * turn.way
+        seen = resting(tested, rng, k)
+        rates = sight.rates(q, v, np.zeros(3))
+        seen = seen._replace(q=q, gyro=seen.gyro + rates[:3], links=seen.links + rates[3:])
+        memory = side.start(seen, sight.attitude(q), np.eye(3)) if memory is None else memory
+        _, memory = side.torque(seen, memory)
+    assert max(side.gaps) < 2e-3 and float(np.median(side.gaps)) < 2e-4
+
+
+@compiled_here
 def test_hostile_sensors_never_give_a_torque_that_is_none(full: Twin) -> None:
     rng, c, n = np.random.default_rng(0), full.compiled, full.library.n
     good = Measurement(0.0, np.zeros(n), *(rng.normal(0, 0.1, 3) for _ in range(4)))
@@ -185,7 +208,7 @@ def test_huge_finite_readings_are_refused_and_the_torque_comes_back(
 ) -> None:
     for holder in (plain.compiled, plain.pointer):
         rng, looking = np.random.default_rng(0), plain.pointer.navigator.sight.attitude(np.zeros(plain.library.n))
-        memory = holder.start(resting(plain, rng, 0), looking, np.eye(3))
+        memory = holder.start(resting(plain, rng, 0), WANTED, WANTED @ looking.T)
         torques = []
         for k in range(1, 600):
             seen = resting(plain, rng, k)

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.dynamics import State, nominal
+from gimbal_pin.dynamics import Plant, State, nominal
 from gimbal_pin.errors import ModelError, UsageError
-from gimbal_pin.log import Array
+from gimbal_pin.log import Array, Platform
 from gimbal_pin.pointing import (
     WANTED,
     Controller,
@@ -34,9 +34,10 @@ from gimbal_pin.pointing import (
     unbalanced,
 )
 from gimbal_pin.pointing.sight import holding
+from gimbal_pin.rig import Rig
 from tests.rigs import bundled
 
-DT = 1e-3
+DT, URDF = 1e-3, Path(__file__).parents[2] / "urdf"
 
 
 @cache
@@ -138,6 +139,86 @@ def test_a_file_that_is_no_controller_says_what_is_wrong(tmp_path: Path, key: st
     path.write_bytes(b"\x80\x04pickle")
     with pytest.raises(ModelError, match="no controller's file"):
         Controller.load(path, bundled("thesis"))
+
+
+class Bench:
+    """A rig on a base at rest in the loop of one's own: sensors without error, a sample of delay."""
+
+    def __init__(self, controller: Controller, q: Array, seconds: float) -> None:
+        """Take the angles at which the joints rest at the start."""
+        self.controller, self.plant = controller, controller.recipe.model
+        t, rig = DT * np.arange(round(seconds / DT) + 1), self.plant.rig
+        ground = Platform.still(DT / 2 * np.arange(2 * len(t) - 1))
+        self.sensed = Sensed(self.plant, ground, Station.exact(rig), t, np.random.default_rng(0))
+        self.system, self.state, self.command, self.k = Plant(self.plant, ground), State(q, 0 * q), 0 * q, 0
+        controller.memory = None
+
+    def run(self, seconds: float) -> tuple[Array, Array, Array]:
+        """Return angles, rates and torques, (N, n) each."""
+        rows = []
+        for _ in range(round(seconds / DT)):
+            seen = self.sensed.see(self.k, self.state)
+            assert seen is not None
+            acting, self.command = self.command, self.controller.step(seen)
+            rows.append((self.state.q, self.state.v, acting))
+            self.state = self.system.step(self.k * DT, self.state, acting, DT)
+            self.k += 1
+        return tuple(np.array(column) for column in zip(*rows))  # type: ignore[return-value]
+
+
+@cache
+def exact(name: str, keeps: bool = False) -> Controller:
+    rig = bundled(name)
+    spectrum = Spectrum.of(rehearsed(rig)[1], DT)
+    return Controller(Roster(nominal(rig), WANTED, spectrum, Station.exact(rig).noise, 0.0), keeps)
+
+
+@pytest.mark.parametrize("name", ["thesis", "thesis", "handheld", "turret"])
+def test_from_anywhere_the_camera_turns_to_where_it_shall_look(name: str) -> None:
+    """Within the rates, never long at a torque limit, without overshoot, and as soon as the slowest joint can."""
+    rig, controller, rng = bundled(name), exact(name), np.random.default_rng(len(name))
+    lower, upper, fastest = (np.array([getattr(x, of) for x in rig.limits]) for of in ("lower", "upper", "velocity"))
+    q = lower + (upper - lower) * rng.random(rig.n)
+    way = controller.recipe.looking - q
+    angles, rates, torques = Bench(controller, q, 3.0).run(3.0)
+    gone = (angles - q) / way
+    assert gone.max() < 1.001 and gone.min() > -0.001
+    assert (np.abs(rates) < fastest).all() and (np.abs(torques) > 0.999 * rig.tau_max).mean() < 0.01
+    late = round((0.6 + np.max(np.abs(way) / fastest)) / DT)
+    assert np.degrees(np.abs(angles[late:] - controller.recipe.looking)).max() < 0.02
+
+
+def test_the_camera_is_held_where_it_looks() -> None:
+    """At the start, at an attitude of one's own, and at once while it turns there; its attitude is known."""
+    controller, sight, q = exact("thesis", True), Sight(bundled("thesis")), np.array([1.0, -0.3, 0.4])
+    with pytest.raises(UsageError, match="no measurement"):
+        Controller(controller.recipe).attitude()
+    bench = Bench(controller, q, 6.0)
+    angles, *_ = bench.run(0.3)
+    assert np.degrees(np.abs(angles[-1] - q)).max() < 0.1
+    np.testing.assert_allclose(controller.attitude(), sight.attitude(bench.state.q), atol=1e-4)
+    controller.hold(WANTED)
+    bench.run(0.4)
+    controller.hold()
+    stopped, after = controller.attitude(), bench.run(1.5)[0][-1]
+    assert np.degrees(np.abs(sight.error(sight.attitude(after), stopped))).max() < 0.02
+    controller.hold(WANTED)
+    bench.run(2.0)
+    assert np.degrees(np.abs(sight.error(sight.attitude(bench.state.q), WANTED))).max() < 0.02
+    with pytest.raises(UsageError, match="rotation"):
+        controller.hold(np.ones((3, 3)))
+
+
+def test_a_camera_may_look_along_any_axis(tmp_path: Path) -> None:
+    """The same rig whose camera looks backwards is held with the same torques."""
+    torques = []
+    for axis in ("x", "-x", "y"):
+        text = (URDF / "thesis.yaml").read_text() + f"optical_axis: {axis}\nurdf: {URDF / 'thesis.urdf'}\n"
+        (tmp_path / "own.yaml").write_text(text)
+        rig = Rig.load(tmp_path / "own.yaml")
+        controller = Controller.learn(rig, shaken_log(nominal(rig), seconds=4.0))
+        torques.append(Bench(controller, np.array([0.5, -0.3, 0.4]), 0.2).run(0.2)[2])
+    np.testing.assert_allclose(torques[1:], [torques[0]] * 2, atol=1e-3)
 
 
 READING = st.sampled_from([0.0, 1.0, np.nan, np.inf, -1e9])

@@ -16,6 +16,7 @@ from gimbal_pin.control.laws.uncertainty import VARIED, Bounds, home, inertia, p
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.log.log import Array
 from gimbal_pin.rig.rig import Rig
 
 KINDS = ("computed-torque", "pid")
@@ -165,11 +166,14 @@ def braking(model: Model) -> tuple[float, ...]:
     No bound for a motor without a limit, or one that cannot even hold its load at some pose.
     """
     q = poses(model.rig)[0]
-    zero = np.zeros_like(q)
-    load = np.abs(model.inverse(q, zero, zero, slide=zero)) + model.level(q, zero, zero, zero)
-    spare = (model.tau_max - load) / np.diagonal(inertia(model, q), axis1=1, axis2=2)
-    worst_pose = spare.min(axis=0)
+    worst_pose = (spare_torque(model, q) / np.diagonal(inertia(model, q), axis1=1, axis2=2)).min(axis=0)
     return tuple(np.where(worst_pose > 0, BRAKES * worst_pose, np.inf).tolist())
+
+
+def spare_torque(model: Model, q: Array) -> Array:
+    """Return what gravity and friction leave of every motor's torque at some poses, N m, (N, n)."""
+    zero = np.zeros_like(q)
+    return model.tau_max - np.abs(model.inverse(q, zero, zero, slide=zero)) - model.level(q, zero, zero, zero)
 
 
 def bisected(enough: Callable[[float], bool], low: float, high: float) -> float:

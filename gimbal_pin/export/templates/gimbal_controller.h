@@ -72,6 +72,16 @@ struct gimbal_judging {
     float fall;   /* the same of one that errs more */
 };
 
+/* How fast joints may turn the camera to where it shall look. */
+struct gimbal_pace {
+    float home[GIMBAL_JOINTS];                    /* angles from which those are looked for at which it does, rad */
+    float rate[GIMBAL_JOINTS];                    /* rad/s */
+    float torque[GIMBAL_JOINTS];                  /* that every motor surely has for it, N m */
+    float inertia[GIMBAL_JOINTS * GIMBAL_JOINTS]; /* largest of any pose, without sign, kg m^2 */
+    float near;                                   /* way up to which the loop answers as to any error, rad */
+    float ramp;                                   /* time in which a turn becomes fast at least, s */
+};
+
 /* When a sensor counts as failing. */
 struct gimbal_limits {
     bool noisy;          /* gyros and accelerometer have noise: a reading that repeats itself is frozen */
@@ -111,6 +121,7 @@ struct gimbal_parameters {
     float fusion_gain;                                 /* of the gaps between gyros; 0: the camera's gyro alone */
     float fusion_share;                                /* of a gap in its slow part, per sample */
     float fusion_bound;                                /* rad; a faster change of a gap is no noise and ends the fusion */
+    struct gimbal_pace pace;
     struct gimbal_limits limits;
 };
 
@@ -188,6 +199,16 @@ struct gimbal_attitude {
     float rest[4];
 };
 
+/* The way from where the camera looks at the start to where it shall look: q = goal + (s - 1) way on that base. */
+struct gimbal_way {
+    bool on;                  /* whether there is one left to go */
+    float base[4];            /* attitude of the base at the start, in the wanted frame */
+    float goal[GIMBAL_JOINTS]; /* angles at which the camera looks as wanted from there, rad */
+    float way[GIMBAL_JOINTS]; /* from the first angles to those, rad */
+    float rate;               /* largest ds/dt, 1/s */
+    float ramp;               /* time in which it is reached, s */
+};
+
 /* What the law remembers. */
 struct gimbal_memory {
     float integral[GIMBAL_JOINTS]; /* rad s */
@@ -199,6 +220,7 @@ struct gimbal_holding {
     struct gimbal_guard guard;
     struct gimbal_memory memory;
     int64_t time_us;                        /* time of the last sample on an even clock */
+    struct gimbal_way way;                  /* to the attitude that is wanted */
     struct gimbal_attitude attitude;        /* of the camera, in the frame that is wanted for it */
     float turning[3];                       /* camera's rate that was integrated last, rad/s */
     float v[GIMBAL_JOINTS];                 /* joint rates, rad/s */

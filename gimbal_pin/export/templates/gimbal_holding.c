@@ -17,6 +17,13 @@ struct view {
     bool steep;                         /* whether the inverse was damped */
 };
 
+/* Where the camera should look at one moment. */
+struct gaze {
+    float attitude[4]; /* in the wanted frame */
+    float w[3];        /* rate in its own frame, rad/s */
+    float dw[3];       /* angular acceleration in its own frame, rad/s^2 */
+};
+
 /* Where the joints are and should be at one sample. */
 struct fix {
     struct gimbal_aim aim;
@@ -151,6 +158,129 @@ static void between(const float q[GIMBAL_JOINTS], float out[GIMBAL_GYROS][4])
     }
 }
 
+/* --- The turn to where the camera shall look ------------------------------------------------------------------------ */
+
+/* Angles at which the camera looks as wanted from a base, by Newton; a longer step may end a turn away. */
+static void reach(const struct gimbal_parameters *p, const float base[4], float q[GIMBAL_JOINTS])
+{
+    const int iterations = 40;
+    const float stride = 0.3f;
+    const float reached = 1e-6f;
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        q[j] = p->pace.home[j];
+    }
+    for (int i = 0; i < iterations; ++i) {
+        struct view view;
+        float camera[4];
+        float attitude[4];
+        float left[3];
+        float step[GIMBAL_JOINTS];
+        float error = 0.0f;
+        float most = 1e-12f;
+        look(&p->limits, q, &view);
+        gimbal_quaternion(view.R, camera);
+        gimbal_product(base, camera, attitude);
+        gimbal_log(attitude, left);
+        for (int k = FIRST; k < 3; ++k) {
+            error = fmaxf(error, fabsf(left[k]));
+        }
+        if (error < reached) {
+            return;
+        }
+        undo(&view, left, step);
+        for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+            most = fmaxf(most, fabsf(step[j]));
+        }
+        for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+            q[j] += step[j] * fminf(1.0f, stride / most);
+        }
+    }
+}
+
+/* The way from angles to where the camera shall look. */
+static void set_out(const struct gimbal_parameters *p, const float base[4], const float q[GIMBAL_JOINTS],
+                    struct gimbal_way *out)
+{
+    const struct gimbal_pace *pace = &p->pace;
+    float longest = 0.0f;
+    float quickest = 1.0f / pace->ramp;
+    float hardest = 1e30f;
+    reach(p, base, out->goal);
+    for (int k = 0; k < 4; ++k) {
+        out->base[k] = base[k];
+    }
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        out->way[j] = out->goal[j] - q[j];
+        longest = fmaxf(longest, fabsf(out->way[j]));
+    }
+    out->on = longest > pace->near && longest < 1e6f; /* nor is what is no number */
+    for (int j = 0; j < GIMBAL_JOINTS && out->on; ++j) {
+        float moment = 0.0f;
+        for (int k = 0; k < GIMBAL_JOINTS; ++k) {
+            moment += pace->inertia[GIMBAL_JOINTS * j + k] * fabsf(out->way[k]);
+        }
+        quickest = fminf(quickest, pace->rate[j] / fmaxf(fabsf(out->way[j]), 1e-12f));
+        hardest = fminf(hardest, pace->torque[j] / fmaxf(moment, 1e-12f));
+    }
+    out->rate = fminf(quickest, sqrtf(hardest / 1.5f));
+    out->ramp = fmaxf(1.5f * out->rate / hardest, pace->ramp);
+}
+
+/* Time from the start of a way to its end, s. */
+static float duration(const struct gimbal_way *way)
+{
+    return 1.0f / way->rate + way->ramp;
+}
+
+/* Where the camera should look so long after the start. */
+static void gaze_at(const struct gimbal_way *way, float since, struct gaze *out)
+{
+    const float none[3] = {0.0f, 0.0f, 0.0f};
+    const float left = fmaxf(duration(way) - since, 0.0f);
+    const float near = fminf(since, left);
+    const float x = fminf(near / way->ramp, 1.0f);
+    const float gone = way->rate * (way->ramp * x * x * x * (1.0f - 0.5f * x) + fmaxf(near - way->ramp, 0.0f));
+    const float speed = way->rate * x * x * (3.0f - 2.0f * x);
+    const float swing = way->rate / way->ramp * 6.0f * x * (1.0f - x);
+    const bool rises = since < left;
+    float R[9];
+    float J[3 * GIMBAL_JOINTS];
+    float camera[4];
+    float q[GIMBAL_JOINTS];
+    float v[GIMBAL_JOINTS];
+    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+        q[j] = way->goal[j] + (rises ? gone - 1.0f : -gone) * way->way[j];
+        v[j] = speed * way->way[j];
+    }
+    gimbal_camera(q, R, J);
+    gimbal_quaternion(R, camera);
+    gimbal_product(way->base, camera, out->attitude);
+    gimbal_camera_drift(q, v, none, none, out->dw);
+    for (int i = 0; i < 3; ++i) {
+        out->w[i] = 0.0f;
+        for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+            out->w[i] += J[i * GIMBAL_JOINTS + j] * v[j];
+            out->dw[i] += J[i * GIMBAL_JOINTS + j] * (rises ? swing : -swing) * way->way[j];
+        }
+    }
+}
+
+/* Where the camera should look so long after the last sample; it is kept as wanted where there is no way to go. */
+static void gaze_now(const struct gimbal_holding *state, float later, struct gaze *out)
+{
+    const float since = 1e-6f * (float)state->time_us + later;
+    if (state->way.on && since < duration(&state->way)) {
+        gaze_at(&state->way, since, out);
+        return;
+    }
+    for (int k = 0; k < 3; ++k) {
+        out->attitude[1 + k] = 0.0f;
+        out->w[k] = 0.0f;
+        out->dw[k] = 0.0f;
+    }
+    out->attitude[0] = 1.0f;
+}
+
 /* --- Attitude: the camera's own gyro, and the others with the encoders between ------------------------------------- */
 
 static const float *gyro(const struct gimbal_sensors *seen, int i)
@@ -262,9 +392,12 @@ static void compare(const struct gimbal_parameters *p, struct gimbal_holding *st
 
 /* Turn of the camera from where it should look, rad; rate: what to add to its rate, rad/s. */
 static void estimate(const struct gimbal_parameters *p, struct gimbal_holding *state,
-                     const struct gimbal_sensors *seen, float elapsed, float turn[3], float rate[3])
+                     const struct gimbal_sensors *seen, float elapsed, const struct gaze *gaze, float turn[3],
+                     float rate[3])
 {
     struct gimbal_attitude actual;
+    float wanted[4];
+    float off[4];
     for (int k = 0; k < 3; ++k) {
         turn[k] = (state->turning[k] + seen->camera_gyro[k]) * (0.5f * elapsed);
         state->turning[k] = seen->camera_gyro[k];
@@ -286,7 +419,9 @@ static void estimate(const struct gimbal_parameters *p, struct gimbal_holding *s
     }
     actual = state->attitude;
     gimbal_turn(&actual, state->turn);
-    gimbal_log(actual.q, turn);
+    gimbal_inverse(gaze->attitude, wanted);
+    gimbal_product(wanted, actual.q, off);
+    gimbal_log(off, turn);
 }
 
 /* --- The base's motion ahead --------------------------------------------------------------------------------------- */
@@ -374,14 +509,20 @@ static void mix(float trust, const struct gimbal_ahead *none, struct gimbal_ahea
     }
 }
 
-/* Rates and accelerations of the joints that keep the camera's attitude on the base that moves so. */
-static void wish(const struct view *view, struct gimbal_ahead *there)
+/* Rates and accelerations of the joints that turn the camera as it should on the base that moves so. */
+static void wish(const struct view *view, const struct gaze *gaze, struct gimbal_ahead *there)
 {
     float carried[3];
     float drift[3];
     gimbal_back(view->R, there->w, carried);
+    for (int k = 0; k < 3; ++k) {
+        carried[k] -= gaze->w[k];
+    }
     undo(view, carried, there->v);
     gimbal_camera_drift(there->q, there->v, there->w, there->dw, drift);
+    for (int k = 0; k < 3; ++k) {
+        drift[k] -= gaze->dw[k];
+    }
     undo(view, drift, there->a);
 }
 
@@ -397,6 +538,7 @@ static void look_ahead(const struct gimbal_parameters *p, struct gimbal_holding 
     for (int lead = 0; lead < GIMBAL_LEADS; ++lead) {
         struct gimbal_ahead *there = &fix->aim.ahead[lead];
         struct view view = *first;
+        struct gaze gaze;
         for (int j = 0; j < GIMBAL_JOINTS; ++j) {
             there->q[j] = seen->q[j] + p->holding_lead[lead] * fix->v[j];
         }
@@ -404,7 +546,8 @@ static void look_ahead(const struct gimbal_parameters *p, struct gimbal_holding 
             look(&p->limits, there->q, &view);
         }
         mix(state->trust, &none, there);
-        wish(&view, there);
+        gaze_now(state, p->holding_lead[lead], &gaze);
+        wish(&view, &gaze, there);
     }
 }
 
@@ -415,6 +558,7 @@ static void navigate(const struct gimbal_parameters *p, struct gimbal_holding *s
                      const struct gimbal_sensors *seen, float elapsed, struct fix *fix)
 {
     struct view view;
+    struct gaze gaze;
     float q[GIMBAL_JOINTS];
     float carried[3];
     float turn[3];
@@ -426,11 +570,12 @@ static void navigate(const struct gimbal_parameters *p, struct gimbal_holding *s
     look(&p->limits, q, &view);
     fix->steep = view.steep;
     gimbal_back(view.R, seen->base_gyro, carried);
-    estimate(p, state, seen, elapsed, turn, rate);
+    gaze_now(state, 0.0f, &gaze);
+    estimate(p, state, seen, elapsed, &gaze, turn, rate);
     undo(&view, turn, error);
     for (int k = 0; k < 3; ++k) {
         turn[k] = carried[k] - seen->camera_gyro[k];
-        rate[k] += carried[k];
+        rate[k] += carried[k] - gaze.w[k];
     }
     undo(&view, turn, fix->v);
     undo(&view, rate, fix->aim.v);
@@ -587,6 +732,7 @@ void gimbal_holding_start(const struct gimbal_parameters *p, struct gimbal_holdi
     gimbal_product(wanted, known->base, q);
     set(&base, q);
     begin(state, good, &base);
+    set_out(p, q, good->q, &state->way);
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         state->v[j] = 0.0f;
         state->tau[j] = 0.0f;
