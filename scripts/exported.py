@@ -18,7 +18,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gimbal_pin.pointing import Course, Roster, compete
+from gimbal_pin.control import COMPILED
+from gimbal_pin.pointing import Course, Recipe, compete
 from gimbal_pin.pointing.bench import WANTED, Shaken
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.sight import Sight, unable
@@ -60,10 +61,10 @@ def jitters(twin: Twin) -> tuple[float, float]:
     model, spectrum = twin.stored.model, twin.pointer.navigator.forecast.spectrum
     station = Station.of(model.rig)
     sensors = (station.noise, float(station.step.max()))
-    roster = Roster(model, WANTED, spectrum, *sensors, law=twin.stored.law, machine=twin.library, learns=False)
-    course = Course(model, Shaken(Sight(model.rig).centre, SECONDS), "S", SECONDS, station)
-    found = compete(course, roster, ("tuned", "compiled"), SEEDS)
-    return found.jitter["tuned"], found.jitter["compiled"]
+    recipe = Recipe(model, WANTED, spectrum, *sensors, law=twin.stored.law, machine=twin.library, learns=False)
+    course = Course(model, Shaken(Sight(model.rig).centre, SECONDS), SECONDS, station)
+    found = {row.controller: row.jitter_rms for row in compete(course, recipe, SEEDS)}
+    return found[recipe.kind], found[COMPILED]
 
 
 def run(folder: Path, program: str, *options: str, words: tuple[str, ...] = ()) -> str:

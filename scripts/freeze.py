@@ -114,8 +114,7 @@ def calls(made: Path) -> dict[str, tuple[str, ...]]:
     chosen["track-steps"] = ("track", "turret", "{F}/controller.yaml", *FEW)
     short = ("--seeds", "1", "--seconds", "2")
     chosen["track-platform"] = ("track", "turret", "--platform", "S", *short)
-    chosen["track-learned"] = ("track", "thesis", "--platform", "S", *short, "--learn", "{F}/shaken-thesis.csv",
-                               "--controllers", "pid-world,switch,oracle")  # fmt: skip
+    chosen["track-learned"] = ("track", "thesis", "--platform", "S", *short, "--learn", "{F}/shaken-thesis.csv")
     words = ("--count", "8", "--seconds", "1", "--workers", "1", "--spec", "overshoot_percent < 8", "-o", "{O}/fleet")
     chosen["montecarlo"] = ("montecarlo", "turret", "{F}/model.yaml", *words)
     for case in [*cases.measured(DATA, made), *cases.benchmarks(DATA)]:

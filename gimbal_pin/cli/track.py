@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from gimbal_pin.cli.holding import MOTIONS, NO_PAGES, STILL, Holding, Pages
+from gimbal_pin.cli.holding import MOTIONS, STILL, Holding
 from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
 from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, Plants, RigName, Seed, Verbose, optional
 from gimbal_pin.cli.paths import Reads
@@ -33,7 +33,7 @@ def track(
         Reads(),
         arg(
             metavar="CONTROLLER",
-            help="a controller's YAML, from tune; on a platform its model is what is known, its gains are 'tuned''s",
+            help="a controller's YAML, from tune: it steps, and holds the camera with its model and its gains",
         ),
     ] = None,
     *,
@@ -53,19 +53,17 @@ def track(
         ),
     ] = None,
     held: Annotated[Holding, OmitArgPrefixes] = STILL,
-    pages: Annotated[Pages, OmitArgPrefixes] = NO_PAGES,
     plants: Plants = 50,
     seed: Seed = 0,
     verbose: Verbose = False,
     json: Json = None,
 ) -> None:
-    """Step tracking against a PID; on a platform that moves, every camera-holding controller at equal margins."""
+    """Step tracking against a PID; on a platform that moves, a camera held by computed torque and by a PID."""
     if controller is None and not held.moving:
         raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {MOTIONS}")
     if controller is None and compiled is not None:
         raise UsageError("--compiled", "has no CONTROLLER to stand beside", "name the YAML that it was exported from")
     held.check()
-    pages.check(held.moving)
     loaded = load_rig(rig, payload or mounted(controller))
     tuned = None if controller is None else read_controller(controller, loaded)
     machine = None if compiled is None else library(compiled, loaded)
@@ -82,15 +80,13 @@ def track(
     verified = None
     if held.moving:
         plant = None if model is None else plant_of(model, loaded)
-        known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
-        verified = held.verified(loaded, plant, known, law, log, held_late, machine)
-    pages.write(loaded, verified, steps, stood, judged)
+        verified = held.verified(loaded, log, plant, tuned, machine, held_late)
+    held.write(loaded, verified, steps, stood, judged)
     told = [] if steps is None or judged is None else [text.tracking(steps, judged, loaded)]
     told += [] if verified is None else [text.verified(verified, verbose)]
     own, more = ({} if one is None else one.to_dict() for one in (steps, verified))
     own |= {} if judged is None else {"judged": judged.to_dict()}
-    experiments = [*own.get("experiments", ()), *more.get("experiments", ())]
-    present("\n\n".join(told), {"schema": 1, **own, **more, "experiments": experiments}, json)
+    present("\n\n".join(told), {"schema": 1, "experiments": [], **own, **more}, json)
 
 
 def library(path: Path, rig: Rig) -> Library:

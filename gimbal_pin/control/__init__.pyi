@@ -1,7 +1,6 @@
-from .controllers import HOLDING as HOLDING
-from .controllers import ORACLE as ORACLE
+from .controllers import BASELINE as BASELINE
+from .controllers import COMPILED as COMPILED
 from .controllers import OURS as OURS
-from .controllers import TUNED as TUNED
 from .drive_gains import DriveGains as DriveGains
 from .drive_gains import convert_gains as convert_gains
 from .experiment import bench_run as bench_run

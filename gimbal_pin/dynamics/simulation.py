@@ -98,28 +98,14 @@ def simulate(
     rate_noise = sense.rate_std * generator.standard_normal(reference.q.shape)
     torque_noise = sense.torque_std * generator.standard_normal(reference.q.shape)
     steps = ceil(dt / LONGEST_STEP - 1e-6)
-    carried = None if platform is None else _resample_halfway(platform, t, steps)
+    carried = None if platform is None else resample_halfway(platform, t, steps)
     stages = t[0] + dt / 2 / steps * np.arange(2 * steps * (len(t) - 1) + 1)
     system = Plant(plant, plant.carried(stages, carried))
     motors = Drive((*plant.drive, *drive), rig, dt, plant)
     state = State(reference.q[0].copy(), reference.v[0].copy()) if start is None else start
-    q, v, tau, true_q, true_v = (np.empty(reference.q.shape) for _ in range(5))
-    lowest, highest, memory = -rig.tau_max, rig.tau_max, controller.start()
-    pending: deque[Array] = deque([np.zeros(rig.n)] * delay)
-    rows = zip(t.tolist(), reference.q, reference.v, reference.a, q, v, tau, true_q, true_v, rate_noise)
-    bar = tqdm(rows, visible(name), len(t), unit="sample", disable=None, leave=False, delay=2)
-    for now, wanted_q, wanted_v, wanted_a, seen_q, seen_v, given, at_q, at_v, noise in bar:
-        if state.lost:
-            what = f"the closed loop diverged {now - t[0]:.3g} s after its start"
-            raise UsageError(name, what, "lower the controller's bandwidth or its delay")
-        at_q[:], at_v[:], seen_q[:] = state.q, state.v, sense.angle(state.q)
-        np.add(state.v, noise, out=seen_v)
-        wanted, memory = controller.torque(now, seen_q, seen_v, Reference(wanted_q, wanted_v, wanted_a), memory)
-        pending.append(wanted)
-        np.minimum(np.maximum(pending.popleft(), lowest), highest, out=given)
-        acting = motors.acting(given, state)
-        for k in range(steps):
-            state = system.step(now + k * dt / steps, state, acting, dt / steps)
+    q, v, tau, true_q, true_v = run_loop(
+        system, motors, controller, reference, state, sense, rate_noise, delay, steps, rig.tau_max, name
+    )
     base = None if carried is None else carried.part(slice(0, None, 2 * steps))
     weak = describe_limits(compute_limit_shares(rig.joints, tau, rig.tau_max))
     lost = describe_passed_stops(rig.joints, true_q, *rig.stops)
@@ -139,7 +125,49 @@ def simulate(
     )
 
 
-def _resample_halfway(platform: Platform, t: Array, steps: int = 1) -> Platform:
+class System(Protocol):
+    """A plant on its platform, as `run_loop` integrates it."""
+
+    def step(self, t: float, state: State, tau: Array, dt: float) -> State:
+        """Return the state `dt` s later."""
+
+
+def run_loop(
+    system: System,
+    motors: Drive,
+    controller: Controller,
+    reference: Motion,
+    state: State,
+    sense: Sensors,
+    rate_noise: Array,
+    delay: int,
+    steps: int,
+    limit: Array,
+    name: str,
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Run the loop of `simulate`; return measured angles and rates, torque, true angles and rates, (N, n) each."""
+    dt, t = controller.dt, reference.t
+    q, v, tau, true_q, true_v = (np.empty(reference.q.shape) for _ in range(5))
+    memory = controller.start()
+    pending: deque[Array] = deque([np.zeros(len(limit))] * delay)
+    rows = zip(t.tolist(), reference.q, reference.v, reference.a, q, v, tau, true_q, true_v, rate_noise)
+    bar = tqdm(rows, visible(name), len(t), unit="sample", disable=None, leave=False, delay=2)
+    for now, wanted_q, wanted_v, wanted_a, seen_q, seen_v, given, at_q, at_v, noise in bar:
+        if state.lost:
+            what = f"the closed loop diverged {now - t[0]:.3g} s after its start"
+            raise UsageError(name, what, "lower the controller's bandwidth or its delay")
+        at_q[:], at_v[:], seen_q[:] = state.q, state.v, sense.angle(state.q)
+        np.add(state.v, noise, out=seen_v)
+        wanted, memory = controller.torque(now, seen_q, seen_v, Reference(wanted_q, wanted_v, wanted_a), memory)
+        pending.append(wanted)
+        np.minimum(np.maximum(pending.popleft(), -limit), limit, out=given)
+        acting = motors.acting(given, state)
+        for k in range(steps):
+            state = system.step(now + k * dt / steps, state, acting, dt / steps)
+    return q, v, tau, true_q, true_v
+
+
+def resample_halfway(platform: Platform, t: Array, steps: int = 1) -> Platform:
     """Return a platform's motion where Runge-Kutta's stages look, in so many steps per sample of `t`.
 
     Raises:

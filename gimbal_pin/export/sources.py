@@ -29,7 +29,7 @@ from gimbal_pin.pointing.bench import WANTED, rehearsed
 from gimbal_pin.pointing.forecast import FALL, RISE, TAPS, Spectrum
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
-from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.sight import DAMPING, STEEP, gyros_between, unable
 from gimbal_pin.rig.brief import brief
 
@@ -92,7 +92,7 @@ class Exported:
 
 
 def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
-    """Return the Python controller that holds the camera with the gains of a file: ``tuned`` of `track --platform`.
+    """Return the Python controller that holds the camera with the gains of a file, as `track --platform` does.
 
     Its forecast does not learn in flight, as the exported one's does not: both only give way to none.
 
@@ -106,11 +106,10 @@ def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
     station = Station.of(rig)
     step = float(station.step.max())
     late = wish.samples
-    roster = Roster(
+    recipe = Recipe(
         stored.model, WANTED, spectrum, station.noise, step, dt=wish.dt, delay=late, law=stored.law, learns=False
     )
-    assert isinstance(stored.law, (ComputedTorque, JointPid))
-    return roster.tuned(stored.law)
+    return recipe.pointer(recipe.kind)
 
 
 def export_controller(controller: Tuning | Stored, imu: tuple[Any, Imu] | None = None) -> Exported:

@@ -8,7 +8,6 @@ from math import inf, isnan, radians
 
 import numpy as np
 
-from gimbal_pin.control.controllers import OURS, TUNED
 from gimbal_pin.control.judging import FlawedDrive
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import track
@@ -19,12 +18,10 @@ from gimbal_pin.errors import GimbalPinError, UsageError
 from gimbal_pin.fleet.engine import Value
 from gimbal_pin.fleet.variation import Unit, Values, Variation
 from gimbal_pin.log.log import Array
-from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import WANTED, Shaken, rehearsed
-from gimbal_pin.pointing.forecast import Spectrum
+from gimbal_pin.pointing.bench import WANTED, Shaken, learn_recipe
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Holder
-from gimbal_pin.pointing.roster import Roster, trusted
+from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.sight import Sight, unable
 from gimbal_pin.rig.config import Noise
@@ -94,7 +91,7 @@ class Study:
         wish: What a controller is asked for.
         law: The controller; None: tuned anew for each unit.
         seconds: Length of a run, s.
-        roster: What holds a camera on profile S; None: the rig steps on a base that stands.
+        recipe: What holds a camera on profile S; None: the rig steps on a base that stands.
         holder: The one of its controllers for all units; None: each unit's own.
     """
 
@@ -102,7 +99,7 @@ class Study:
     wish: Wish
     law: Law | None
     seconds: float
-    roster: Roster | None = None
+    recipe: Recipe | None = None
     holder: Holder | None = None
 
     def describe(self) -> dict[str, object]:
@@ -118,7 +115,7 @@ class Study:
                 None if law is None else [law.gains, repr(vars(law).get("robust")), believed],
             ],
             "seconds": self.seconds,
-            "platform": self.roster is not None,
+            "platform": self.recipe is not None,
             "vary": asdict(self.variation.vary),
         }
 
@@ -130,10 +127,10 @@ class Study:
             body = self.variation.make_body(values)
             plant = self.add_torque_noise(self.variation.make_plant(body, values), values, unit.seed)
             law = tune(body, **vars(self.wish)).controller if self.law is None else self.law
-            if self.roster is None:
+            if self.recipe is None:
                 return {**inputs, **self.simulate_step(law, plant, values, unit.seed)}
-            own = replace(self.roster, model=body, law=self.roster.law and law)
-            return {**inputs, **self.hold_camera(self.holder or choose_holder(own), plant, values, unit.seed)}
+            own = replace(self.recipe, model=body, law=self.recipe.law and law)
+            return {**inputs, **self.hold_camera(self.holder or own.holder(own.kind), plant, values, unit.seed)}
         except GimbalPinError as error:
             return {**inputs, "error": str(error)}
 
@@ -204,20 +201,15 @@ def make_study(
     stored = controller.stored if isinstance(controller, Tuning) else controller
     wish, law = (Wish(), None) if stored is None else (stored.wish, stored.law)
     model = variation.model if stored is None else stored.model
-    roster = make_roster(model, wish, law) if platform else None
+    recipe = make_recipe(model, wish, law) if platform else None
     if retune:
-        return Study(variation, wish, None, seconds, roster)
+        return Study(variation, wish, None, seconds, recipe)
     law = law or tune(variation.model, **vars(wish)).controller
-    return Study(variation, wish, law, seconds, roster, None if roster is None else choose_holder(roster))
+    return Study(variation, wish, law, seconds, recipe, None if recipe is None else recipe.holder(recipe.kind))
 
 
-def choose_holder(roster: Roster) -> Holder:
-    """Return the controller that was tuned where there is one, else the model-based one."""
-    return roster.holder(OURS if roster.law is None else TUNED)
-
-
-def make_roster(model: Model, wish: Wish, law: Law | None) -> Roster:
-    """Return the controllers that hold a camera and know a model; how platforms move is known from another motion.
+def make_recipe(model: Model, wish: Wish, law: Law | None) -> Recipe:
+    """Return what holds a camera and knows a model; how platforms move is known from another motion.
 
     Raises:
         UsageError: The rig cannot hold its camera.
@@ -225,8 +217,5 @@ def make_roster(model: Model, wish: Wish, law: Law | None) -> Roster:
     rig = model.rig
     if reason := unable(rig, WANTED):
         raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", "state or change that in its YAML")
-    t, imu = rehearsed(rig)
-    spectrum, believed = Spectrum.of(imu, float(t[1] - t[0]), "profile S"), Platform.measured(t, imu, "profile S")
-    station, sure = Station.of(rig), trusted(model, WANTED, believed)
-    step, late = float(station.step.max()), wish.samples
-    return Roster(model, WANTED, spectrum, station.noise, step, sure, dt=wish.dt, delay=late, law=law)
+    recipe = learn_recipe(rig, None, Station.of(rig), model, delay=wish.samples)
+    return replace(recipe, dt=wish.dt, law=law)

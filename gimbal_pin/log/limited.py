@@ -14,7 +14,7 @@ _NEARLY = 0.03
 """Relative distance within which a measured torque, with its sensor's noise, counts as at the limit."""
 MOSTLY = 0.5
 """Share of the time at the limit from which a log shows little of the rig."""
-PUSHED = "there a joint goes where it is pushed: jitter, ratios and targets say little of the controllers"
+PUSHED = "there a joint goes where it is pushed: jitter and ratios say little of the controllers"
 """What that means for a held camera."""
 THROUGH_STOPS = (
     "past its stops, through which a simulation lets it pass: {} of the time; no rig writes such a log: plant a weaker "

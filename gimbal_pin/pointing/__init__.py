@@ -1,7 +1,7 @@
 """Holding the camera still while the platform moves.
 
-`Controller` runs in one's own loop: ``torque = controller.step(measurement)``. ``verify(rig, Asked())`` compares all
-controllers on a simulated platform.
+`Controller` runs in one's own loop: ``torque = controller.step(measurement)``. ``verify(rig)`` compares it
+with a PID on a simulated platform.
 """
 
 import lazy_loader

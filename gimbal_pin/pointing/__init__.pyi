@@ -1,6 +1,6 @@
 from .bench import WANTED as WANTED
 from .bench import Shaken as Shaken
-from .bench import learn_roster as learn_roster
+from .bench import learn_recipe as learn_recipe
 from .bench import rehearsed as rehearsed
 from .bench import shaken_log as shaken_log
 from .bench import unbalanced as unbalanced
@@ -16,14 +16,12 @@ from .measurement import parse_fault as parse_fault
 from .navigator import Fusion as Fusion
 from .navigator import attitude as attitude
 from .pointer import Pointer as Pointer
-from .result import Budget as Budget
-from .result import Contest as Contest
+from .recipe import Recipe as Recipe
+from .recipe import find_trusted_joints as find_trusted_joints
 from .result import Pointing as Pointing
 from .result import Row as Row
+from .result import Verified as Verified
 from .result import jitter as jitter
-from .roster import NAMES as NAMES
-from .roster import Roster as Roster
-from .roster import trusted as trusted
 from .run import Course as Course
 from .run import Sensed as Sensed
 from .run import compete as compete
@@ -31,6 +29,4 @@ from .run import point as point
 from .sight import Sight as Sight
 from .sight import gyros_between as gyros_between
 from .sight import unable as unable
-from .verify import Asked as Asked
-from .verify import Verified as Verified
 from .verify import verify as verify

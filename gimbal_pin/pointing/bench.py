@@ -22,7 +22,7 @@ from gimbal_pin.log.profile import profile_s
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Station
 from gimbal_pin.pointing.navigator import attitude
-from gimbal_pin.pointing.roster import Roster, trusted
+from gimbal_pin.pointing.recipe import Recipe, find_trusted_joints
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.rig import Rig
@@ -80,21 +80,6 @@ def shaken(seed: int, samples: int, dt: float, size: float, centre: tuple[float,
     return profile_s(t, np.random.default_rng(seed), size).about(np.array(centre))
 
 
-@dataclass(frozen=True, eq=False)
-class Recorded:
-    """A measured motion, the same for every seed.
-
-    Attributes:
-        platform: The motion.
-    """
-
-    platform: Platform
-
-    def __call__(self, seed: int) -> Platform:
-        """Return the motion."""
-        return self.platform
-
-
 def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0) -> Log:
     """Simulate a log of the plant on a platform shaken by hand: profile S at half its size, with sensor noise.
 
@@ -108,25 +93,29 @@ def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0
     return bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive, name="shaken")
 
 
-def learn_roster(
-    rig: Rig, log: Log, station: Station, model: Model | None = None, wanted: Array = WANTED, delay: int = 1
-) -> Roster:
-    """Return the controllers that a log teaches: a model, and how the platform moves, by its base's IMU if it has one.
+def learn_recipe(
+    rig: Rig, log: Log | None, station: Station, model: Model | None = None, wanted: Array = WANTED, delay: int = 1
+) -> Recipe:
+    """Return what controllers are made of: a model, and how the platform moves, by its base's IMU if it has one.
 
     Args:
         rig: The rig.
-        log: Its log.
+        log: Its log; None: of a rig whose model is known there is none.
         station: The sensors that the controllers will have.
-        model: The model, where it is known already; None: that which `identify` finds.
+        model: The model, where it is known already; None: that which `identify` finds in the log.
         wanted: The camera's attitude in the world, (3, 3).
         delay: Samples of 1 ms from a measurement to its torque.
     """
-    log = log.ordered(rig)
-    known = identify(rig, [log], holdout="none").model if model is None else model
-    t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearsed(rig)
-    spectrum = Spectrum.of(imu, float(np.median(np.diff(t))), log.name)
-    sure = trusted(known, wanted, Platform.measured(t, imu, log.name))
-    return Roster(known, wanted, spectrum, station.noise, float(station.step.max()), sure, delay=delay)
+    if log is None:
+        (t, imu), name = rehearsed(rig), "profile S"
+    else:
+        log = log.ordered(rig)
+        t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearsed(rig)
+        model, name = model or identify(rig, [log], holdout="none").model, log.name
+    assert model is not None, "without a log the model is given"
+    spectrum = Spectrum.of(imu, float(np.median(np.diff(t))), name)
+    trusted = find_trusted_joints(model, wanted, Platform.measured(t, imu, name))
+    return Recipe(model, wanted, spectrum, station.noise, float(station.step.max()), trusted, delay=delay)
 
 
 def rehearsed(rig: Rig) -> tuple[Array, Imu]:

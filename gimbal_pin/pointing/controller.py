@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.control.controllers import OURS
 from gimbal_pin.dynamics.model import convert_model, read_model_data
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
 from gimbal_pin.log.io.files import write_json
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.pointing.bench import learn_roster
+from gimbal_pin.pointing.bench import learn_recipe
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Measurement, Station
 from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.pointer import Held
-from gimbal_pin.pointing.roster import Roster
+from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.sight import Sight, unable
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.reading import LARGEST_TEXT, read_bytes
@@ -58,15 +57,15 @@ class Controller:
         keeps: Whether the camera is held where it looks at the start, whatever attitude the recipe has.
     """
 
-    def __init__(self, recipe: Roster, keeps: bool = False) -> None:
-        """Make the controller named ``switch`` of a comparison; all that a step needs is worked out here.
+    def __init__(self, recipe: Recipe, keeps: bool = False) -> None:
+        """Make the controller that `verify` compares with a PID; all that a step needs is worked out here.
 
         Raises:
             UsageError: The rig cannot hold its camera so.
         """
         if reason := unable(recipe.model.rig, recipe.wanted):
             raise UsageError(f"rig {recipe.model.rig.name}", f"cannot hold its camera: {reason}", "change that")
-        self.recipe, self.pointer, self.keeps = recipe, recipe.pointer(OURS), keeps
+        self.recipe, self.pointer, self.keeps = recipe, recipe.pointer(), keeps
         self.memory: Held | None = None
         zero, links = np.zeros(3), len(self.pointer.navigator.sight.moved)
         for k in range(WARM_UP):
@@ -92,7 +91,7 @@ class Controller:
         station = Station(Sensors.of(rig, DT).encoder_step, own)
         sight = Sight(rig)
         kept = sight.attitude(sight.home) if wanted is None else wanted
-        return Controller(learn_roster(rig, log, station, wanted=kept, delay=delay), wanted is None)
+        return Controller(learn_recipe(rig, log, station, wanted=kept, delay=delay), wanted is None)
 
     @property
     def dt(self) -> float:
@@ -197,7 +196,7 @@ class Controller:
             sight, wanted = Sight(rig), stored.wanted
             kept = sight.attitude(sight.home) if wanted is None else rotation(wanted, f"{place}: wanted", ModelError)
             return Controller(
-                Roster(
+                Recipe(
                     read_model_data(stored.model, rig, f"{place}: model"),
                     kept,
                     stored.spectrum.spectrum(f"{place}: spectrum"),

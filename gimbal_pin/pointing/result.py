@@ -1,9 +1,9 @@
-"""How still the camera stood: one run, all runs of a controller, all controllers, and where the error goes."""
+"""How still the camera stood: one run, all runs of a controller, all controllers."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import degrees, sqrt
@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from gimbal_pin.control.controllers import BASELINE, ORACLE, OURS
+from gimbal_pin.control.controllers import BASELINE, OURS
+from gimbal_pin.control.laws.loop import Margins
 from gimbal_pin.log.limited import compute_limit_shares
 from gimbal_pin.log.log import Array, freeze
 from gimbal_pin.rig.brief import brief
@@ -183,115 +184,48 @@ class Row:
         }
 
 
-FRICTION = "friction"
-STEPS = (
-    ("base motion", "without-hidden"),
-    ("hidden parameters", "computed-torque"),
-    (FRICTION, "with-friction"),
-    ("prediction", "with-prediction"),
-    ("several gyros", "with-gyros"),
-    ("foreknowledge", "oracle"),
-)
-"""What the controller of each name knows that the one before it does not, from the baseline on."""
-ORACLES, LEFT = "the oracle's own", "what is left"
-"""The last part: the oracle's error, or that of the last controller which ran."""
-
-
-@dataclass(frozen=True)
-class Budget:
-    """The baseline's mean square jitter in parts that add up: what knowing one thing more takes off, and what is left.
-
-    Attributes:
-        baseline: Jitter of the world-frame PID, rad rms.
-        parts: What → its share of the mean square; negative where knowing it did harm; the last is what is left.
-        left: Jitter of the last of them, the oracle where it ran, rad rms.
-    """
-
-    baseline: float
-    parts: Mapping[str, float]
-    left: float
-
-    @property
-    def telling(self) -> bool:
-        """Whether it parts the error at all: one controller beside the baseline leaves one part and the rest."""
-        return len(self.parts) > 2
-
-    @property
-    def note(self) -> str:
-        """Why parts may be more than all of it, where one is; else nothing."""
-        harm = [what for what, share in self.parts.items() if share < 0]
-        return f"all parts are 100 %: {', '.join(harm)} did harm, which the others make up for" if harm else ""
-
-    @staticmethod
-    def of(jitter: Mapping[str, float], beside: Sequence[str] = ()) -> Budget | None:
-        """Part the error by controllers' jitter, rad rms; a step whose controller did not run is joined to the next.
-
-        `beside`: causes that are compensated with friction, as cogging: their share is in friction's.
-        """
-        if BASELINE not in jitter or not any(name in jitter for _, name in STEPS):
-            return None
-        whole, parts, before, since = jitter[BASELINE], {}, jitter[BASELINE], ""
-        for step, name in STEPS:
-            what = " and ".join(filter(None, [step, ", ".join(beside)])) if step == FRICTION else step
-            since = since or what
-            if name in jitter:
-                parts[what if since == what else f"{since} to {what}"] = (before**2 - jitter[name] ** 2) / whole**2
-                before, since = jitter[name], ""
-        parts[ORACLES if STEPS[-1][1] in jitter else LEFT] = before**2 / whole**2
-        return Budget(whole, parts, before)
-
-    def size(self, what: str) -> float:
-        """A part as jitter, rad rms, with the sign of its share."""
-        share = self.parts[what]
-        return self.baseline * (sqrt(share) if share >= 0 else -sqrt(-share))
-
-
 @dataclass(frozen=True, eq=False)
-class Contest:
-    """Controllers side by side, one row each.
+class Verified:
+    """The result of `verify`.
 
     Attributes:
         rig: Name of the rig.
         payload: Its payload, or None.
-        rows: One per controller.
-        beside: Causes that the controllers compensate beside friction, which add torque.
+        rows: The PID's runs, those of computed torque, and those of the compiled controller if there was one.
+        loops: Controller → the margins of its loops, joint by joint.
+        failed: Whether sensors failed because that was asked for.
     """
 
     rig: str
     payload: str | None
     rows: tuple[Row, ...]
-    beside: tuple[str, ...] = ()
+    loops: Mapping[str, tuple[Margins, ...]]
+    failed: bool = False
 
     __repr__ = brief
 
-    @cached_property
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names."""
+        return self.rows[0].runs[0].joints
+
+    @property
     def jitter(self) -> Mapping[str, float]:
         """Controller → jitter, rad rms."""
         return {row.controller: row.jitter_rms for row in self.rows}
 
     @property
-    def gain(self) -> float | None:
-        """Jitter of the world-frame PID over ours; None where one did not run."""
-        return self.ratio(BASELINE, OURS)
+    def gain(self) -> float:
+        """Jitter of the PID over that of computed torque."""
+        return self.jitter[BASELINE] / self.jitter[OURS]
 
     @property
-    def distance(self) -> float | None:
-        """Ours over the oracle's; None as for `gain`."""
-        return self.ratio(OURS, ORACLE)
-
-    def ratio(self, above: str, below: str) -> float | None:
-        """One controller's jitter over another's, None where one did not run."""
-        have = self.jitter
-        return have[above] / have[below] if above in have and below in have else None
-
-    @property
-    def budget(self) -> Budget | None:
-        """Where the baseline's error goes."""
-        return Budget.of(self.jitter, self.beside)
+    def is_equal(self) -> bool:
+        """Whether both have loops of the same margins."""
+        return self.loops[BASELINE] == self.loops[OURS]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the rows and the budget, JSON's `pointing` and `pointing_budget`."""
-        budget = self.budget
-        parts = {} if budget is None else budget.parts
-        shown = {what: {"share": share, "deg": degrees(budget.size(what))} for what, share in parts.items() if budget}
-        return {"pointing": [row.to_dict() for row in self.rows], "pointing_budget": shown or None}
+        """Return what `track --json` writes."""
+        loops = {name: {joint: vars(own) for joint, own in zip(self.joints, x)} for name, x in self.loops.items()}
+        rows = [row.to_dict() for row in self.rows]
+        return {"rig": self.rig, "payload": self.payload, "pointing": rows, "pointing_loops": loops}

@@ -209,12 +209,6 @@ def joint_colours(joints: Sequence[str]) -> tuple[str, ...]:
 CONTROLLERS = {
     "pid": "PID",
     "compensated-pid": "PID with feed-forward",
-    "pid-joint": "joint PID",
-    "pid-world": "world-frame PID",
-    "computed-torque-fixed": "computed torque, base taken as fixed",
-    "without-hidden": "computed torque without hidden parameters",
-    "switch": "model-based",
-    "tuned": "your controller",
 }
 """Controllers whose names say more than their keys."""
 

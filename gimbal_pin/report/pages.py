@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 from tqdm import tqdm
 
+from gimbal_pin.control.controllers import OURS
 from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
-from gimbal_pin.pointing.verify import Verified
+from gimbal_pin.pointing.result import Verified
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.format import controller_name
 from gimbal_pin.report.html import Section, join, paragraph, render
@@ -25,18 +25,17 @@ from gimbal_pin.report.sections.data import data, rig_section
 from gimbal_pin.report.sections.diagnosis import WRONG, diagnosis
 from gimbal_pin.report.sections.model import parameters, torque
 from gimbal_pin.report.view.onboard import onboard
-from gimbal_pin.report.view.outlook import outlook, shown
+from gimbal_pin.report.view.outlook import outlook
 from gimbal_pin.rig.rig import Rig
 
 if TYPE_CHECKING:
     from gimbal_pin.report.pipeline import Auto
 
 STEPS = "All axes to and fro under {}; the ghost is the reference."
-HELD = "The plant is {}; the controllers know the model and no more, with gains of their own for holding a camera."
+HELD = "The plant is {}; the controllers know the model and no more."
 NOT_DIAGNOSED = "These logs could not be diagnosed. {}."
 NOT_HELD = "It was not held still on a platform that moves: {}."
 SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
-OTHER = "Camera, recorded motion"
 
 
 def full(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> str:
@@ -75,18 +74,16 @@ def carried(
     """Return the report of a tracking as HTML; `plant`: what the steps were simulated on, within a sentence."""
     parts: list[Section] = []
     if held is not None:
-        parts += [pointing(replace(held, recorded=None)), animation(moving(rig, held), SCENE)]
-        alone = [replace(held, contest=other, recorded=None) for other in held.contests[1:]]
-        parts += [pointing(one, title=OTHER) for one in alone]
+        parts += [pointing(held), animation(moving(rig, held), SCENE)]
     if steps is not None:
         parts.append(tracking(steps, rig, plant, judged))
     return render(rig.title, [*parts, rig_section(rig)], rig.config.description)
 
 
 def moving(rig: Rig, held: Verified) -> str:
-    """Return the page that shows the rig, held by the best of the controllers, on the platform."""
-    run = shown(held.contest)[-1].runs[0]
-    return onboard(rig, run, outlook(held.contest, WANTED), WANTED)
+    """Return the page that shows the rig, held by computed torque, on the platform."""
+    (run,) = [row.runs[0] for row in held.rows if row.controller == OURS]
+    return onboard(rig, run, outlook(held, WANTED), WANTED)
 
 
 def animation(page: str, lead: str) -> Section:

@@ -35,7 +35,7 @@ from gimbal_pin.identification.model_file import write_model
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
 from gimbal_pin.log.log import Log, find_interval
-from gimbal_pin.pointing import Asked, Verified, verify
+from gimbal_pin.pointing import Verified, verify
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.regression import Estimator, Filtering, fit_weighted
@@ -52,8 +52,8 @@ EXTENDED_PLANT = "the extended model"
 BARRED = "its controller is not to be run"
 """Why no camera is held by a controller whose model is open."""
 DRAWN_PLANT = "a rig that the model's covariance leaves possible"
-HELD_BY, HELD_FOR = ("pid-world", "computed-torque", "tuned", "switch", "oracle"), 4.5
-"""Which controllers hold the camera on a platform, and for how long, s: enough for a picture, no benchmark."""
+HELD_FOR = 4.5
+"""For how long the camera is held on a platform, s: enough for a picture, no benchmark."""
 
 FILES = {
     "model": "model.yaml",
@@ -209,14 +209,12 @@ def examined(
 def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None, late: int) -> tuple[Verified | None, str]:
     """Hold the camera on profile S, briefly; return what came of it, or why it cannot be.
 
-    By the tuned controller first of all, and beside it by those of equal margins. Without a plant it is one that the
-    model's covariance leaves possible.
+    By the tuned controller, and by a PID. Without a plant it is one that the model's covariance leaves possible.
     """
     if reason := unable(rig, WANTED):
         return None, reason
     try:
-        asked = Asked(plant=plant, known=model, law=law, names=HELD_BY, log=log, seeds=1, seconds=HELD_FOR, delay=late)
-        return verify(rig, asked), ""
+        return verify(rig, plant=plant, known=model, law=law, log=log, seeds=1, seconds=HELD_FOR, delay=late), ""
     except UsageError as error:
         return None, str(error)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import degrees, isfinite, isnan, nan
+from math import isfinite, isnan, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.identification import Agreement, Identified
     from gimbal_pin.log.io.inspection import Channel
-    from gimbal_pin.pointing.result import Contest
-    from gimbal_pin.pointing.verify import Verified
+    from gimbal_pin.pointing.result import Verified
     from gimbal_pin.report.evaluation import Evaluated, Known
     from gimbal_pin.report.format import Joint
     from gimbal_pin.report.pipeline import Auto
@@ -373,43 +372,32 @@ def overview(found: Auto, most: int) -> Table:
 # -- the camera --------------------------------------------------------------------------------------------------------
 
 
-def contest(found: Contest) -> Table:
-    """How still each controller held the camera, with what torque; the oracle cannot be built, and competes not."""
-    from gimbal_pin.control.controllers import ORACLE
+def contest(found: Verified) -> Table:
+    """How still each controller held the camera, and with what torque."""
     from gimbal_pin.log.limited import describe_limits
 
-    rivals = [row for row in found.rows if row.controller != ORACLE]
-    joints = found.rows[0].runs[0].joints
     rows: list[list[Content]] = []
     for row in found.rows:
         cells: list[Content] = [controller_name(row.controller)]
-        cells.append(better(angle(row.jitter_rms), row.jitter_rms, [one.jitter_rms for one in rivals]))
-        cells.append(better(angle(row.jitter_max), row.jitter_max, [one.jitter_max for one in rivals]))
+        cells.append(better(angle(row.jitter_rms), row.jitter_rms, [one.jitter_rms for one in found.rows]))
+        cells.append(better(angle(row.jitter_max), row.jitter_max, [one.jitter_max for one in found.rows]))
         cells += [angle(row.drift), *(figures(torque) for torque in row.torque_rms.values())]
         rows.append([*cells, describe_limits(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"])
-    head = ["Controller", "Jitter, rms", "Largest", "Drift", *(f"{joint}, N m rms" for joint in joints)]
+    head = ["Controller", "Jitter, rms", "Largest", "Drift", *(f"{joint}, N m rms" for joint in found.joints)]
     return Table([*head, "At torque limit, of the time"], rows, label="Controllers on the platform")
 
 
-def equal_margins(found: Verified) -> Table:
-    """Margins of every controller's loops; controllers and joints whose loops are the same share a row."""
-    from gimbal_pin.control.controllers import BASELINE as PID
-    from gimbal_pin.pointing.roster import distinct
-
-    every = found.loops or {PID: (found.margins,) * len(found.joints)}
-    rows: list[list[Content]] = []
-    for names, joints, own in distinct(every, found.joints):
-        rest = [name for name in every if name not in names]
-        few = 0 < len(rest) < len(names) - 1
-        who = f"all but {listed(map(controller_name, rest))}" if few else listed(map(controller_name, names))
-        rows.append([who if rest else "all", ", ".join(joints), *margins(own)])
+def held_margins(found: Verified) -> Table:
+    """Margins of the loops that held a camera; controllers with the same loops share rows, as joints do."""
+    same: dict[tuple[Margins, ...], list[str]] = {}
+    for name, loops in found.loops.items():
+        same.setdefault(loops, []).append(controller_name(name))
+    rows: list[list[Content]] = [
+        [listed(names), ", ".join(j for j, one in zip(found.joints, loops) if one == own), *margins(own)]
+        for loops, names in same.items()
+        for own in dict.fromkeys(loops)
+    ]
     return Table(["Loops of", "Joints", *MARGINS], rows, texts=2, label="Margins of the loops")
-
-
-def budget(parts: Mapping[str, float], size: Callable[[str], float], of: str) -> Table:
-    """What each thing that the controllers know takes off a controller's mean square error."""
-    rows = [[what, f"{100 * share:.1f} %", f"{figures(degrees(size(what)), 2)}°"] for what, share in parts.items()]
-    return Table(["Error budget", f"Of {of}'s mean square", "Size"], rows, label="Error budget")
 
 
 # -- logs --------------------------------------------------------------------------------------------------------------

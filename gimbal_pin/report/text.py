@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from gimbal_pin.identification.bodies import Figure
     from gimbal_pin.identification.payloads import Several
     from gimbal_pin.log.io.inspection import Inspected
-    from gimbal_pin.pointing.result import Row
-    from gimbal_pin.pointing.verify import Verified
+    from gimbal_pin.pointing.result import Verified
     from gimbal_pin.report.pipeline import Auto
     from gimbal_pin.rig.rig import Rig
 
@@ -447,78 +446,20 @@ def exported(found: Exported, folder: Path) -> str:
 
 
 def verified(found: Verified, verbose: bool = True) -> str:
-    """Every controller on all that was run, a line each; with `verbose` margins and where the error goes."""
+    """Both controllers on a platform that moves, a line each; with `verbose` the margins of their loops."""
     from gimbal_pin.log.limited import PUSHED, describe_limits
 
-    lines = [circumstances(found)]
-    for contest in found.contests:
-        platform = contest.rows[0].runs[0].platform
-        lines += [f"platform {platform}"] * (len(found.contests) > 1) + [str(tables.contest(contest))]
-    lines += [PUSHED] if any(describe_limits(row.at_limit) for _, row in every(found)) else []
-    lines += list(found.slack)
-    if verbose:
-        lines += ["", str(tables.equal_margins(found))] if found.loops else []
-        lines += [*budget(found), *remarks(found)]
-    events = [(name, event) for name, row in every(found) for event in row.happened]
+    run, count = found.rows[0].runs[0], len(found.rows[0].runs)
+    mounted = f" with {found.payload}" if found.payload else ""
+    least = min(own.disk_margin for loops in found.loops.values() for own in loops)
+    motion = f"{found.rig}{mounted} on platform {run.platform}, {count} × {run.t[-1]:.3g} s"
+    lines = [f"{motion}; least disk margin of a loop {digits(least)}", str(tables.contest(found))]
+    lines += [PUSHED] if any(describe_limits(row.at_limit) for row in found.rows) else []
+    lines += ["", str(tables.held_margins(found))] if verbose else []
+    events = [f"{controller_name(row.controller)}: {event}" for row in found.rows for event in row.happened]
     shown = events if verbose else events[:SEVERAL]
     rest = [f"and {len(events) - len(shown)} more events, see --verbose"] if len(events) > len(shown) else []
-    return "\n".join([*lines, *(f"{name}: {event}" for name, event in shown), *rest])
-
-
-def every(found: Verified) -> list[tuple[str, Row]]:
-    """Every controller's row of every motion, under its name, and the motion's where there are several."""
-    several = len(found.contests) > 1
-    rows = [(contest.rows[0].runs[0].platform, row) for contest in found.contests for row in contest.rows]
-    return [(controller_name(row.controller) + f" (platform {platform})" * several, row) for platform, row in rows]
-
-
-def circumstances(found: Verified) -> str:
-    """What was run, with which margins."""
-    from gimbal_pin.control.controllers import TUNED
-
-    contest, least = found.contest, found.margins
-    ways = [(one.rows[0].runs[0], len(one.rows[0].runs)) for one in found.contests]
-    motions = " and ".join(f"platform {run.platform}, {count} × {run.t[-1]:.3g} s" for run, count in ways)
-    more = f"; {controller_name(TUNED)} has the gains of tune and margins of its own" if TUNED in contest.jitter else ""
-    mounted = f" with {contest.payload}" if contest.payload else ""
-    return (
-        f"{contest.rig}{mounted} on {motions}; every loop's disk margin with the drives that are known is at least "
-        f"{digits(least.disk_margin)}{more}"
-    )
-
-
-def remarks(found: Verified) -> list[str]:
-    """What the fallback is, why an observer may cost more than it gains, and what the oracle bounds."""
-    from gimbal_pin.control.controllers import HOLDING, ORACLE, OURS
-
-    still, lines = found.contest.jitter, list[str]()
-    if OURS in still:
-        lines.append(f"{controller_name(OURS)}: {HOLDING[OURS]}")
-    plain, observed = still.get("with-gyros"), still.get("with-observer")
-    if plain is not None and observed is not None and observed > 1.02 * plain and found.loops:
-        fast, slow = (max(own.crossover_hz for own in found.loops[name]) for name in ("with-gyros", "with-observer"))
-        lines.append(
-            f"with observer shakes {digits(observed / plain)} times as much as with gyros: at equal margins its "
-            f"loop crosses at {digits(slow)} Hz, not at {digits(fast)}, and what an observer makes up for "
-            "this model knows already"
-        )
-    least = min((jitter for name, jitter in still.items() if name != ORACLE), default=inf)
-    if least < 0.97 * still.get(ORACLE, 0.0):
-        lines.append(f"{ORACLE}: no bound here, as another shakes less: foreknowledge is not what its error is made of")
-    return lines
-
-
-def budget(found: Verified) -> list[str]:
-    """What each thing that the controllers know takes off the world-frame PID's mean square error."""
-    from gimbal_pin.control.controllers import BASELINE
-    from gimbal_pin.pointing.result import STEPS
-
-    parted = found.contest.budget
-    if parted is None or not parted.telling:
-        names = ", ".join(name for _, name in STEPS)
-        return ["", f"no error budget: it takes {BASELINE} and two more, of {names}"]
-    table = tables.budget(parted.parts, parted.size, controller_name(BASELINE))
-    return ["", str(table), *([parted.note] if parted.note else [])]
+    return "\n".join([*lines, *shown, *rest])
 
 
 # -- all of it ---------------------------------------------------------------------------------------------------------
@@ -537,7 +478,7 @@ def auto(found: Auto, verbose: bool = False) -> str:
     if found.held is None:
         lines += [] if not found.model.rig.aims else [f"no camera held on a platform: {found.why}"]
     else:
-        still = {controller_name(row.controller): angle(row.jitter_rms) for row in found.held.contest.rows}
+        still = {controller_name(row.controller): angle(row.jitter_rms) for row in found.held.rows}
         each = ", ".join(f"{name} {size}" for name, size in still.items())
         lines.append(f"camera on a platform that moves, jitter rms, on {found.held_on}: {each}")
     if verbose:

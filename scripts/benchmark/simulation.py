@@ -20,12 +20,10 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.profile import profile_s
-from gimbal_pin.pointing.bench import WANTED, Shaken, rehearsed
-from gimbal_pin.pointing.forecast import Spectrum
+from gimbal_pin.pointing.bench import Shaken, learn_recipe
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.run import Course, point
+from gimbal_pin.pointing.run import point
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.rig.rig import Rig
 from tests.mujoco_peer import rigid_bodies
@@ -92,10 +90,8 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
     the interpreter, 21 % NumPy, 11 % Pinocchio and its binding. Four times would take compiled code.
     """
     rig, seconds = model.rig, 2.0
-    course = Course(plant, Shaken(Sight(rig).centre, seconds), "S", seconds, Station.of(rig), drive)
-    spectrum, station = Spectrum.of(rehearsed(rig)[1], DT), course.station
-    pointer = Roster(model, WANTED, spectrum, station.noise, float(station.step.max())).pointer("switch")
-    ground = course.ground(0)
+    pointer = learn_recipe(rig, None, Station.of(rig), model).pointer()
+    ground = Shaken(Sight(rig).centre, seconds)(0)
 
     def pointed() -> Pointing:
         return point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds, drive=drive)

@@ -1,7 +1,7 @@
 """How still the camera stands with the sensors and platforms that people have: every case of CONTROL's last table.
 
 The plant differs from the model that the controllers know: inertias by about 3 %, friction by up to 9 %, another draw
-per seed. Printed per rig and case, degrees rms over the seeds: jitter of the world-frame PID that crosses at 25 Hz, of
+per seed. Printed per rig and case, degrees rms over the seeds: jitter of the PID that crosses at 25 Hz, of
 the fastest PID of the same disk margin, of ours, of ours with the motion foreknown, and what the camera's gyro alone
 leaves by its noise; the ratios of both PIDs to ours; the events of ours.
 """
@@ -19,31 +19,34 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
+from camera.contest import foretell
+from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.control.experiment import perturbed
-from gimbal_pin.control.laws import JointPid
 from gimbal_pin.control.laws.equal import Equal
 from gimbal_pin.dynamics.imu import add_imu_noise
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.plant import State
-from gimbal_pin.dynamics.simulation import Drive, _resample_halfway
+from gimbal_pin.dynamics.sensors import Sensors
+from gimbal_pin.dynamics.simulation import Drive, resample_halfway, run_loop
 from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.rig_effect import get_payload
-from gimbal_pin.log.log import Array, Imu
+from gimbal_pin.log.log import Array, Imu, Motion
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, make_propeller_band, sum_bands
 from gimbal_pin.pointing.bench import WANTED, unbalanced
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Fault, Measurement, Station
 from gimbal_pin.pointing.pointer import Holder
+from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.result import SETTLING, jitter
 from gimbal_pin.pointing.result import summed as counted
-from gimbal_pin.pointing.roster import Roster
-from gimbal_pin.pointing.run import Sensed, errors, point, run_loop
+from gimbal_pin.pointing.run import Behind, Sensed, errors, point
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.rig import Rig
 
 DT = 0.001
+FASTEST, FOREKNOWN = "pid-fastest", "foreknown"
 TEACHING = 1000
 """Seed of the motion that teaches how a platform moves: no run has it."""
 PROPELLERS = (ATTITUDE[2:], ACCELERATION[1:])
@@ -190,12 +193,13 @@ class Felt(Sensed):
     system: Mounted
     attitudes: list[Array]
 
-    def see(self, k: int, state: State, leads: tuple[float, ...] = ()) -> Measurement | None:
+    def see(self, k: int, q: Array, v: Array) -> Measurement | None:
         """Return what arrives; the platform's IMU feels what it does, not what was prescribed."""
         self.attitudes.append(self.system.R.copy())
-        self.platform_imu[k] += np.stack([self.system.w, self.system.force]) - self.rows[2 * k, :6].reshape(2, 3)
+        base = self.system.base
+        self.platform_imu[k] += np.stack([self.system.w - base.w[2 * k], self.system.force - base.f[2 * k]])
         self.w[k] = self.system.w
-        return super().see(k, state, leads)
+        return super().see(k, q, v)
 
 
 @dataclass(frozen=True)
@@ -211,15 +215,20 @@ def on_mount(
 ) -> Held:
     """Run the loop on a platform that reacts."""
     t = DT * np.arange(round(seconds / DT) + 1)
-    base = _resample_halfway(ground, t)
+    base = resample_halfway(ground, t)
     sensed = Felt(plant, base, station, t, np.random.default_rng([seed, 1]))
     sensed.w = sensed.w.copy()
     sensed.system, sensed.attitudes = Mounted(plant, base, case.base), []
     attitudes = Rotation.from_quat(base.quat[::2], scalar_first=True).as_matrix()
     motors = Drive(plant.drive, plant.rig, DT, plant)
-    q, _, events = run_loop(pointer, sensed.system, motors, sensed, attitudes, 1, "mount")
+    behind, n = Behind(pointer, sensed, attitudes), plant.rig.n
+    zero = np.zeros((len(t), n))
+    *_, q, _ = run_loop(
+        sensed.system, motors, behind, Motion(t, zero, zero, zero), behind.at_rest, Sensors.exact(n), zero, 1, 1,
+        plant.rig.tau_max, "mount",
+    )  # fmt: skip
     error = errors(sensed.sight, q, np.array(sensed.attitudes), WANTED)
-    return Held(error[round(SETTLING / DT) :, 1:], events)
+    return Held(error[round(SETTLING / DT) :, 1:], behind.events)
 
 
 def run(case: Case, rig: Rig, seed: int, seconds: float, names: Sequence[str]) -> dict[str, Held]:
@@ -229,10 +238,10 @@ def run(case: Case, rig: Rig, seed: int, seconds: float, names: Sequence[str]) -
     if case.heavier:
         plant = replace(plant, rig=PayloadMass(case.heavier * get_payload(rig)[1].mass).apply(plant.rig))
     ground, station = case.ground(rig, seed, seconds), Station.of(rig, case.faults)
-    roster = Roster(known, WANTED, taught(case, rig), station.noise, float(station.step.max()))
+    recipe = Recipe(known, WANTED, taught(case, rig), station.noise, float(station.step.max()))
     out = {}
     for name in names:
-        pointer = fastest(roster) if name == "pid-fastest" else roster.pointer(name)
+        pointer = make_holder(recipe, name, ground)
         if case.base:
             out[name] = on_mount(plant, pointer, ground, station, case, seed, seconds)
             continue
@@ -251,12 +260,14 @@ def taught(case: Case, rig: Rig) -> Spectrum:
     return Spectrum.of(add_imu_noise(Imu(motion.w[::2], motion.f[::2], None), noise, DT, rng), DT)
 
 
-def fastest(roster: Roster) -> Holder:
-    """The world-frame PID of the same disk margin that crosses as high as it can."""
-    gains = tuple(Equal(DT, DT, drive, crossover=100.0).pid for drive in roster.model.drives)
-    slow = roster.pointer("pid-world")
-    assert isinstance(slow.law, JointPid)
-    return replace(slow, law=replace(slow.law, gains=gains))
+def make_holder(recipe: Recipe, name: str, ground: Platform) -> Holder:
+    """Return a controller: of `FASTEST` the PID of the same disk margin that crosses as high as it can."""
+    if name == FOREKNOWN:
+        return foretell(recipe, ground)
+    if name != FASTEST:
+        return recipe.pointer(name)
+    gains = tuple(Equal(DT, DT, drive, crossover=100.0).pid for drive in recipe.model.drives)
+    return replace(recipe.pointer(BASELINE), law=recipe.pid(gains))
 
 
 def floor(seed: int, seconds: float) -> float:
@@ -288,11 +299,11 @@ def main(
         seconds: Length of a run.
         foreknown: True runs the controller to which the motion is foreknown, too.
     """
-    names = ["pid-world", "pid-fastest", "switch", *["oracle"] * foreknown]
+    names = [BASELINE, FASTEST, OURS, *[FOREKNOWN] * foreknown]
     many = range(first, first + seeds)
     print(f"seeds {first}-{first + seeds - 1}, {seconds:g} s; gyro's noise alone "
           f"{degrees(rms([floor(seed, seconds) for seed in many])):.5f} deg")  # fmt: skip
-    head = " ".join(f"{'foreknown' if name == 'oracle' else name:>11}" for name in names)
+    head = " ".join(f"{name:>15}" for name in names)
     print(f"{'rig':20}{'case':20}{head}   ratio  to fastest  events of ours")
     for rig_name in rigs:
         bare, _, payload_name = rig_name.partition(":")
@@ -300,8 +311,8 @@ def main(
         for name in cases:
             ran = [run(CASES[name], rig, seed, seconds, names) for seed in many]
             size = {who: degrees(rms([jitter(one[who].sight, DT)[0] for one in ran])) for who in names}
-            row = " ".join(f"{size[who]:11.5f}" for who in names)
-            ratios = f"{size['pid-world'] / size['switch']:8.2f}{size['pid-fastest'] / size['switch']:12.2f}"
-            events = "; ".join(counted(event for one in ran for event in one["switch"].events))
+            row = " ".join(f"{size[who]:15.5f}" for who in names)
+            ratios = f"{size[BASELINE] / size[OURS]:8.2f}{size[FASTEST] / size[OURS]:12.2f}"
+            events = "; ".join(counted(event for one in ran for event in one[OURS].events))
             print(f"{rig_name:20}{name:20}{row}{ratios}  {events[:200]}")
             sys.stdout.flush()

@@ -10,19 +10,19 @@ from math import degrees, inf, isfinite
 import numpy as np
 from tqdm import tqdm
 
-from gimbal_pin.control.controllers import BASELINE, OURS
+from gimbal_pin.control.controllers import BASELINE
 from gimbal_pin.control.laws.carried import CarriedTorque
-from gimbal_pin.control.laws.uncertainty import change_parameters, estimate
+from gimbal_pin.control.laws.uncertainty import change_parameters, columns, estimate
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import Shaken, learn_roster, shaken_log, unbalanced
+from gimbal_pin.pointing.bench import Shaken, learn_recipe, shaken_log, unbalanced
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
-from gimbal_pin.pointing.roster import Roster, along
-from gimbal_pin.pointing.run import Course
-from gimbal_pin.pointing.sight import Sight
+from gimbal_pin.pointing.recipe import SAMPLES, Recipe
+from gimbal_pin.pointing.run import point
+from gimbal_pin.pointing.sight import Sight, holding
 from gimbal_pin.rig.rig import Rig
 
 
@@ -34,7 +34,9 @@ def doubtful(model: Model, wanted: Array, platform: Platform) -> Array | None:
     known = estimate(model)
     if known is None:
         return None
-    Y = along(model, known[1], wanted, platform)[2]
+    part = platform.part(slice(None, None, max(1, len(platform) // SAMPLES)))
+    held = holding(Sight(model.rig), wanted, part)
+    Y = columns(model, known[1], held.q, held.v, held.a, part)
     power, size = np.linalg.eigh(known[0].covariance)
     L = size * np.sqrt(np.maximum(power, 0.0))
     seen = L.T @ np.einsum("njk,njl->kl", Y, Y) @ L / len(Y)
@@ -57,13 +59,11 @@ class Sweep:
         scaled: Error of all masses, moments and inertias, as a share → jitter, rad rms; inf where the loop diverged.
         uncertain: Error in standard deviations along the most uncertain way → the same; empty without a covariance.
         pid: The world-frame PID's jitter, rad rms.
-        seconds: Length of a run, s.
     """
 
     scaled: Mapping[float, float]
     uncertain: Mapping[float, float]
     pid: float
-    seconds: float
 
     @property
     def safer(self) -> tuple[float | None, float | None]:
@@ -95,10 +95,10 @@ class Sweep:
         return f"a PID is safer with masses and inertias more than {' or '.join(sides)} wrong"
 
 
-def sweep(course: Course, roster: Roster) -> Sweep:
-    """Hold the camera with models that are wrong on purpose; runs are short, on the first seed's motion."""
-    brief, ours = replace(course, seconds=min(SECONDS, course.seconds)), roster.pointer(OURS)
-    model, way = roster.model, doubtful(roster.model, roster.wanted, course.ground(0))
+def sweep(plant: Model, platform: Platform, recipe: Recipe) -> Sweep:
+    """Hold the camera with models that are wrong on purpose, on one motion."""
+    ours, model = recipe.pointer(), recipe.model
+    way = doubtful(model, recipe.wanted, platform)
     models = {("scaled", share): model if share == 0 else heavier(model, share) for share in SHARES}
     if way is not None:
         models |= {("uncertain", size): change_parameters(model, size * way) for size in DEVIATIONS}
@@ -106,14 +106,14 @@ def sweep(course: Course, roster: Roster) -> Sweep:
     bar = tqdm(models.items(), "jitter against model error", unit="run", disable=None, leave=False)
     for (kind, error), wrong in bar:
         law = replace(ours.law, model=wrong) if isinstance(ours.law, CarriedTorque) else ours.law
-        found[kind][error] = held_jitter(brief, replace(ours, law=law))
-    return Sweep(**found, pid=held_jitter(brief, roster.pointer(BASELINE)), seconds=brief.seconds)
+        found[kind][error] = held_jitter(plant, platform, replace(ours, law=law))
+    return Sweep(**found, pid=held_jitter(plant, platform, recipe.pointer(BASELINE)))
 
 
-def held_jitter(course: Course, pointer: Pointer) -> float:
+def held_jitter(plant: Model, platform: Platform, pointer: Pointer) -> float:
     """Jitter of a run, rad rms; inf for a loop that diverges."""
     try:
-        return course.held(pointer, 0).jitter[0]
+        return point(plant, pointer, platform, rng=np.random.default_rng(1), seconds=SECONDS).jitter[0]
     except UsageError:
         return inf
 
@@ -131,9 +131,9 @@ def main(rig: str, payload: str | None = None) -> None:
         payload: Its payload.
     """
     loaded = Rig.load(rig, payload)
-    plant, station = nominal(unbalanced(loaded)), Station.of(loaded)
-    roster = learn_roster(loaded, shaken_log(plant), station)
-    found = sweep(Course(plant, Shaken(Sight(loaded).centre, SECONDS), "S", SECONDS, station), roster)
+    plant = nominal(unbalanced(loaded))
+    recipe = learn_recipe(loaded, shaken_log(plant), Station.of(loaded))
+    found = sweep(plant, Shaken(Sight(loaded).centre, SECONDS)(0), recipe)
     print(f"PID: {degrees(found.pid):.5f} deg rms")
     for share, size in sorted(found.scaled.items()):
         print(f"masses and inertias {100 * share:+.0f} %: {degrees(size):.5f} deg rms")

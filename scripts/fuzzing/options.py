@@ -65,7 +65,6 @@ SOUND: Mapping[str, tuple[str, ...]] = {
     "files": ("log.csv", "log.csv+platform.csv"),
     "map": ("q_pan=q_pan*1", "t=t", "tau_pan=tau_pan/2", "map.yaml", "gyro_base_x=gyro_base_x*pi/180"),
     "holdout": ("last-third", "none", "log:1", "log:2"),
-    "controllers": ("pid-world", "computed-torque", "all", "pid-world,switch"),
     "payload": ("block.urdf", "cinema", "none"),
     "controller": ("computed-torque", "pid", "controller.yaml"),
     "learn": ("log.csv", "platform.csv"),

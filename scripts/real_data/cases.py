@@ -29,7 +29,7 @@ CARRIED: Mapping[str, Words] = {
     **EVERY,
     "simulate": ("simulate", "{rig}", "--platform-log", "{logs}", "{maps}", "--seconds", "10", "-o", "{out}/log.csv"),
     "track": ("track", "{rig}", "--platform-log", "{logs}", "{maps}", "--seconds", "3", "--seeds", "1",
-              "--controllers", "pid-world", "--json", "{json}"),
+              "--json", "{json}"),
 }  # fmt: skip
 """The verbs that take a platform's motion, and those that take a log, given one that holds no joint."""
 

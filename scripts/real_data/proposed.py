@@ -76,8 +76,7 @@ def from_file(case: Case, folder: Path, limit: float) -> Proposed:
     mapping.write_text(yaml.safe_dump(table, sort_keys=False), encoding="utf-8")
     verb = ["diagnose", str(case.rig), log, "--map", str(mapping), "-o", str(out / "findings")]
     if "track" in case.runs:  # a platform's motion
-        verb = ["track", str(case.rig), "--platform-log", log, "--map", str(mapping), "--seconds", "3", "--seeds", "1",
-                "--controllers", "pid-world"]  # fmt: skip
+        verb = ["track", str(case.rig), "--platform-log", log, "--map", str(mapping), "--seconds", "3", "--seeds", "1"]
     reported = run(verb, out, limit)
     wrong = tuple(target for target, remark in differs if UNKNOWN not in remark)
     report = any((out / "findings").glob("*.html"))

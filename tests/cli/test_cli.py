@@ -15,7 +15,6 @@ import pytest
 
 from gimbal_pin.cli import VERBS
 from gimbal_pin.cli.holding import Holding
-from gimbal_pin.control import HOLDING
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, parse_effect
@@ -51,11 +50,6 @@ FEW = ("--plants", "2")
 def test_every_verb_has_help(run: Run, verb: str) -> None:
     code, out, _ = run(verb, "--help")
     assert code == 0 and "usage" in out.lower()
-
-
-def test_track_names_every_controller_that_it_takes(run: Run) -> None:
-    told = " ".join(run("track", "--help")[1].replace("│", " ").split())
-    assert all(f"{name} ({what})" in told for name, what in HOLDING.items())
 
 
 def test_rigs_and_check(run: Run) -> None:
@@ -109,19 +103,20 @@ def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path:
 def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path) -> None:
     options = ("--platform", "S", "--learn", log_file, "--seeds", "1", "--seconds", "0.8")
     plot = ("--plot", tmp_path / "p.svg")
-    found = result(run, "track", "turret", *options, *plot, "--controllers", "pid-world,switch,oracle")
+    found = result(run, "track", "turret", *options, *plot)
     assert found["schema"] == 1 and found["experiments"] == []
     rows = {row["controller"]: row for row in found["pointing"]}
-    assert list(rows) == ["pid-world", "switch", "oracle"]
+    assert list(rows) == ["pid", "computed-torque"]
     for row in rows.values():
         assert row["platform"] == "S" and row["seeds"] == 1 and set(row["torque_rms"]) == {"pan", "tilt"}
         assert 0 < row["jitter_rms_deg"] < row["jitter_max_deg"] and row["drift_deg"] >= 0
-    assert rows["switch"]["jitter_rms_deg"] < 0.5 * rows["pid-world"]["jitter_rms_deg"]
-    assert sum(part["share"] for part in found["pointing_budget"].values()) == pytest.approx(1.0)
+    assert rows["computed-torque"]["jitter_rms_deg"] < 0.5 * rows["pid"]["jitter_rms_deg"]
+    assert found["pointing_loops"]["pid"] == found["pointing_loops"]["computed-torque"]
     assert (tmp_path / "p.svg").stat().st_size > 1000
     refused(run("track", "turret"), 2, "CONTROLLER", "--platform S")
     refused(run("track", "turret", "c.yaml", "--animation", tmp_path / "a.html"), 2, "--animation", "--platform S")
-    refused(run("track", "turret", *options, "--controllers", "magic"), 2, "magic", "oracle")
+    refused(run("track", "turret", *options, "--platform-log", log_file), 2, "--platform: is given beside")
+    refused(run("track", "turret", "c.yaml", "--fault", "clock:3:-1"), 2, "--fault", "--platform S")
 
 
 def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from gimbal_pin.pointing import (
     WANTED,
     Controller,
     Measurement,
-    Roster,
+    Recipe,
     Sensed,
     Shaken,
     Sight,
@@ -45,7 +45,7 @@ def made() -> Controller:
     rig = bundled("thesis")
     station = Station.of(rig)
     spectrum = Spectrum.of(rehearsed(rig)[1], DT)
-    return Controller(Roster(nominal(unbalanced(rig)), WANTED, spectrum, station.noise, float(station.step.max())))
+    return Controller(Recipe(nominal(unbalanced(rig)), WANTED, spectrum, station.noise, float(station.step.max())))
 
 
 def measured(seconds: float) -> list[Measurement]:
@@ -55,7 +55,7 @@ def measured(seconds: float) -> list[Measurement]:
     held, t = holding(Sight(rig), WANTED, ground.part(slice(0, None, 2))), np.asarray(ground.t[::2])
     sensed = Sensed(nominal(rig), ground, Station.of(rig), t, np.random.default_rng(0))
     states = zip(held.q, held.v)
-    return [m for k, (q, v) in enumerate(states) if (m := sensed.see(k, State(q, v))) is not None]
+    return [m for k, (q, v) in enumerate(states) if (m := sensed.see(k, q, v)) is not None]
 
 
 def torques(controller: Controller, stream: list[Measurement]) -> Array:
@@ -157,7 +157,7 @@ class Bench:
         """Return angles, rates and torques, (N, n) each."""
         rows = []
         for _ in range(round(seconds / DT)):
-            seen = self.sensed.see(self.k, self.state)
+            seen = self.sensed.see(self.k, self.state.q, self.state.v)
             assert seen is not None
             acting, self.command = self.command, self.controller.step(seen)
             rows.append((self.state.q, self.state.v, acting))
@@ -170,7 +170,7 @@ class Bench:
 def exact(name: str, keeps: bool = False) -> Controller:
     rig = bundled(name)
     spectrum = Spectrum.of(rehearsed(rig)[1], DT)
-    return Controller(Roster(nominal(rig), WANTED, spectrum, Station.exact(rig).noise, 0.0), keeps)
+    return Controller(Recipe(nominal(rig), WANTED, spectrum, Station.exact(rig).noise, 0.0), keeps)
 
 
 @pytest.mark.parametrize("name", ["thesis", "thesis", "handheld", "turret"])

@@ -19,21 +19,19 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.pointing import (
     WANTED,
-    Asked,
-    Contest,
     Pointing,
     Row,
     Sight,
     Station,
     Verified,
     attitude,
-    learn_roster,
+    learn_recipe,
     unable,
     verify,
 )
 from gimbal_pin.report import figures, outlook, render
 from gimbal_pin.report import text as terminal
-from gimbal_pin.report.sections.camera import gazes, headline, numbers, pointing
+from gimbal_pin.report.sections.camera import headline, numbers, pointing
 from gimbal_pin.report.view import afar, gaze
 from gimbal_pin.report.view.motion import poses
 from gimbal_pin.report.view.onboard import onboard
@@ -44,14 +42,14 @@ from tests.browsing import needs_browser, visit, wide
 from tests.report.test_report import OUTSIDE, WIDER, parsed
 from tests.rigs import bundled
 
-PUSHED = "there a joint goes where it is pushed: jitter, ratios and targets say little of the controllers"
+PUSHED = "there a joint goes where it is pushed: jitter and ratios say little of the controllers"
 
 AHEAD = np.array([[1.0, 0.0, 0.0]])
-SIZES = {"pid-world": 4e-4, "computed-torque": 2e-4, "switch": 4e-5, "oracle": 3e-5}
+SIZES = {"pid": 4e-4, "computed-torque": 4e-5, "compiled": 3e-5}
 
 
 @cache
-def contest() -> Contest:
+def verified() -> Verified:
     """Runs of 4 s that were made up: every controller's error is the same motion at a size of its own."""
     rng, t = np.random.default_rng(0), 1e-3 * np.arange(4001)
     swing = 0.2 * np.sin(np.outer(t, [2.0, 3.0, 2.5]) + np.arange(3.0))
@@ -62,12 +60,8 @@ def contest() -> Contest:
         Pointing(name, "S", 0, bundled("thesis").joints, t, size * shape, q, tau, base, bundled("thesis").tau_max)
         for name, size in SIZES.items()
     ]
-    return Contest("thesis", "cinema", tuple(Row(run.controller, (run,)) for run in runs))
-
-
-@cache
-def verified() -> Verified:
-    return Verified(contest(), Equal().margins)
+    rows = tuple(Row(run.controller, (run,)) for run in runs)
+    return Verified("thesis", "cinema", rows, dict.fromkeys(SIZES, (Equal().margins,) * 3))
 
 
 @cache
@@ -105,13 +99,13 @@ def test_the_ground_is_level_in_the_world_and_the_hills_stand_on_it(wanted: Arra
 
 
 def test_the_outlook_is_the_runs_own_and_shows_the_largest_swing() -> None:
-    seen = outlook(contest(), WANTED, seconds=1.0)
-    run = contest().rows[2].runs[0]
+    seen = outlook(verified(), WANTED, seconds=1.0)
+    run = verified().rows[1].runs[0]
     rows = np.searchsorted(run.t, seen.t - 1e-9)
-    assert [one.controller for one in seen.held] == ["pid-world", "switch"] and 55 <= len(seen.t) <= 60
+    assert [one.controller for one in seen.held] == ["pid", "computed-torque"] and 55 <= len(seen.t) <= 60
     np.testing.assert_array_equal(seen.held[1].turned, run.error[rows])
     assert seen.held[1].jitter == pytest.approx(run.jitter[0], rel=1e-12)
-    np.testing.assert_allclose(seen.held[0].turned, SIZES["pid-world"] / SIZES["switch"] * seen.held[1].turned)
+    np.testing.assert_allclose(seen.held[0].turned, SIZES["pid"] / SIZES["computed-torque"] * seen.held[1].turned)
     for turned, quat in zip(seen.bolted.turned[::20], run.base[rows][::20]):
         turn = pin.Quaternion(*quat.tolist()).matrix()
         np.testing.assert_allclose(WANTED @ pin.exp3(turned), turn @ WANTED, atol=1e-12)
@@ -120,7 +114,7 @@ def test_the_outlook_is_the_runs_own_and_shows_the_largest_swing() -> None:
 
 
 def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_camera_should_look() -> None:
-    run, pivot = contest().rows[2].runs[0], Sight(bundled("thesis")).centre
+    run, pivot = verified().rows[1].runs[0], Sight(bundled("thesis")).centre
     base = run.base[::200][:, [1, 2, 3, 0]]
     shown = poses(bundled("thesis").model, run.q[::200], base, pivot)
     assert np.ptp(shown.place, axis=0).max() > 0.01
@@ -129,37 +123,34 @@ def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_came
     _, corners = afar.marks(bundled("thesis"), (), shown, WANTED, 0.5)
     away = corners[:8].mean(axis=0) - rays(bundled("thesis"), shown)[0].mean(axis=0)
     np.testing.assert_allclose(away, afar.DISTANCE * 0.5 * WANTED[:, 0], atol=1e-9)
-    scene = onboard(bundled("thesis"), run, outlook(contest(), WANTED), WANTED)
-    for word in ("Bolted to the platform", "Held by model-based", "joints locked", "horizon", "target"):
+    scene = onboard(bundled("thesis"), run, outlook(verified(), WANTED), WANTED)
+    for word in ("Bolted to the platform", "Held by computed torque", "joints locked", "horizon", "target"):
         assert word in scene
 
 
 def test_the_page_says_what_was_run() -> None:
     tree = parsed(page())
     text = tree.text_content()
-    ours, theirs = (f"{figures(degrees(contest().jitter[name]), 2)}°" for name in ("switch", "pid-world"))
-    assert f"Model-based leaves {ours} rms of jitter, world-frame PID {theirs}: 10 times as much." in text
+    ours, theirs = (f"{figures(degrees(verified().jitter[name]), 2)}°" for name in ("computed-torque", "pid"))
+    assert f"Computed torque leaves {ours} rms of jitter, PID {theirs}: 10 times as much." in text
     assert "A note." in text
     rows = [[cell.text_content().strip() for cell in row] for row in tree.xpath("//tbody")[0]]
-    assert [row[0] for row in rows] == ["world-frame PID", "computed torque", "model-based", "oracle"]
-    budget = [drawing.get("aria-label") for drawing in tree.iter("svg") if "budget" in drawing.get("aria-label")]
-    share = 1 - SIZES["computed-torque"] ** 2 / SIZES["pid-world"] ** 2
-    assert len(budget) == 1 and f"base motion to hidden parameters {100 * share:.1f} %" in budget[0]
+    assert [row[0] for row in rows] == ["PID", "computed torque", "compiled"]
     assert tree.xpath("//script") == [] and len(tree.xpath("//iframe")) == 1
 
 
 def test_who_is_long_at_the_torque_limit_of_which_joints_is_told() -> None:
     """Of every controller by itself, from a share on that is worth a word; text and page say the same."""
-    pid, *rest = contest().rows
+    pid, *rest = verified().rows
     limit = bundled("thesis").tau_max
     shares = np.array([0.6, 0.2, 0.02])
     run = pid.runs[0]
     counted = np.linspace(0.0, 1.0, len(run.t) - run.counted.start)
     tau = run.tau.copy()
     tau[run.counted] = np.where(counted[:, None] < shares, limit, 0.1 * limit)
-    pushed = replace(verified(), contest=replace(contest(), rows=(replace(pid, runs=(replace(run, tau=tau),)), *rest)))
+    pushed = replace(verified(), rows=(replace(pid, runs=(replace(run, tau=tau),)), *rest))
     said = terminal.verified(pushed)
-    (line,) = [line for line in said.splitlines() if line.startswith("world-frame PID")]
+    (line,) = [line for line in said.splitlines() if line.startswith("PID ")]
     assert line.endswith("yaw 60 %, roll 20 %") and said.count("yaw 60 %") == 1
     assert PUSHED not in terminal.verified(verified())
     page = parsed(render("", [pointing(pushed)])).text_content()
@@ -168,36 +159,25 @@ def test_who_is_long_at_the_torque_limit_of_which_joints_is_told() -> None:
 
 @pytest.mark.parametrize(("share", "tone"), [(0.0, ""), (0.01, "fair"), (0.2, "poor")])
 def test_the_torque_card_says_for_how_long_the_limit_is_reached(share: float, tone: str) -> None:
-    ours = next(row for row in contest().rows if row.controller == "switch")
+    ours = next(row for row in verified().rows if row.controller == "computed-torque")
     run, limit = ours.runs[0], bundled("thesis").tau_max
     counted = np.linspace(0.0, 1.0, len(run.t) - run.counted.start, endpoint=False)
     tau = np.tile(0.5 * limit, (len(run.t), 1))
     tau[run.counted, 0] = np.where(counted < share, limit[0], 0.6 * limit[0])
     row = replace(ours, runs=(replace(run, tau=tau),))
-    card = numbers(replace(verified(), contest=replace(contest(), rows=(contest().rows[0], row))))[2]
+    card = numbers(replace(verified(), rows=(verified().rows[0], row)))[2]
     assert (card.value, card.tone) == ("100 %" if share else "60 %", tone)
     assert card.note.endswith(f", and at it {figures(100 * share, 2)} % of the time" if share else "at most: yaw"), (
         card.note
     )
 
 
-def test_a_contest_without_the_usual_names_is_shown_too() -> None:
-    alone, pair = (replace(contest(), rows=contest().rows[1:k]) for k in (2, 3))
-    assert headline(alone).startswith("Computed torque leaves ") and headline(alone).endswith(" rms of jitter.")
-    assert headline(pair).endswith(": 5.0 times as much.") and pair.budget is None
-    seen = outlook(alone, WANTED, seconds=0.5)
-    assert len(gaze.pictures(seen)) == 3 and "computed torque, to one scale" in gazes(seen, WANTED)
-
-
-def test_the_headline_compares_at_equal_margins() -> None:
-    """Gains that were asked for have other margins: their ratio to the PID is not claimed where ours ran."""
-    pid, _, ours, *_ = contest().rows
-    tuned = replace(pid, controller="tuned", runs=tuple(replace(run, controller="tuned") for run in pid.runs))
-    beside, alone = (replace(contest(), rows=rows) for rows in ((pid, ours, tuned), (pid, tuned)))
-    assert "10 times as much at equal margins. Your controller" in headline(beside)
-    assert headline(beside).endswith("with margins of its own.")
-    assert numbers(replace(verified(), contest=beside))[0].note.startswith("model-based")
-    assert headline(alone).endswith("each with margins of its own.") and "times" not in headline(alone)
+def test_the_headline_says_when_margins_differ() -> None:
+    """Gains that were asked for have other margins than the PID's."""
+    assert headline(verified()).endswith("10 times as much.")
+    slow = (replace(Equal().margins, disk_margin=0.8),) * 3
+    other = replace(verified(), loops={**verified().loops, "computed-torque": slow})
+    assert headline(other).endswith("10 times as much, each with margins of its own.")
 
 
 def test_what_cannot_hold_a_camera_says_why() -> None:
@@ -207,7 +187,7 @@ def test_what_cannot_hold_a_camera_says_why() -> None:
     strong = replace(bundled("thesis"), motors=tuple(replace(motor, tau_max=inf) for motor in bundled("thesis").motors))
     endless = replace(strong, limits=tuple(replace(limit, effort=inf) for limit in bundled("thesis").limits))
     with pytest.raises(UsageError, match="torque limits are not stated"):
-        verify(endless, Asked())
+        verify(endless)
 
 
 def test_where_no_imu_says_how_the_platform_moves_profile_s_does() -> None:
@@ -215,7 +195,7 @@ def test_where_no_imu_says_how_the_platform_moves_profile_s_does() -> None:
     from tests.bench_logs import prescribed
 
     turret = Rig.load("turret")
-    taught = learn_roster(turret, prescribed(nominal(turret), seconds=3.0), Station.of(turret), nominal(turret))
+    taught = learn_recipe(turret, prescribed(nominal(turret), seconds=3.0), Station.of(turret), nominal(turret))
     power = taught.spectrum
     line, beside = (power.rate[np.abs(power.f - hz) < 2].max() for hz in (75.0, 100.0))
     assert line > 10 * beside and power.rate[2:10].sum() > power.rate[20:200].sum() and taught.trusted == (True, True)
@@ -244,7 +224,7 @@ def test_a_browser_draws_what_the_cameras_see_where_it_lies(tmp_path: Path) -> N
     looks = (PIXELS, PLACES, OUTSIDE, WIDER, FRAME)
     said = visit(path.as_uri(), wide(1380), *looks, wide(420), *looks)
     assert (said.complaints, said.requests) == ([], [path.as_uri()])
-    seen = outlook(contest(), WANTED)
+    seen = outlook(verified(), WANTED)
     several = gaze.pictures(seen)
     expected = [
         gaze.placed(np.array([[1.0, 0.1, -0.05]]), one.turned[i])[0] / one.half for one in several for i in (0, 40, 90)

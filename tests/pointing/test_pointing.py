@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from math import degrees, hypot, pi, radians
+from math import hypot, pi, radians
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from camera.contest import foretell
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -32,16 +33,15 @@ from gimbal_pin.effects import Delay
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array, Imu, Platform, profile_s
 from gimbal_pin.pointing import (
-    NAMES,
     WANTED,
-    Budget,
     Course,
     Forecast,
     Fusion,
     Guard,
     Measurement,
+    Pointer,
     Pointing,
-    Roster,
+    Recipe,
     Row,
     SensorFault,
     Shaken,
@@ -50,11 +50,11 @@ from gimbal_pin.pointing import (
     Station,
     attitude,
     compete,
+    find_trusted_joints,
     gyros_between,
     jitter,
     parse_fault,
     point,
-    trusted,
     unbalanced,
 )
 from gimbal_pin.pointing.guard import Watch
@@ -89,8 +89,8 @@ def spectrum() -> Spectrum:
     return Spectrum.of(Imu(gyro, accel), DT)
 
 
-def roster(model: Model, wanted: Array = WANTED, noise: Noise = NOISE, **more: object) -> Roster:
-    return Roster(model, wanted, spectrum(), noise, 2 * pi / 2**16, **more)  # type: ignore[arg-type]
+def recipe(model: Model, wanted: Array = WANTED, noise: Noise = NOISE, **more: object) -> Recipe:
+    return Recipe(model, wanted, spectrum(), noise, 2 * pi / 2**16, **more)  # type: ignore[arg-type]
 
 
 # --- Kinematics --------------------------------------------------------------------------------------------------
@@ -320,7 +320,7 @@ def test_what_is_fast_is_the_plain_formula() -> None:
 def test_the_aim_is_the_plain_formula(name: str) -> None:
     """``q̇ = J⁻¹(ω_c - Rᵀ ω)``, ``e = J⁻¹ log(Rᵀ R_d)``, ``ė = -J⁻¹ ω_c``, ``q̇_d = q̇ + ė`` to rounding."""
     rig, rng = rig_of(name), np.random.default_rng(6)
-    navigator = roster(nominal(rig)).pointer("with-friction").navigator
+    navigator = recipe(nominal(rig)).pointer("pid").navigator
     q, gyro, w = (rng.uniform(-0.4, 0.4, size) for size in (rig.n, 3, 3))
     seen = Measurement(0.0, q, gyro, w, rng.standard_normal(3), np.zeros(0))
     camera = pin.exp3(rng.standard_normal(3) / 4) @ WANTED
@@ -373,18 +373,18 @@ def test_without_error_the_law_is_the_models_inverse() -> None:
 
 
 @pytest.mark.parametrize("kind", ["computed-torque", "pid"])
-def test_the_tuned_controller_has_the_gains_of_tune(kind: str) -> None:
-    """Whatever their margins: the others' are equal, and there is no such controller where no law is given."""
+def test_the_controller_of_its_kind_has_the_gains_of_a_given_law(kind: str) -> None:
+    """Whatever their margins; the other one keeps its own, and so does the PID that is fallen back to."""
     model = nominal(rig_of("handheld"))
     law = tune(model, kind=kind, bandwidth_hz={"pan": 5.0, "roll": 6.0, "tilt": 7.0}, robust=kind != "pid").controller
-    controllers = roster(model, law=law)
-    pointer = controllers.pointer("tuned")
-    assert pointer.law.gains == law.gains != controllers.pointer("switch").law.gains
-    assert isinstance(pointer.law, JointPid if kind == "pid" else CarriedTorque)
-    assert kind == "pid" or (pointer.law.robust == law.robust is not None and pointer.navigator.fusion is not None)
-    assert pointer.navigator.accelerates == (kind != "pid")
-    with pytest.raises(UsageError, match="'tuned' is unknown"):
-        replace(controllers, law=None).pointer("tuned")
+    given, plain = recipe(model, law=law), recipe(model)
+    (other,) = {"computed-torque", "pid"} - {kind}
+    own, beside = given.pointer(kind), given.pointer(other)
+    assert given.kind == kind and own.law.gains == law.gains != plain.pointer(kind).law.gains == beside.law.gains
+    assert isinstance(own.law, JointPid if kind == "pid" else CarriedTorque)
+    assert kind == "pid" or (own.law.robust == law.robust is not None and own.navigator.fusion is not None)
+    assert own.navigator.accelerates == (kind != "pid") and own.fallback.gains == plain.pointer(kind).fallback.gains
+    assert given.margins(other) == plain.margins(other) != given.margins(kind)
 
 
 def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
@@ -447,7 +447,7 @@ def test_the_observer_finds_a_constant_disturbance() -> None:
     assert held.disturbance == memory.disturbance
 
 
-def test_a_model_that_knows_nothing_is_not_trusted() -> None:
+def test_a_model_that_knows_nothing_is_not_find_trusted_joints() -> None:
     from gimbal_pin.dynamics import reduce_parameters
 
     rig = rig_of("turret")
@@ -458,8 +458,12 @@ def test_a_model_that_knows_nothing_is_not_trusted() -> None:
         covariance = size**2 * np.eye(len(names))
         return replace(nominal(rig), estimated=Estimated(names, names, np.zeros(len(names)), covariance))
 
-    assert trusted(known(1e-5), WANTED, ground) == (True, True) == trusted(nominal(rig), WANTED, ground)
-    assert trusted(known(10.0), WANTED, ground) == (False, False)
+    assert (
+        find_trusted_joints(known(1e-5), WANTED, ground)
+        == (True, True)
+        == find_trusted_joints(nominal(rig), WANTED, ground)
+    )
+    assert find_trusted_joints(known(10.0), WANTED, ground) == (False, False)
 
 
 # --- Measures ------------------------------------------------------------------------------------------------------
@@ -473,45 +477,43 @@ def test_jitter_is_what_is_fast_and_drift_what_is_slow() -> None:
     assert top == pytest.approx(3e-5, rel=0.1) and drift == pytest.approx(1e-3, rel=0.05)
 
 
-@given(st.lists(st.floats(1e-5, 1.0), min_size=3, max_size=3))
-def test_the_budget_adds_up(sizes: list[float]) -> None:
-    parted = Budget.of(dict(zip(("pid-world", "computed-torque", "oracle"), sizes)))
-    assert parted is not None
-    assert sum(parted.parts.values()) == pytest.approx(1.0) and parted.telling
-    assert list(Budget.of({"pid-world": 2.0, "with-friction": 1.0}).parts)[-1] == "what is left"  # type: ignore[union-attr]
-    single = Budget.of({"pid-world": sizes[0], "oracle": sizes[2]})
-    assert single is not None and not single.telling
-    assert Budget.of({"pid-world": 1.0, "switch": 0.1}) is None
-    assert list(parted.parts) == ["base motion to hidden parameters", "friction to foreknowledge", "the oracle's own"]
-    assert parted.size("the oracle's own") == pytest.approx(sizes[2]) == parted.left
-    assert bool(parted.note) == (min(parted.parts.values()) < 0)  # and then alone one is more than all
-
-
 # --- In closed loop --------------------------------------------------------------------------------------------------
 
 
 def test_knowing_more_holds_the_camera_stiller() -> None:
-    """World-frame PID, moving base, friction, prediction: each less than the one before. One seed is one run."""
+    """PID, moving base, friction, prediction: each less than the one before. One seed is one run."""
     rig = rig_of("handheld")
-    plant = nominal(unbalanced(rig))
-    course = Course(plant, Shaken(Sight(rig).centre, 0.9), "S", 0.9, Station.of(rig))
-    found = compete(course, roster(plant), ("pid-world", "computed-torque", "with-friction", "with-prediction"), 1)
-    still = [degrees(row.jitter_rms) for row in found.rows]
+    plant, ground = nominal(unbalanced(rig)), Shaken(Sight(rig).centre, 0.9)(0)
+    known = recipe(plant)
+    pid, ours = known.pointer("pid"), known.pointer()
+    blind = replace(ours, navigator=replace(pid.navigator, accelerates=True))
+    bare = replace(blind, law=replace(blind.law, terms=False))  # type: ignore[type-var]
+
+    def held(pointer: Pointer, seconds: float = 0.9) -> Pointing:
+        return point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds)
+
+    still = [held(pointer).jitter[0] for pointer in (pid, bare, blind, ours)]
     assert still[0] > still[1] > 3 * still[2] > 3 * still[3]
-    assert found.ratio("pid-world", "with-prediction") == pytest.approx(still[0] / still[3])
-    assert found.gain is None and found.budget is not None
-    short = replace(course, seconds=0.1)
-    runs = [short.run(roster(plant), "with-friction", 0).error for _ in range(2)]
-    np.testing.assert_array_equal(*runs)
+    np.testing.assert_array_equal(*(held(ours, 0.1).error for _ in range(2)))
+
+
+def test_both_controllers_meet_the_same_motions() -> None:
+    rig = rig_of("turret")
+    plant, station = nominal(rig), Station.of(rig)
+    rows = compete(Course(plant, Shaken(Sight(rig).centre, 0.2), 0.2, station), recipe(plant), 2)
+    assert [row.controller for row in rows] == ["pid", "computed-torque"]
+    for runs in zip(*(row.runs for row in rows)):
+        np.testing.assert_array_equal(*(run.base for run in runs))
+    assert [run.seed for run in rows[0].runs] == [0, 1] and not np.allclose(*(run.base for run in rows[0].runs))
 
 
 def test_nothing_moves_what_is_known_exactly() -> None:
-    """Exact sensors, a known model without friction, the oracle: what is left is the sampling."""
+    """Exact sensors, a known model without friction, the motion foreknown: what is left is the sampling."""
     rig = rig_of("thesis")
     plant = replace(nominal(rig), terms=())
     ground = Shaken(Sight(rig).centre, 1.0, size=0.2)(0)
-    pointer = roster(plant, noise=Noise()).pointer("oracle")
-    run = point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=0.8, station=Station.exact(rig))
+    told = foretell(recipe(plant, noise=Noise()), ground)
+    run = point(plant, told, ground, rng=np.random.default_rng(0), seconds=0.8, station=Station.exact(rig))
     assert np.abs(np.rad2deg(run.error[400:])).max() < 2e-3 and not run.events
 
 
@@ -533,8 +535,8 @@ def test_failing_sensors_leave_bounded_torque_and_an_event(case: str) -> None:
     fault, word, allowed = FAULTS[case]
     rig = rig_of("thesis")
     plant = nominal(rig)
-    course = Course(plant, Shaken(Sight(rig).centre, 0.4), "S", 0.4, Station.of(rig, (fault,)))
-    run = course.run(roster(plant), "with-gyros", 0)
+    course = Course(plant, Shaken(Sight(rig).centre, 0.4), 0.4, Station.of(rig, (fault,)))
+    run = course.run(recipe(plant), "computed-torque", 0)
     assert np.isfinite(run.tau).all() and np.isfinite(run.error).all()
     assert (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
     assert any(word in event for event in run.events), run.events
@@ -544,13 +546,13 @@ def test_failing_sensors_leave_bounded_torque_and_an_event(case: str) -> None:
 def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torque() -> None:
     rig = rig_of("thesis")
     plant, wanted = nominal(rig), attitude(0.2, 0.1, radians(88))
-    course = Course(plant, Shaken(Sight(rig).centre, 0.4), "S", 0.4, Station.of(rig))
-    run = course.run(roster(plant, wanted), "with-gyros", 0)
+    course = Course(plant, Shaken(Sight(rig).centre, 0.4), 0.4, Station.of(rig))
+    run = course.run(recipe(plant, wanted), "computed-torque", 0)
     assert np.isfinite(run.tau).all() and (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
     assert any("singular" in event and "yaw and tilt would have to turn" in event for event in run.events)
     assert not any("encoders" in event for event in run.events)
     weak = replace(rig, motors=tuple(replace(motor, tau_max=0.2) for motor in rig.motors))
-    run = replace(course, plant=nominal(weak)).run(roster(nominal(weak)), "with-gyros", 0)
+    run = replace(course, plant=nominal(weak)).run(recipe(nominal(weak)), "computed-torque", 0)
     assert any("torque limit" in event for event in run.events) and max(Row("", (run,)).at_limit.values()) > 0.2
     assert (np.abs(run.tau) <= 0.2 + 1e-12).all() and np.isfinite(run.error).all()
 
@@ -565,7 +567,7 @@ class BlindGuard(Guard):
 def test_what_is_no_number_becomes_no_torque() -> None:
     """Whatever slips through: past a blind guard a NaN of the gyro reaches the law, and no torque comes out."""
     rig = rig_of("turret")
-    pointer = replace(roster(nominal(rig)).pointer("with-gyros"), guard=BlindGuard(DT))
+    pointer = replace(recipe(nominal(rig)).pointer(), guard=BlindGuard(DT))
     seen = Measurement(0.0, np.array([0.3, 0.4]), np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81]), np.zeros(0))
     memory = pointer.start(seen, WANTED, np.eye(3))
     tau, memory = pointer.torque(seen._replace(t=DT, gyro=np.full(3, np.nan)), memory)
@@ -593,9 +595,9 @@ def test_what_cannot_be_run_is_refused() -> None:
     rig = rig_of("turret")
     plant = nominal(rig)
     with pytest.raises(UsageError, match="unknown"):
-        roster(plant).pointer("magic")
+        recipe(plant).pointer("magic")
     ground = Shaken(Sight(rig).centre, 0.2)(0)
-    pointer = roster(plant).pointer(NAMES[0])
+    pointer = recipe(plant).pointer("pid")
     with pytest.raises(UsageError, match="no attitude"):
         point(plant, pointer, replace(ground, quat=None), rng=np.random.default_rng(0), seconds=0.1)
     with pytest.raises(UsageError, match="lasts"):

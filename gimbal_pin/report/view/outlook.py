@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from gimbal_pin.control.controllers import BASELINE, OURS, TUNED
+from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.result import Contest, Pointing, Row, split
+from gimbal_pin.pointing.result import Pointing, Verified, split
 
 SECONDS, RATE = 6.0, 60.0
 """Length of the stretch that is shown, s, and its frames per second: a few hundred of them."""
@@ -42,7 +41,7 @@ class Outlook:
     Attributes:
         t: Time of each frame, s, (F,).
         bolted: The camera that the platform carries along.
-        held: Those that a gimbal holds, the baseline before ours.
+        held: Those that a gimbal holds, the PID before computed torque.
     """
 
     t: Array
@@ -50,16 +49,16 @@ class Outlook:
     held: tuple[Shot, ...]
 
 
-def outlook(found: Contest, wanted: Array, seconds: float = SECONDS, rate: float = RATE) -> Outlook:
-    """Return what the cameras of a contest's first seed saw, where the platform swings most.
+def outlook(found: Verified, wanted: Array, seconds: float = SECONDS, rate: float = RATE) -> Outlook:
+    """Return what the cameras of the first seed saw, where the platform swings most.
 
     Args:
-        found: The contest.
+        found: The runs.
         wanted: R_d, the attitude that the cameras should keep, (3, 3).
         seconds: Length of the stretch, s; a run may be shorter.
         rate: Frames per second, at most those of the run.
     """
-    runs = [row.runs[0] for row in shown(found)]
+    runs = [row.runs[0] for row in found.rows if row.controller in (BASELINE, OURS)]
     swing = swung(runs[0], wanted)
     first, last = liveliest(swing, round(seconds / runs[0].dt))
     rows = runs[0].counted.start + np.arange(first, last, max(1, round(1 / rate / runs[0].dt)))
@@ -68,18 +67,6 @@ def outlook(found: Contest, wanted: Array, seconds: float = SECONDS, rate: float
         shot(runs[0], None, swing, rows),
         tuple(shot(run, run.controller, run.error[run.counted], rows) for run in runs),
     )
-
-
-def shown(found: Contest, ours: Sequence[str] = (TUNED, OURS)) -> tuple[Row, ...]:
-    """Return the baseline's row and ours, or the first and the last where one did not run; `ours`: the first that ran.
-
-    The gains that somebody asked for are what his rig does; with (OURS, TUNED) it is what has the baseline's margins.
-    """
-    by_name = {row.controller: row for row in found.rows}
-    best = next((by_name[name] for name in ours if name in by_name), None)
-    if BASELINE in by_name and best is not None:
-        return by_name[BASELINE], best
-    return (found.rows[0], found.rows[-1]) if len(found.rows) > 1 else found.rows
 
 
 def swung(run: Pointing, wanted: Array) -> Array:
