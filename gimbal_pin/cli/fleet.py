@@ -54,5 +54,5 @@ def fleet(
             quiet=False,
         )
     page = describe_fleet(found)
-    write_whole(output, "report.html", page.render().encode())
-    present(page.summarise(), found.to_dict(), json)
+    write_whole(output, "report.html", page.to_html().encode())
+    present(page.to_text(), found.to_dict(), json)

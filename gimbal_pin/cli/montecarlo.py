@@ -92,5 +92,5 @@ def montecarlo(
             quiet=False,
         )
     page = describe_monte_carlo(found)
-    write_whole(output, "report.html", page.render().encode())
-    present(page.summarise(), found.to_dict(), json)
+    write_whole(output, "report.html", page.to_html().encode())
+    present(page.to_text(), found.to_dict(), json)

@@ -304,7 +304,7 @@ def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
 
 def _read_findings(table: DataFrame) -> list[list[Finding]]:
     """Named causes and faults of each log; none of one that was not diagnosed."""
-    texts = table["findings"].fillna("[]") if "findings" in table else ["[]"] * len(table)
+    texts = table["findings"].astype(object).fillna("[]") if "findings" in table else ["[]"] * len(table)
     keys = [dict.fromkeys((one["cause"], one["joint"], one["status"]) for one in json.loads(text)) for text in texts]
     return [[key for key in own if key[2] in ("named", "data")] for own in keys]
 

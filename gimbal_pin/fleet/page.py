@@ -1,14 +1,12 @@
-"""A Monte Carlo study and a fleet as a person reads them: the same chapters in a terminal and as one page."""
+"""A Monte Carlo study and a fleet as a person reads them: the same sections in a terminal and as one page."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from markupsafe import Markup
 
 from gimbal_pin.errors import shortened
 from gimbal_pin.fleet.fleet import Fleet, JudgedUnit, Verdict
@@ -17,18 +15,12 @@ from gimbal_pin.fleet.population import Deviation, DeviationKind
 from gimbal_pin.fleet.study import PLATFORM, SCALES, STEPS
 from gimbal_pin.report import plots
 from gimbal_pin.report.format import DASH, PALETTE, figures, interval, percent
-from gimbal_pin.report.html import Card, Section, cards, folded, paragraph, render
-from gimbal_pin.report.table import Table, join
+from gimbal_pin.report.html import Card, Page, Section, cards, folded, paragraph
+from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
     from gimbal_pin.report.plots import Axes, Figure
 
-Part = str | Table | Callable[[], Markup]
-"""A sentence or a table, which the terminal shows, too, or what makes something that only a page can show."""
-Chapter = tuple[str, str, Sequence[Part]]
-"""Heading, a sentence under it or nothing, and parts."""
-LONGEST = 90
-"""Most characters of a table's cell in a terminal."""
 FIRST = 20
 """Units and causes that are listed one by one."""
 FACTS = 4
@@ -37,36 +29,6 @@ PANELS = 6
 """Parameters that are drawn over time."""
 OUTSIDE = 3.0
 """Deviation at which the axis ends, in what a unit's logs show: what lies beyond is drawn there as an arrow."""
-
-
-@dataclass(frozen=True)
-class Page:
-    """Chapters under a title; those without parts are left out."""
-
-    title: str
-    subtitle: str
-    chapters: Sequence[Chapter]
-
-    def summarise(self) -> str:
-        """Return what a terminal shows."""
-        parts = [part for *_, several in self.chapters for part in several if isinstance(part, (str, Table))]
-        return "\n\n".join(part if isinstance(part, str) else _narrow_table(part) for part in parts)
-
-    def render(self) -> str:
-        """Return it as HTML."""
-        sections = [Section(title, join(map(_show_part, parts)), lead) for title, lead, parts in self.chapters if parts]
-        return render(self.title, sections, self.subtitle)
-
-
-def _narrow_table(table: Table) -> str:
-    """Return a table as lines under its caption, long cells cut."""
-    rows = [[row[0], *(x and shortened(x, LONGEST) for x in row[1:])] for row in table.rows]
-    return f"{table.caption}:\n" * bool(table.caption) + str(replace(table, rows=rows))
-
-
-def _show_part(part: Part) -> object:
-    """Return a part as an element of a page."""
-    return paragraph(part) if isinstance(part, str) else part if isinstance(part, Table) else part()
 
 
 def _make_panels(count: int, top: float) -> tuple[Figure, Sequence[Axes]]:
@@ -94,21 +56,20 @@ def describe_monte_carlo(found: MonteCarlo) -> Page:
     if own is not None:
         share, low, high = (percent(100 * x) for x in (own.value, own.low, own.high))
         top.insert(0, Card("Yield", share, f"{low} to {high}, 95 % confidence"))
-    picture = partial(
-        plots.picture,
+    picture = plots.Picture(
         partial(_draw_distributions, found),
         "Histograms of the figures over all rigs",
         "All rigs that could be simulated; dashed: the specification.",
     )
     influences = [_tabulate_influences(found)] if found.sensitivity else []
     worst = "Rigs that failed, then those that use most."
-    chapters: list[Chapter] = [
-        ("Yield", "", [_describe_yield(found), partial(cards, top)]),
-        ("Distributions", "", [picture, _tabulate_spreads(found)]),
-        ("What costs most", lead, influences),
-        ("The worst", worst, [_tabulate_worst(found)]),
+    sections = [
+        Section("Yield", [paragraph(_describe_yield(found)), cards(top)], ""),
+        Section("Distributions", [picture, _tabulate_spreads(found)], ""),
+        Section("What costs most", influences, lead),
+        Section("The worst", [_tabulate_worst(found)], worst),
     ]
-    return Page(f"Monte Carlo: {found.rig}", found.payload or "", chapters)
+    return Page(f"Monte Carlo: {found.rig}", found.payload or "", sections)
 
 
 def _format_figure(unit: str, value: float | None) -> str:
@@ -202,13 +163,12 @@ def describe_fleet(found: Fleet) -> Page:
     unusable = f"{found.failed} could not be used" if found.failed else "all could be used"
     top.append(Card("Logs", str(found.logs), unusable, "fair" if found.failed else "good"))
     odd, passing = units - counts[Verdict.PASS], [one.unit for one in found.units if one.verdict is Verdict.PASS]
-    verdicts: list[Part] = [_describe_verdicts(found), partial(cards, top)]
+    verdicts: list[object] = [paragraph(_describe_verdicts(found)), cards(top)]
     verdicts += [_tabulate_units(found)] if odd else []
-    verdicts += [f"{odd - FIRST} more are in the JSON."] if odd > FIRST else []
-    verdicts += [f"Pass: {_join_names(passing, FIRST)}"] if passing else []
-    verdicts += [partial(folded, "All that pass", ", ".join(passing))] if len(passing) > FIRST else []
-    strip = partial(
-        plots.picture,
+    verdicts += [paragraph(f"{odd - FIRST} more are in the JSON.")] if odd > FIRST else []
+    verdicts += [paragraph(f"Pass: {_join_names(passing, FIRST)}")] if passing else []
+    verdicts += [folded("All that pass", ", ".join(passing))] if len(passing) > FIRST else []
+    strip = plots.Picture(
         partial(_draw_units, found),
         "Every log's parameters about the fleet's means",
         "A dot per log. Dashed: the offset that the median unit's logs show in one of two cases. Named: units that are "
@@ -216,21 +176,20 @@ def describe_fleet(found: Fleet) -> Page:
         "whose logs, together, do not tell it from its siblings, such as an uncertain one.",
     )
     changes = [own for unit in found.units for own in unit.deviations if own.kind is not DeviationKind.OFFSET][:PANELS]
-    drawn = partial(
-        plots.picture,
+    drawn = plots.Picture(
         partial(_draw_changes, found, changes),
         "Parameters that changed, over time",
         "Each log with its 95 % interval; grey: the fleet's mean, and what a unit's logs do not tell from it.",
     )
     rows = [(one.cause, one.joint or "the rig", f"{one.units} of {one.of}") for one in found.causes[:FIRST]]
     causes = [Table(["Cause", "Joint", "Units"], rows, texts=2, label="Causes")] if rows else []
-    chapters: list[Chapter] = [
-        ("Verdict", "", verdicts),
-        ("Parameters", "", [strip, _tabulate_population(found)]),
-        ("Changes", "", [drawn] if changes else []),
-        ("Causes", "What diagnose names, and of how many units.", causes),
+    sections = [
+        Section("Verdict", verdicts, ""),
+        Section("Parameters", [strip, _tabulate_population(found)], ""),
+        Section("Changes", [drawn] if changes else [], ""),
+        Section("Causes", causes, "What diagnose names, and of how many units."),
     ]
-    return Page(f"Fleet: {found.rig}", found.payload or "", chapters)
+    return Page(f"Fleet: {found.rig}", found.payload or "", sections)
 
 
 def _describe_verdicts(found: Fleet) -> str:

@@ -10,8 +10,8 @@ from .evaluation import Evaluated as Evaluated
 from .evaluation import evaluate as evaluate
 from .format import figures as figures
 from .format import joints_of as joints_of
+from .html import Page as Page
 from .html import Section as Section
-from .html import render as render
 from .pipeline import FILES as FILES
 from .pipeline import Auto as Auto
 from .pipeline import auto as auto

@@ -1,4 +1,4 @@
-"""A page: a list of sections in one HTML file that needs nothing but a browser, and the parts they are made of.
+"""A section and its parts: a page shows them in one HTML file that needs nothing but a browser, a terminal as lines.
 
 What is not `Markup` is escaped.
 """
@@ -11,23 +11,83 @@ from importlib.resources import files
 from typing import Any
 
 from markupsafe import Markup
+from tqdm import tqdm
 
-from gimbal_pin.report.table import Content, join
+from gimbal_pin.report.table import Content, Table, join, plain
+
+
+@dataclass(frozen=True)
+class Part:
+    """A piece of a section.
+
+    Attributes:
+        html: What a page shows.
+        text: What a terminal shows; of what needs a page, nothing.
+        is_detail: Whether a terminal shows it only where everything is asked for.
+    """
+
+    html: Markup
+    text: str = ""
+    is_detail: bool = False
+
+    def __html__(self) -> str:
+        """Return it as an element of a page."""
+        return self.html
+
+    def __str__(self) -> str:
+        """Return its lines."""
+        return self.text
 
 
 @dataclass(frozen=True)
 class Section:
-    """One part of a page. A new one is a function that returns this.
+    """One part of a page, or of what a terminal prints. A new one is a function that returns this.
 
     Attributes:
         title: Heading, and entry of the table of contents.
-        html: The content.
+        parts: The content: a `Part`, a `Table`, a picture, or plain `Markup`, which a terminal leaves out.
         lead: A sentence under the heading that says what is seen here.
     """
 
     title: str
-    html: Markup
+    parts: Sequence[object]
     lead: str = ""
+
+    @property
+    def html(self) -> Markup:
+        """The content as elements of a page."""
+        return join(self.parts)
+
+    def to_text(self, detailed: bool = False) -> str:
+        """Return the content as lines, tables apart; `detailed`: with what is a detail."""
+        lines, after_table = list[str](), False
+        for one in self.parts:
+            text = "" if isinstance(one, Markup) or (getattr(one, "is_detail", False) and not detailed) else str(one)
+            if text:
+                apart = bool(lines) and (after_table or isinstance(one, Table)) and not text.startswith("\n")
+                lines += [""] * apart + [text]
+                after_table = isinstance(one, Table)
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Page:
+    """Sections under a title; those without parts are left out."""
+
+    title: str
+    subtitle: str
+    sections: Sequence[Section]
+
+    def to_text(self, detailed: bool = False) -> str:
+        """Return what a terminal shows."""
+        return "\n\n".join(filter(None, (one.to_text(detailed) for one in self.sections)))
+
+    def to_html(self) -> str:
+        """Return it as HTML: no script or picture from elsewhere, every text escaped."""
+        bar = tqdm(self.sections, desc="report", unit="section", disable=None, leave=False)
+        drawn = [(one.title, one.lead, one.html) for one in bar if one.parts]
+        values = {"title": self.title, "subtitle": self.subtitle, "sections": drawn}
+        return template("gimbal_pin.report", "report.html.j2", **values)
 
 
 @dataclass(frozen=True)
@@ -47,11 +107,6 @@ class Card:
     tone: str = ""
 
 
-def render(title: str, sections: Sequence[Section], subtitle: str = "") -> str:
-    """Return the page of some sections: no script or picture from elsewhere, every text escaped."""
-    return template("gimbal_pin.report", "report.html.j2", title=title, subtitle=subtitle, sections=sections)
-
-
 def template(package: str, name: str, **values: Any) -> str:
     """Return the template of a package, filled: what is put in is escaped unless the template calls it safe.
 
@@ -64,19 +119,22 @@ def template(package: str, name: str, **values: Any) -> str:
     return environment.from_string(files(package).joinpath(name).read_text(encoding="utf-8")).render(**values)
 
 
-def paragraph(text: Content, kind: str = "") -> Markup:
+def paragraph(text: Content, kind: str = "") -> Part:
     """Return a paragraph."""
-    return Markup('<p class="{}">{}</p>').format(kind, text) if kind else Markup("<p>{}</p>").format(text)
+    html = Markup('<p class="{}">{}</p>').format(kind, text) if kind else Markup("<p>{}</p>").format(text)
+    return Part(html, plain(text))
 
 
-def heading(text: Content) -> Markup:
+def heading(text: Content) -> Part:
     """Return a heading inside a section."""
-    return Markup("<h3>{}</h3>").format(text)
+    return Part(Markup("<h3>{}</h3>").format(text), f"\n{plain(text)}")
 
 
-def bullets(items: Iterable[Content]) -> Markup:
+def bullets(items: Iterable[Content], *, is_detail: bool = False) -> Part:
     """Return a list."""
-    return Markup("<ul>{}</ul>").format(join(Markup("<li>{}</li>").format(item) for item in items))
+    several = list(items)
+    html = Markup("<ul>{}</ul>").format(join(Markup("<li>{}</li>").format(item) for item in several))
+    return Part(html, "\n".join(f"  {plain(item)}" for item in several), is_detail)
 
 
 def toned(text: Content, tone: str) -> Content:
@@ -90,24 +148,26 @@ def bar(share: float, text: str) -> Markup:
     return Markup('<span class="bar"><i style="width:{:.1f}%"></i><b>{}</b></span>').format(width, text)
 
 
-def cards(several: Sequence[Card]) -> Markup:
+def cards(several: Sequence[Card]) -> Part:
     """Return headline numbers side by side, in rows of equal length."""
     one = Markup('<div class="card {}"><span>{}</span><strong>{}</strong><small>{}</small></div>')
     inside = join(one.format(card.tone, card.label, card.value, card.note) for card in several)
     columns = min(range(2, 5), key=lambda k: (-len(several) % k, -k))
-    return Markup('<div class="cards" style="--columns:{}">{}</div>').format(columns, inside)
+    return Part(Markup('<div class="cards" style="--columns:{}">{}</div>').format(columns, inside))
 
 
-def picture(svg: Markup, caption: Content) -> Markup:
+def figure(svg: Markup, caption: Content) -> Markup:
     """Return a drawing with its caption."""
     return Markup('<figure><div class="plot">{}</div><figcaption>{}</figcaption></figure>').format(svg, caption)
 
 
-def notice(title: str, content: Markup) -> Markup:
+def notice(title: str, content: Part) -> Part:
     """Return something that must not be missed."""
-    return Markup('<aside class="notice"><strong>{}</strong>{}</aside>').format(title, content)
+    html = Markup('<aside class="notice"><strong>{}</strong>{}</aside>').format(title, content)
+    return Part(html, f"{title}\n{content}")
 
 
-def folded(summary: Content, content: Content) -> Markup:
-    """Return something that opens on a click."""
-    return Markup("<details><summary>{}</summary>{}</details>").format(summary, content)
+def folded(summary: Content, content: object, *, is_detail: bool = True) -> Part:
+    """Return something that opens on a click; in a terminal it is a detail, if nothing else is said."""
+    html = Markup("<details><summary>{}</summary>{}</details>").format(summary, content)
+    return Part(html, f"\n{plain(summary)}\n{content}", is_detail)

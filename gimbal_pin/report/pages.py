@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
-from tqdm import tqdm
 
 from gimbal_pin.control.controllers import OURS
 from gimbal_pin.control.judging import Judgement
@@ -18,7 +17,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Verified
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.format import controller_name
-from gimbal_pin.report.html import Section, join, paragraph, render
+from gimbal_pin.report.html import Page, Section, join, paragraph
 from gimbal_pin.report.sections.camera import pointing
 from gimbal_pin.report.sections.control import margins, tracking
 from gimbal_pin.report.sections.data import data, rig_section
@@ -45,27 +44,26 @@ def full(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> str:
     """
     own, law = found.identified, controller_name(found.tuning.wish.kind)
     evaluated, wrong, held = evaluate(own, logs), found.diagnosis, found.held
-    steps: list[Callable[[], Section]] = [
-        lambda: found.summary.section,
-        *([] if wrong is None else [partial(diagnosis, wrong)]),
-        *([partial(Section, WRONG, paragraph(NOT_DIAGNOSED.format(found.undiagnosed)))] if found.undiagnosed else []),
-        lambda: animation(recording, STEPS.format(law)),
-        lambda: parameters(own, evaluated, found.payload),
-        lambda: torque(own, evaluated),
-        lambda: margins(found.tuning),
-        lambda: tracking(found.tracking, rig, found.plant, found.judged),
-        *([] if held is None else [partial(pointing, held, HELD.format(found.held_on))]),
-        *([partial(Section, "Camera", paragraph(NOT_HELD.format(found.why)))] if found.why and rig.aims else []),
-        lambda: data(rig, logs),
-        lambda: rig_section(rig),
+    sections = [
+        found.summary.section,
+        *([] if wrong is None else [diagnosis(wrong)]),
+        *([Section(WRONG, [paragraph(NOT_DIAGNOSED.format(found.undiagnosed))])] if found.undiagnosed else []),
+        animation(recording, STEPS.format(law)),
+        parameters(own, evaluated, found.payload),
+        torque(own, evaluated),
+        margins(found.tuning),
+        tracking(found.tracking, rig, found.plant, found.judged),
+        *([] if held is None else [pointing(held, HELD.format(found.held_on))]),
+        *([Section("Camera", [paragraph(NOT_HELD.format(found.why))])] if found.why and rig.aims else []),
+        data(rig, logs),
+        rig_section(rig),
     ]
-    every = [step() for step in tqdm(steps, desc="report", unit="section", disable=None, leave=False)]
-    return render(rig.title, every, rig.config.description)
+    return Page(rig.title, rig.config.description, sections).to_html()
 
 
 def diagnosed(rig: Rig, logs: Sequence[Log], found: Diagnosis) -> str:
     """Return the report of a diagnosis alone as HTML."""
-    return render(rig.title, [diagnosis(found), data(rig, logs), rig_section(rig)], rig.config.description)
+    return Page(rig.title, rig.config.description, [diagnosis(found), data(rig, logs), rig_section(rig)]).to_html()
 
 
 def carried(
@@ -77,7 +75,7 @@ def carried(
         parts += [pointing(held), animation(moving(rig, held), SCENE)]
     if steps is not None:
         parts.append(tracking(steps, rig, plant, judged))
-    return render(rig.title, [*parts, rig_section(rig)], rig.config.description)
+    return Page(rig.title, rig.config.description, [*parts, rig_section(rig)]).to_html()
 
 
 def moving(rig: Rig, held: Verified) -> str:
@@ -94,4 +92,4 @@ def animation(page: str, lead: str) -> Section:
     )
     how = paragraph("Drag to turn, scroll to zoom; the bar plays, pauses and seeks.")
     below = Markup('<div class="below">{}{}</div>').format(how, button)
-    return Section("Animation", Markup('<div class="animation">{}</div>').format(join([frame, below])), lead)
+    return Section("Animation", [Markup('<div class="animation">{}</div>').format(join([frame, below]))], lead)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from io import StringIO
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -83,9 +84,29 @@ def style(colours: Sequence[str] = PALETTE, name: str = "") -> Iterator[None]:
         yield
 
 
-def picture(make: Callable[[], Figure], alt: str, caption: str, colours: Sequence[str] = PALETTE) -> Markup:
-    """Return the figure that `make` draws, with its caption; `alt` is for those who cannot see it."""
-    return html.picture(drawn(make, alt, colours), caption)
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its caption, which is drawn when a page shows it; a terminal does not.
+
+    Attributes:
+        make: Draws it.
+        alt: For those who cannot see it.
+        caption: Below it.
+        colours: Of curves that ask for none.
+    """
+
+    make: Callable[[], Figure]
+    alt: str
+    caption: str
+    colours: Sequence[str] = PALETTE
+
+    def __html__(self) -> str:
+        """Return it as an element of a page."""
+        return html.figure(drawn(self.make, self.alt, self.colours), self.caption)
+
+    def __str__(self) -> str:
+        """Return no lines."""
+        return ""
 
 
 def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE) -> Markup:

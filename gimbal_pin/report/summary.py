@@ -25,7 +25,7 @@ from gimbal_pin.report.format import (
     rows_named,
     torque_text,
 )
-from gimbal_pin.report.html import Card, Section, bullets, cards, join, notice, paragraph
+from gimbal_pin.report.html import Card, Section, bullets, cards, notice, paragraph
 from gimbal_pin.report.tables import FAIR, GOOD, TOGETHER, grade
 from gimbal_pin.rig.brief import brief
 
@@ -71,7 +71,7 @@ class Summary:
         parts = [paragraph(self.found, f"headline {self.tone}"), notice("What to do", bullets(self.to_do))]
         parts += [notice("Take care", bullets(self.doubts))] if self.doubts else []
         parts += [paragraph(" ".join(self.details), "verdict"), cards(self.numbers)]
-        return Section("Summary", join(parts))
+        return Section("Summary", parts)
 
 
 def summary(

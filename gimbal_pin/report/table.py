@@ -8,12 +8,15 @@ from textwrap import wrap
 
 from markupsafe import Markup
 
+from gimbal_pin.errors import shortened
 from gimbal_pin.report.format import DASH
 
 Content = str | Markup
 """Text, or markup whose texts have been escaped; the terminal shows it without its tags."""
 WIDEST = 48
 """Widest first column in a terminal; a longer sum of parameters is wrapped."""
+LONGEST = 90
+"""Most characters of another cell in a terminal."""
 
 
 @dataclass(frozen=True)
@@ -51,20 +54,22 @@ class Table:
         return Markup('<div class="table" tabindex="0" role="region" aria-label="{}">{}</div>').format(label, inside)
 
     def __str__(self) -> str:
-        """Return it as lines in aligned columns."""
+        """Return it as lines in aligned columns under its caption, long cells cut."""
         lines = [[plain(cell) for cell in row] for row in (self.head, *self.rows)]
+        lines = [[first, *(shortened(cell, LONGEST) for cell in rest)] for first, *rest in lines]
         folded = []
         for first, *rest in lines:
             some, *more = wrap(first, WIDEST, break_long_words=False, break_on_hyphens=False) or [""]
             folded += [[some, *rest], *([f"  {part}", *[""] * len(rest)] for part in more)]
         widths = [max(map(len, column)) for column in zip(*folded)]
-        return "\n".join(
+        aligned = [
             "  ".join(
                 cell.ljust(width) if k < self.texts else cell.rjust(width)
                 for k, (cell, width) in enumerate(zip(row, widths))
             ).rstrip()
             for row in folded
-        )
+        ]
+        return "\n".join([*([self.caption] if self.caption else []), *aligned])
 
 
 def join(parts: Iterable[object]) -> Markup:

@@ -425,8 +425,7 @@ def tracking(found: Tracking, judged: Judgement, rig: Rig) -> str:
 
 def judgement(found: Judgement, rig: Rig) -> str:
     """What is claimed of a controller over a PID, and on what."""
-    table = tables.judgement(found, joints_of(rig))
-    return f"{table.caption}\n{table}"
+    return str(tables.judgement(found, joints_of(rig)))
 
 
 def exported(found: Exported, folder: Path) -> str:

@@ -200,7 +200,7 @@ def test_a_cause_began_with_the_first_log_that_has_it(
     told = run(*call, "-o", out)[1].splitlines()
     shown = [line for line in told if "cogging at joint0" in line]
     assert len(shown) == 2 and all(line.endswith((MONTHS[1], "first log")) for line in shown)
-    assert "Pass: A, B" in told and "Parameters over the fleet:" in told
+    assert "Pass: A, B" in told and "Parameters over the fleet" in told
     assert "Pass: A, B" in (out / "report.html").read_text()
     manifest.write_text(json.dumps({"rig": "chain.urdf", "logs": entries[:1]}))
     _, said, _ = run(*call, "-o", tmp_path / "today", "--reference", out)

@@ -26,6 +26,7 @@ from gimbal_pin.regression import Filtering
 from gimbal_pin.report import (
     FILES,
     Auto,
+    Page,
     Section,
     Table,
     evaluate,
@@ -34,7 +35,6 @@ from gimbal_pin.report import (
     joints_of,
     pages,
     plots,
-    render,
     summary,
     tables,
     text,
@@ -208,17 +208,15 @@ TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc"
 @example(EVIL)
 def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
     card = html.Card(text, text, text)
-    parts = join(
-        [
-            html.paragraph(text),
-            Table([text, "b"], [[text, html.toned(text, "good")]], caption=text),
-            html.cards([card]),
-            html.bullets([text]),
-            html.picture(Markup("<svg></svg>"), text),
-            html.bar(0.5, text),
-        ]
-    )
-    page = render(text, [Section(text, parts, text)], text)
+    parts = [
+        html.paragraph(text),
+        Table([text, "b"], [[text, html.toned(text, "good")]], caption=text),
+        html.cards([card]),
+        html.bullets([text]),
+        html.figure(Markup("<svg></svg>"), text),
+        html.bar(0.5, text),
+    ]
+    page = Page(text, text, [Section(text, parts, text)]).to_html()
     tree = parsed(page)
     assert {element.tag for element in tree.iter() if isinstance(element.tag, str)} <= {
         *("html", "head", "meta", "link", "title", "style", "body", "div", "nav", "ul", "li", "a", "header", "h1", "p"),
@@ -232,7 +230,7 @@ def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
 
 @given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
 def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
-    page = parsed(render("page", [Section(title, Markup("")) for title in titles]))
+    page = parsed(Page("page", "", [Section(title, [Markup("")]) for title in titles]).to_html())
     found = page.xpath("//main/section/@id")
     assert len(set(found)) == len(found) == len(titles)
     assert all(re.fullmatch(r"[a-z0-9-]+", anchor) for anchor in found)
@@ -454,7 +452,7 @@ def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(wa
     first = [e for e in walk.result.experiments if e.name == "all-axes"]
     ahead = replace(walk.result, experiments=tuple(first))
     behind = replace(walk.result, experiments=tuple(first[::-1]))
-    assert tracking(ahead, walk.rig) == tracking(behind, walk.rig)
+    assert tracking(ahead, walk.rig).html == tracking(behind, walk.rig).html
 
 
 def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
@@ -590,7 +588,7 @@ def test_names_that_would_break_the_page_are_only_text() -> None:
     evil = tuple(f"{EVIL}{k}" for k in range(rig.n))
     rig = replace(rig, name=EVIL, joints=evil, payload=EVIL, config=replace(rig.config, description=EVIL, motors={}))
     walk = walked(rig, EVIL)
-    assert parsed(render(EVIL, [Section("x", Markup("y"))])).findtext(".//title") == EVIL
+    assert parsed(Page(EVIL, "", [Section("x", [Markup("y")])]).to_html()).findtext(".//title") == EVIL
     tree = parsed(whole(walk, "<b>page</b>"))
     assert tree.xpath("//script") == [] and tree.xpath("//main//b//script") == []
     assert tree.findtext(".//h1").startswith(EVIL)

@@ -46,7 +46,7 @@ def pointing(found: Verified, note: str = "") -> Section:
         *[heading("Margins"), tables.held_margins(found)],
         *happened(found),
     ]
-    return Section("Camera", join(parts), "The platform moves; the camera should not.")
+    return Section("Camera", parts, "The platform moves; the camera should not.")
 
 
 def headline(found: Verified) -> str:
@@ -93,14 +93,14 @@ def find_hardest_joint(row: Row) -> tuple[str, float]:
     return row.runs[0].joints[int(np.argmax(shares))], float(shares.max())
 
 
-def happened(found: Verified) -> list[Markup]:
+def happened(found: Verified) -> list[object]:
     """Return what happened."""
     events = [f"{controller_name(row.controller)}: {event}" for row in found.rows for event in row.happened]
     rest = [f"and {len(events) - EVENTS} more, in the JSON"] * (len(events) > EVENTS)
     return [notice("What happened", bullets([*events[:EVENTS], *rest]))] if events else []
 
 
-def curves(found: Verified) -> Markup:
+def curves(found: Verified) -> plots.Picture:
     """Return line of sight, cumulative spectrum and torque as a picture."""
     run, names = found.rows[0].runs[0], listed(controller_name(row.controller) for row in found.rows)
     alt = f"Line of sight over time, its cumulative spectrum, and torque as a share of its limit, for {names}"
@@ -109,4 +109,4 @@ def curves(found: Verified) -> Markup:
         f"Line of sight of the first run: the largest distance from its slow part in each {stretch} ms; the jitter "
         "that all frequencies up to one add up to; torque, rms as a bar and the largest as a line, and its limit."
     )
-    return plots.picture(partial(chart.chart, found), alt, caption)
+    return plots.Picture(partial(chart.chart, found), alt, caption)

@@ -27,7 +27,7 @@ from gimbal_pin.report.format import (
 )
 from gimbal_pin.report.html import Section, bullets, heading, paragraph
 from gimbal_pin.report.plots import style
-from gimbal_pin.report.table import Content, Table, join
+from gimbal_pin.report.table import Content, Table
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
@@ -66,7 +66,7 @@ def rig_section(rig: Rig) -> Section:
         Table(head, limits, texts=2, caption="Joints and limits"),
         Table(more, motors, caption="Motors, sensors and loads, as given"),
     ]
-    return Section("Rig", join(parts), rig.config.description)
+    return Section("Rig", parts, rig.config.description)
 
 
 def about(rig: Rig) -> Markup:
@@ -115,9 +115,9 @@ def data(rig: Rig, logs: Sequence[Log]) -> Section:
     for log in logs[:DRAWN]:
         alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
         caption = f"{file_name(log.name)}: what was recorded; all joints should move, far and at many rates."
-        parts.append(plots.picture(partial(overview, rig, log), alt, caption, joint_colours(rig.joints)))
+        parts.append(plots.Picture(partial(overview, rig, log), alt, caption, joint_colours(rig.joints)))
     events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
-    return Section("Data", join([*parts, *([bullets(events)] if events else [])]), "What the model was learnt from.")
+    return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.")
 
 
 def covered(rig: Rig, logs: Sequence[Log], j: int, joint: Joint) -> list[Content]:
@@ -157,11 +157,11 @@ def inspection(found: Inspected) -> Section:
     parts: list[object] = [
         bullets([line for stream in found.streams for line in summarize_stream(stream)] + list(found.notes))
     ]
-    parts.append(plots.picture(partial(channels, found), f"Every channel of {found.name} over time", "As recorded."))
+    parts.append(plots.Picture(partial(channels, found), f"Every channel of {found.name} over time", "As recorded."))
     parts.append(tables.channels([channel for stream in found.streams for channel in stream.channels]))
     if found.rig is not None:
         parts += [heading(f"Mapping for {found.rig}"), Markup("<pre>{}</pre>").format(found.yaml)]
-    return Section(Path(found.name).name, join(parts))
+    return Section(Path(found.name).name, parts)
 
 
 def channels(found: Inspected) -> plots.Figure:

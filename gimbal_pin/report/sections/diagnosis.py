@@ -8,7 +8,6 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from markupsafe import Markup
 
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.counterfactual import COMPENSATION
@@ -21,7 +20,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import DASH, Joint, figures, forces, joints_of, list_altered, listed, torque_unit, units
 from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph, toned
-from gimbal_pin.report.table import Content, join
+from gimbal_pin.report.table import Content
 
 WRONG = "What the simulation gets wrong"
 VERDICTS = {
@@ -76,7 +75,7 @@ def diagnosis(found: Diagnosis) -> Section:
     notes = [*found.notes, *tables.list_unnamed(found), *list_altered(found.altered)]
     parts += [folded("Notes", bullets(notes))] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
-    return Section(WRONG, join(parts), f"Held-out errors are of the part of the log that no choice has seen{band}.")
+    return Section(WRONG, parts, f"Held-out errors are of the part of the log that no choice has seen{band}.")
 
 
 def verdict(found: Diagnosis) -> str:
@@ -110,7 +109,7 @@ def show_finding(finding: Finding, likest: Sequence[Likeness], colour: str, beli
             f"How alike causes at {where} are on this log, each in the form most like the finding: at 1 it cannot part "
             f"two, from {ALIKE} on they are outlined."
         )
-        drawn = plots.picture(partial(cells, known, colour), alt, caption)
+        drawn = plots.Picture(partial(cells, known, colour), alt, caption)
         parts.append(folded(f"What looks like {known.causes[0]} here", drawn))
     return parts
 
@@ -143,7 +142,7 @@ def cells(known: Likeness, colour: str) -> plots.Figure:
     return figure
 
 
-def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> Markup:
+def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> plots.Picture:
     """Return the residual's four faces, one column per joint, in the rig's order."""
     order = sorted(ranked(found, joints)[:MOST])
     shown = [joints[j] for j in order]
@@ -154,7 +153,7 @@ def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> Ma
     )
     if any(found.residual[joint.name].curve is not None for joint in shown):
         caption += " Black: what no cause explains and the extended model carries, within two standard deviations."
-    return plots.picture(partial(faces, found, joints, order, held), alt, caption)
+    return plots.Picture(partial(faces, found, joints, order, held), alt, caption)
 
 
 def ranked(found: Diagnosis, joints: tuple[Joint, ...]) -> list[int]:
@@ -243,7 +242,7 @@ class Measure(NamedTuple):
     after: Mapping[str, float]
 
 
-def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
+def gain(found: Diagnosis, joints: Sequence[Joint]) -> plots.Picture:
     """Return the three measures of the gain as bars."""
     several = measures(found, joints)
     text = "; ".join(
@@ -260,7 +259,7 @@ def gain(found: Diagnosis, joints: Sequence[Joint]) -> Markup:
     told += f"({describe_motion(found.after.rig)})."
     caption += told if found.tracking else "."
     caption += "".join(f" {line}." for line in describe_worse_tracking(found.tracking))
-    return plots.picture(partial(bars, several, tuple(joints)), alt, caption)
+    return plots.Picture(partial(bars, several, tuple(joints)), alt, caption)
 
 
 def measures(found: Diagnosis, joints: Sequence[Joint]) -> list[Measure]:

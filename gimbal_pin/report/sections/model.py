@@ -28,7 +28,6 @@ from gimbal_pin.report.format import (
     torque_unit,
 )
 from gimbal_pin.report.html import Section, bullets, heading, paragraph
-from gimbal_pin.report.table import join
 
 Flags = NDArray[np.bool_]
 
@@ -60,7 +59,7 @@ def parameters(found: Identified, evaluated: Evaluated, payload: PayloadStatemen
     bands = "Torque of all effects over the joint's rate, to one scale: where the 95 % band is wide, it is guessed."
     parts: list[object] = [
         paragraph(overall(found, every)),
-        plots.picture(partial(whiskers, every, force), alt, caption),
+        plots.Picture(partial(whiskers, every, force), alt, caption),
         heading("Base parameters"),
         paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
         tables.parameters(every[:width], bound and bound[:width], "Base parameters", force),
@@ -68,9 +67,9 @@ def parameters(found: Identified, evaluated: Evaluated, payload: PayloadStatemen
         *([heading("Balance"), bullets(payload.advice)] if payload.advice and aims else []),
         heading("Friction and other effects"),
         tables.parameters(every[width:], bound and bound[width:], "Friction and other effects", force),
-        plots.picture(partial(curves, found, evaluated), friction, bands),
+        plots.Picture(partial(curves, found, evaluated), friction, bands),
     ]
-    return Section("Parameters", join(parts), "What the log says of the rig, with 95 % intervals.")
+    return Section("Parameters", parts, "What the log says of the rig, with 95 % intervals.")
 
 
 def overall(found: Identified, every: Sequence[Known]) -> str:
@@ -173,13 +172,13 @@ def torque(found: Identified, evaluated: Evaluated) -> Section:
             "judged where it moves: near standstill dry friction bears any torque, and motion does not tell which."
         ),
         tables.torque_errors(found, evaluated),
-        plots.picture(partial(overlays, joints, window), alt, caption),
+        plots.Picture(partial(overlays, joints, window), alt, caption),
         heading("What is left"),
-        plots.picture(
+        plots.Picture(
             partial(clouds, joints, evaluated), f"Residual torque of {names} over rate, and its histogram", left
         ),
     ]
-    return Section("Torque", join(parts), f"Measured against predicted, {where}.")
+    return Section("Torque", parts, f"Measured against predicted, {where}.")
 
 
 def worst(evaluated: Evaluated) -> tuple[Part, bool]:
