@@ -29,6 +29,7 @@ class Table:
         texts: How many columns from the left hold text; the others hold numbers, set flush right.
         caption: A line above it.
         label: What it is, for those who cannot see the heading above it; not needed with a caption.
+        is_detail: Whether a terminal shows it only where everything is asked for.
     """
 
     head: Sequence[Content]
@@ -36,6 +37,7 @@ class Table:
     texts: int = 1
     caption: str = ""
     label: str = ""
+    is_detail: bool = False
 
     def __html__(self) -> str:
         """Return it as an element of a page."""

@@ -171,6 +171,26 @@ def residual(found: Diagnosis) -> Table:
     return Table(head, rows, texts=2, label="Torque error before and after")
 
 
+def gain(found: Diagnosis, joints: Sequence[Joint]) -> Table:
+    """What a simulation from the torque, and a simulated controller, are off by without and with what was found."""
+    pairs = [("Simulated", found.baseline["rollout_rmse"], found.extended["rollout_rmse"], "cannot be simulated")]
+    if found.tracking:
+        before, after = ({name: x[key] for name, x in found.tracking.items()} for key in ("rms_before", "rms_after"))
+        pairs.append(("Tracking error", before, after, "not stable"))
+
+    def cell(joint: Joint, value: float, other: float, none: str) -> Content:
+        top = max((x for x in (value, other) if isfinite(x)), default=0.0) or 1.0
+        return bar(value / top, joint.text(value, digits=2)) if isfinite(value) else none
+
+    head = ["Joint", *(f"{name}, {when}" for name, *_ in pairs for when in ("before", "after"))]
+    rows = [
+        [joint.label, *(cell(joint, x[joint.name], y[joint.name], none)
+                        for _, a, b, none in pairs for x, y in ((a, b), (b, a)))]
+        for joint in joints
+    ]  # fmt: skip
+    return Table(head, rows, label="Errors of simulations before and after")
+
+
 def list_curves(found: Diagnosis) -> list[str]:
     """Say of each table that the extended model carries where it acts, and how large it is."""
     lines = []
@@ -235,7 +255,8 @@ def rivals(finding: Finding) -> Table:
             ]
         )
     head = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Probability", "Ruled out by this log"]
-    return Table(head, rows, label=f"Causes that were fitted in the place of {finding.cause}")
+    label = f"Causes that were fitted in the place of {finding.cause}"
+    return Table(head, rows, label=label, is_detail=True)
 
 
 # -- controllers -------------------------------------------------------------------------------------------------------

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Rehearsal, Rehearsed
-    from gimbal_pin.diagnosis.result import Finding
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
     from gimbal_pin.excitation import AssumedLimit, Excitation, ExpectedEstimate
@@ -187,9 +186,9 @@ def identified(found: Identified, payload: PayloadStatement) -> str:
     return "\n".join([*warned, *describe_model(found), *(describe_payload(payload) if found.model.rig.aims else [])])
 
 
-def describe_payload(payload: PayloadStatement, caveats: str = "") -> list[str]:
+def describe_payload(payload: PayloadStatement) -> list[str]:
     """Where the payload sits, what it weighs, and how to balance it."""
-    return [*(f"given model{caveats}: {line}" for line in payload.lines), *payload.advice]
+    return [*(f"given model: {line}" for line in payload.lines), *payload.advice]
 
 
 def describe_model(found: Identified) -> list[str]:
@@ -308,22 +307,10 @@ def following(found: Progress, said: int) -> str:
 
 def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
     """Verdict, findings, what is left at each joint, and where the files lie."""
-    lines = [f"verdict: {found.verdict}{doubted(found)}"]
-    lines += [""] if found.spoiling or found.findings else []
-    for fault in found.spoiling:
-        lines += [f"{fault.sentence}; {fault.next_experiment}", *(f"  {tables.state_size(p)}" for p in fault.answer)]
-    lines += [line for finding in found.findings for line in about_finding(finding)]
-    lines += [DEVIATIONS] if any("±" in line for line in lines) else []
-    lines += [] if found.planned is None else [f"next: {line}" for line in found.planned.lines]
-    if found.residual:
-        lines += ["", str(tables.residual(found)), *([f"({found.hidden})"] if found.hidden else [])]
-        lines += tables.list_curves(found)
-        lines += [f"({tables.ALONE[0].lower()}{tables.ALONE[1:]})"] if len(found.findings) > 1 else []
-    lines += tracking_gain(found)
-    if found.after.rig.aims:
-        lines += describe_payload(found.given, caveats(found))
-    lines += [f"note: {note}" for note in found.notes] + list_altered(found.altered)
-    return "\n".join(lines + tables.list_unnamed(found) + [f"{what}: {path}" for what, path in files.items()])
+    from gimbal_pin.report.sections.diagnosis import diagnosis as show
+
+    lines = [f"verdict: {found.verdict}", show(found).to_text(), ""]
+    return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
 
 
 def rehearsal(found: Rehearsal) -> str:
@@ -349,49 +336,6 @@ def describe_rehearsed(row: Rehearsed) -> tuple[str | None, ...]:
     others = [x.cause if x.joint in (None, row.joint) else f"{x.cause} at {x.joint}" for x in row.confused_with]
     share = f"{figures(100 * seen.share_of_torque, 2)} %"
     return (row.joint or "rig", row.cause, seen.parameter, *sizes, share, ", ".join(others) or None)
-
-
-def doubted(found: Diagnosis) -> str:
-    """Which findings a verdict of named does not speak of: those whose cause the logs leave open."""
-    open_ = [f"{'/'.join(one.alike)} at {one.joint or 'rig'}" for one in found.findings if one.status == "ambiguous"]
-    if found.findings and not found.lacking:
-        return f", by the platform's motion alone, which its IMU tells the model; beside that: {found.beside}"
-    return f", but for {', '.join(open_)}: which of these it is, is open" if found.verdict == "named" and open_ else ""
-
-
-def caveats(found: Diagnosis) -> str:
-    """Why the payload's figures differ from those of a finding about it, and whether they are only rough."""
-    own = any(one.cause.startswith("payload-") for one in found.findings)
-    odd = [joint for joint, left in found.residual.items() if left.state == "structured"]
-    rough = f" (rough: something unknown is left at {', '.join(odd)})" if odd else ""
-    return (", its inertias left open, which those of the findings are not" if own else "") + rough
-
-
-def about_finding(finding: Finding) -> list[str]:
-    """A finding's sentence, what it could be instead, and its figures."""
-    lines = [finding.sentence]
-    lines += [f"  {finding.open}; try {finding.experiment}"] if finding.open else []
-    said = "; ".join(filter(None, (tables.state_probability(finding), tables.state_sizes(finding))))
-    return [*lines, *([f"  {said}"] if said else [])]
-
-
-def tracking_gain(found: Diagnosis) -> list[str]:
-    """How closely a controller follows with the found causes compensated, and without."""
-    from gimbal_pin.diagnosis.gain import describe_motion, describe_worse_tracking
-
-    if not found.tracking:
-        return []
-    rig = found.after.rig
-    looks = {joint.name: joint for joint in joints_of(rig)}
-    sizes = {
-        name: [looks[name].text(row[f"rms_{at}"], digits=2) for at in ("before", "after")]
-        for name, row in found.tracking.items()
-    }
-    each = [f"{name} {before} → {after}" for name, (before, after) in sizes.items()]
-    said = (
-        f"tracking error in simulation, rms, without and with compensation: {', '.join(each)} ({describe_motion(rig)})"
-    )
-    return [said, *describe_worse_tracking(found.tracking)]
 
 
 # -- controllers -------------------------------------------------------------------------------------------------------

@@ -204,7 +204,7 @@ def test_a_cause_began_with_the_first_log_that_has_it(
     assert "Pass: A, B" in (out / "report.html").read_text()
     manifest.write_text(json.dumps({"rig": "chain.urdf", "logs": entries[:1]}))
     _, said, _ = run(*call, "-o", tmp_path / "today", "--reference", out)
-    assert "Parameters of the reference fleet:" in said and "1 unit, 1 log, against" in said and "cogging" not in said
+    assert "Parameters of the reference fleet" in said and "1 unit, 1 log, against" in said and "cogging" not in said
 
 
 def test_manifests_in_yaml_parquet_and_csv_are_one(folder: Path, tmp_path: Path) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from math import isfinite
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +17,8 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import DASH, Joint, figures, forces, joints_of, list_altered, listed, torque_unit, units
-from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph, toned
+from gimbal_pin.report.format import Joint, joints_of, list_altered, listed, torque_unit
+from gimbal_pin.report.html import Part, Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.table import Content
 
 WRONG = "What the simulation gets wrong"
@@ -30,7 +29,7 @@ VERDICTS = {
     "nothing": "The refitted model is as good as the data: nothing more can be found in this log.",
     "data": "The log itself is at fault: nothing that it seems to say about the rig should be believed.",
 }
-MOVED = "The platform's motion is in it, as the IMU tells it: below stands what that is worth."
+MOVED = "This is by the platform's motion alone, as its IMU tells it: below stands what that is worth."
 SPOILT = "What a fit of the log finds all the same, and what is not to be acted on:"
 ALIKE = 0.95
 """Correlation from which on two causes are outlined."""
@@ -42,15 +41,15 @@ SEGMENT = 8.0
 """Length of the stretches that a spectrum is averaged over, s."""
 OPEN = 0.5
 """Weight of a sample from which on it is drawn."""
-THICK = 0.34
-"""Thickness of a bar, in rows."""
+GAINS = "Simulated: the position after 0.2 s of simulation from the held-out torque, off by so much, rms."
 
 
 def diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
     parts: list[object] = [paragraph(toned(verdict(found), "good" if found.beside == "nothing" else "fair"))]
     if found.spoiling:
-        parts.append(bullets(f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling))
+        faults = [f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling]
+        parts.append(bullets([*faults, *(tables.state_size(p) for fault in found.spoiling for p in fault.answer)]))
         parts += [paragraph(SPOILT)] if found.findings else []
     joints = () if found.held is None else joints_of(found.held.rig)
     colours = {joint.name: joint.colour for joint in joints}
@@ -60,20 +59,21 @@ def diagnosis(found: Diagnosis) -> Section:
     if found.planned is not None:
         parts += [heading("The next experiment"), bullets(found.planned.lines)]
     if found.held is not None:
-        parts += [heading("What is left")] if found.findings else []
-        parts.append(tables.residual(found))
+        parts += [heading("What is left"), tables.residual(found)]
         parts += [paragraph(f"{tables.ALONE}.", "side")] if len(found.findings) > 1 else []
         parts += [paragraph(f"{found.hidden[0].upper()}{found.hidden[1:]}.", "side")] if found.hidden else []
         parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
         parts.append(residuals(found, joints, found.held))
-        parts += [heading("What knowing it gains"), gain(found, joints)] if found.findings or found.is_extended else []
+    if found.held is not None and (found.findings or found.is_extended):
+        parts += [heading("What knowing it gains"), tables.gain(found, joints), paragraph(GAINS, "side")]
+        if found.tracking:
+            parts.append(paragraph(f"Tracking errors: {describe_motion(found.after.rig)}.", "side"))
+        parts += [paragraph(f"{line}.") for line in describe_worse_tracking(found.tracking)]
     if found.given.lines and found.after.rig.aims:
-        parts += [
-            heading("The given model against the refitted one"),
-            bullets((*found.given.lines, *found.given.advice)),
-        ]
+        parts += [heading("The given model"), bullets((*found.given.lines, *found.given.advice))]
+        parts += qualify_payload(found)
     notes = [*found.notes, *tables.list_unnamed(found), *list_altered(found.altered)]
-    parts += [folded("Notes", bullets(notes))] if notes else []
+    parts += [folded("Notes", bullets(notes), is_detail=False)] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
     return Section(WRONG, parts, f"Held-out errors are of the part of the log that no choice has seen{band}.")
 
@@ -86,10 +86,22 @@ def verdict(found: Diagnosis) -> str:
     return f"{VERDICTS[found.beside]}{more}{moved}"
 
 
-def show_finding(finding: Finding, likest: Sequence[Likeness], colour: str, believed: bool = True) -> list[object]:
+def qualify_payload(found: Diagnosis) -> list[Part]:
+    """Why the payload's figures differ from those of a finding about it, and whether they are only rough."""
+    said = []
+    if any(one.cause.startswith("payload-") for one in found.findings):
+        said.append("Here the payload's inertias are left open, which those of the findings are not.")
+    if odd := [joint for joint, left in found.residual.items() if left.state == "structured"]:
+        said.append(f"These figures are rough: something unknown is left at {listed(odd)}.")
+    return [paragraph(one, "side") for one in said]
+
+
+def show_finding(
+    finding: Finding, likest: Sequence[Likeness] = (), colour: str = plots.PLAIN, believed: bool = True
+) -> list[object]:
     """A finding: its sentence, its figures, what it could be instead, and which causes look like it."""
     chance, sizes = tables.state_probability(finding), tables.state_sizes(finding)
-    lines: list[Content] = [f"{chance[0].upper()}{chance[1:]}, of all causes that were fitted there."] if chance else []
+    lines: list[Content] = [f"{chance[0].upper()}{chance[1:]}."]
     lines += [f"{sizes}{' (± is one standard deviation)' if finding.sized else ''}."] if sizes else []
     if finding.open:
         lines.append(f"{finding.open[0].upper()}{finding.open[1:]}. Try {finding.experiment}.")
@@ -98,10 +110,12 @@ def show_finding(finding: Finding, likest: Sequence[Likeness], colour: str, beli
         lines.append(f"What to do about it: {COMPENSATION if cause is None else cause.compensation}.")
     before, after = (finding.gain[f"rollout_rmse_{when}"] for when in ("before", "after"))
     if before > 0 and isfinite(after):
-        said = f"{digits(after / before, 2)} times what it was without it"
-        lines.append(f"Simulated from the same torque, the angle is off by {said}.")
+        share = digits(after / before, 2)
+        lines.append(f"Simulated from the same torque, the angle is off by {share} times what it was without it.")
+    said = finding.sentence.removeprefix(f"{finding.joint or 'rig'}: {finding.cause}, ")
     parts: list[object] = [heading(f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}")]
-    parts += [paragraph(finding.sentence), bullets(lines), *([tables.rivals(finding)] if finding.rivals else [])]
+    parts += [paragraph(f"{said[:1].upper()}{said[1:]}."), bullets(lines)]
+    parts += [tables.rivals(finding)] if finding.rivals else []
     for known in likest if likest and len(likest[0].causes) > 1 else ():
         where = known.joint or "the rig"
         alt = f"Correlation of what the causes like {known.causes[0]} at {where} can explain on this log"
@@ -224,84 +238,3 @@ def over_frequency(axes: plots.Axes, held: Evidence, error: Array, colour: str) 
 def channel(held: Evidence, name: str, joint: int) -> Array:
     """One channel of one joint over all parts."""
     return np.concatenate([getattr(part.channels, name)[:, joint] for part in held.parts])
-
-
-class Measure(NamedTuple):
-    """One of the three measures.
-
-    Attributes:
-        title: What it is.
-        none: What it means where there is no figure.
-        before: Joint → figure, in the unit of the axis.
-        after: The same with all findings.
-    """
-
-    title: str
-    none: str
-    before: Mapping[str, float]
-    after: Mapping[str, float]
-
-
-def gain(found: Diagnosis, joints: Sequence[Joint]) -> plots.Picture:
-    """Return the three measures of the gain as bars."""
-    several = measures(found, joints)
-    text = "; ".join(
-        f"{joint.name} {figures(m.before[joint.name])} to {figures(m.after[joint.name])}"
-        for m in several
-        for joint in joints
-    )
-    alt = f"Errors before and after, {', '.join(m.title for m in several)}: {text}"
-    caption = (
-        "Before (grey) and after (colour), each joint to its own scale: torque predicted on the held-out part; "
-        "position after 0.2 s of simulation from the held-out torque"
-    )
-    told = "; and a simulated controller's tracking error without and with the causes compensated "
-    told += f"({describe_motion(found.after.rig)})."
-    caption += told if found.tracking else "."
-    caption += "".join(f" {line}." for line in describe_worse_tracking(found.tracking))
-    return plots.Picture(partial(bars, several, tuple(joints)), alt, caption)
-
-
-def measures(found: Diagnosis, joints: Sequence[Joint]) -> list[Measure]:
-    """Return the measures in the units in which they are drawn."""
-    scale, unit = torque_unit(max(found.baseline["torque_rmse"].values()), forces(joints))
-    torque = [{name: scale * x for name, x in part["torque_rmse"].items()} for part in (found.baseline, found.extended)]
-    turn = {joint.name: joint.scale for joint in joints}
-    rolled, followed = (
-        [{name: turn[name] * x for name, x in part.items()} for part in pair]
-        for pair in (
-            (found.baseline["rollout_rmse"], found.extended["rollout_rmse"]),
-            [{name: row[key] for name, row in found.tracking.items()} for key in ("rms_before", "rms_after")],
-        )
-    )
-    angle = units(joints)
-    out = [Measure(f"torque error, {unit} rms", DASH, *torque)]
-    out.append(Measure(f"rollout error, {angle} rms", "cannot be simulated", *rolled))
-    return [*out, Measure(f"tracking error, {angle} rms", "not stable", *followed)] if found.tracking else out
-
-
-def bars(several: Sequence[Measure], joints: Sequence[Joint]) -> plots.Figure:
-    """Draw the measures side by side."""
-    height = 0.6 * len(joints) + 0.9
-    figure, panels = plots.panels(1, len(several), height, gaps=(0.55, 0.35))
-    for k, (axes, measure) in enumerate(zip(panels[0], several)):
-        pairs(axes, measure, joints)
-        axes.set_title(measure.title, fontsize=9.5)
-        axes.set_yticks(range(len(joints)), [joint.name for joint in joints] if k == 0 else [""] * len(joints))
-    return figure
-
-
-def pairs(axes: plots.Axes, measure: Measure, joints: Sequence[Joint]) -> None:
-    """Draw a pair of bars per joint, as shares of the joint's own larger figure, each with its figure."""
-    for i, joint in enumerate(joints):
-        both = measure.before[joint.name], measure.after[joint.name]
-        top = max((x for x in both if isfinite(x)), default=0.0) or 1.0
-        for value, colour, side in zip(both, (plots.PLAIN, joint.colour), (-0.5, 0.5)):
-            share, at = value / top if isfinite(value) else 0.0, i + side * THICK
-            axes.barh(at, share, 0.9 * THICK, color=colour)
-            label = figures(value, 2) if isfinite(value) else measure.none
-            axes.text(share + 0.02, at, label, va="center", fontsize=8.5)
-    axes.set(xlim=(0, 1.25), ylim=(len(joints) - 0.4, -0.6), xticks=[])
-    axes.grid(False)
-    axes.tick_params(axis="y", length=0)
-    axes.spines["bottom"].set_visible(False)
