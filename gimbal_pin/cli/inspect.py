@@ -52,10 +52,10 @@ def inspect(
     if yaml is not None:
         atomic_write(yaml, found[0].yaml)
     if output is not None and output.suffix.lower() == ".html":
-        from gimbal_pin.report.html import Page
+        from gimbal_pin.report.html import Document
         from gimbal_pin.report.sections.data import inspection
 
-        atomic_write(output, Page("What the logs hold", "", [inspection(one) for one in found]).to_html())
+        atomic_write(output, Document("What the logs hold", "", [inspection(one) for one in found]).to_html())
     elif output is not None:
         from gimbal_pin.report.sections.data import draw
 

@@ -15,7 +15,7 @@ from gimbal_pin.fleet.population import Deviation, DeviationKind
 from gimbal_pin.fleet.study import PLATFORM, SCALES, STEPS
 from gimbal_pin.report import plots
 from gimbal_pin.report.format import DASH, PALETTE, figures, interval, percent
-from gimbal_pin.report.html import Card, Page, Section, cards, folded, paragraph
+from gimbal_pin.report.html import Card, Document, Section, cards, folded, paragraph
 from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def _make_panels(count: int, top: float) -> tuple[Figure, Sequence[Axes]]:
 # -- a Monte Carlo study -----------------------------------------------------------------------------------------------
 
 
-def describe_monte_carlo(found: MonteCarlo) -> Page:
+def describe_monte_carlo(found: MonteCarlo) -> Document:
     """Return how many rigs meet what was asked for, how the figures are spread, what costs most, and the worst."""
     own, lead = (
         found.yield_,
@@ -56,7 +56,7 @@ def describe_monte_carlo(found: MonteCarlo) -> Page:
     if own is not None:
         share, low, high = (percent(100 * x) for x in (own.value, own.low, own.high))
         top.insert(0, Card("Yield", share, f"{low} to {high}, 95 % confidence"))
-    picture = plots.Picture(
+    picture = plots.Drawing(
         partial(_draw_distributions, found),
         "Histograms of the figures over all rigs",
         "All rigs that could be simulated; dashed: the specification.",
@@ -69,7 +69,7 @@ def describe_monte_carlo(found: MonteCarlo) -> Page:
         Section("What costs most", influences, lead),
         Section("The worst", [_tabulate_worst(found)], worst),
     ]
-    return Page(f"Monte Carlo: {found.rig}", found.payload or "", sections)
+    return Document(f"Monte Carlo: {found.rig}", found.payload or "", sections)
 
 
 def _format_figure(unit: str, value: float | None) -> str:
@@ -152,7 +152,7 @@ def _draw_distributions(found: MonteCarlo) -> Figure:
 # -- a fleet -----------------------------------------------------------------------------------------------------------
 
 
-def describe_fleet(found: Fleet) -> Page:
+def describe_fleet(found: Fleet) -> Document:
     """Return who passes and why the others do not, the fleet's parameters, what changed, and the causes."""
     looks = {Verdict.FAIL: ("Fail", "poor"), Verdict.RETEST: ("Test again", "fair"), Verdict.PASS: ("Pass", "good")}
     units, counts = len(found.units), found.counts
@@ -168,7 +168,7 @@ def describe_fleet(found: Fleet) -> Page:
     verdicts += [paragraph(f"{odd - FIRST} more are in the JSON.")] if odd > FIRST else []
     verdicts += [paragraph(f"Pass: {_join_names(passing, FIRST)}")] if passing else []
     verdicts += [folded("All that pass", ", ".join(passing))] if len(passing) > FIRST else []
-    strip = plots.Picture(
+    strip = plots.Drawing(
         partial(_draw_units, found),
         "Every log's parameters about the fleet's means",
         "A dot per log. Dashed: the offset that the median unit's logs show in one of two cases. Named: units that are "
@@ -176,7 +176,7 @@ def describe_fleet(found: Fleet) -> Page:
         "whose logs, together, do not tell it from its siblings, such as an uncertain one.",
     )
     changes = [own for unit in found.units for own in unit.deviations if own.kind is not DeviationKind.OFFSET][:PANELS]
-    drawn = plots.Picture(
+    drawn = plots.Drawing(
         partial(_draw_changes, found, changes),
         "Parameters that changed, over time",
         "Each log with its 95 % interval; grey: the fleet's mean, and what a unit's logs do not tell from it.",
@@ -189,7 +189,7 @@ def describe_fleet(found: Fleet) -> Page:
         Section("Changes", [drawn] if changes else [], ""),
         Section("Causes", causes, "What diagnose names, and of how many units."),
     ]
-    return Page(f"Fleet: {found.rig}", found.payload or "", sections)
+    return Document(f"Fleet: {found.rig}", found.payload or "", sections)
 
 
 def _describe_verdicts(found: Fleet) -> str:

@@ -10,7 +10,7 @@ from .evaluation import Evaluated as Evaluated
 from .evaluation import evaluate as evaluate
 from .format import figures as figures
 from .format import joints_of as joints_of
-from .html import Page as Page
+from .html import Document as Document
 from .html import Section as Section
 from .pipeline import FILES as FILES
 from .pipeline import Auto as Auto

@@ -17,7 +17,7 @@ from gimbal_pin.report.table import Content, Table, join, plain
 
 
 @dataclass(frozen=True)
-class Part:
+class Element:
     """A piece of a section.
 
     Attributes:
@@ -45,7 +45,7 @@ class Section:
 
     Attributes:
         title: Heading, and entry of the table of contents.
-        parts: The content: a `Part`, a `Table`, a picture, or plain `Markup`, which a terminal leaves out.
+        parts: The content: a `Element`, a `Table`, a picture, or plain `Markup`, which a terminal leaves out.
         lead: A sentence under the heading that says what is seen here.
     """
 
@@ -71,7 +71,7 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Page:
+class Document:
     """Sections under a title; those without parts are left out."""
 
     title: str
@@ -119,22 +119,22 @@ def template(package: str, name: str, **values: Any) -> str:
     return environment.from_string(files(package).joinpath(name).read_text(encoding="utf-8")).render(**values)
 
 
-def paragraph(text: Content, kind: str = "") -> Part:
+def paragraph(text: Content, kind: str = "") -> Element:
     """Return a paragraph."""
     html = Markup('<p class="{}">{}</p>').format(kind, text) if kind else Markup("<p>{}</p>").format(text)
-    return Part(html, plain(text))
+    return Element(html, plain(text))
 
 
-def heading(text: Content) -> Part:
+def heading(text: Content) -> Element:
     """Return a heading inside a section."""
-    return Part(Markup("<h3>{}</h3>").format(text), f"\n{plain(text)}")
+    return Element(Markup("<h3>{}</h3>").format(text), f"\n{plain(text)}")
 
 
-def bullets(items: Iterable[Content], *, is_detail: bool = False) -> Part:
+def bullets(items: Iterable[Content], *, is_detail: bool = False) -> Element:
     """Return a list."""
     several = list(items)
     html = Markup("<ul>{}</ul>").format(join(Markup("<li>{}</li>").format(item) for item in several))
-    return Part(html, "\n".join(f"  {plain(item)}" for item in several), is_detail)
+    return Element(html, "\n".join(f"  {plain(item)}" for item in several), is_detail)
 
 
 def toned(text: Content, tone: str) -> Content:
@@ -148,12 +148,12 @@ def bar(share: float, text: str) -> Markup:
     return Markup('<span class="bar"><i style="width:{:.1f}%"></i><b>{}</b></span>').format(width, text)
 
 
-def cards(several: Sequence[Card]) -> Part:
+def cards(several: Sequence[Card]) -> Element:
     """Return headline numbers side by side, in rows of equal length."""
     one = Markup('<div class="card {}"><span>{}</span><strong>{}</strong><small>{}</small></div>')
     inside = join(one.format(card.tone, card.label, card.value, card.note) for card in several)
     columns = min(range(2, 5), key=lambda k: (-len(several) % k, -k))
-    return Part(Markup('<div class="cards" style="--columns:{}">{}</div>').format(columns, inside))
+    return Element(Markup('<div class="cards" style="--columns:{}">{}</div>').format(columns, inside))
 
 
 def figure(svg: Markup, caption: Content) -> Markup:
@@ -161,13 +161,13 @@ def figure(svg: Markup, caption: Content) -> Markup:
     return Markup('<figure><div class="plot">{}</div><figcaption>{}</figcaption></figure>').format(svg, caption)
 
 
-def notice(title: str, content: Part) -> Part:
+def notice(title: str, content: Element) -> Element:
     """Return something that must not be missed."""
     html = Markup('<aside class="notice"><strong>{}</strong>{}</aside>').format(title, content)
-    return Part(html, f"{title}\n{content}")
+    return Element(html, f"{title}\n{content}")
 
 
-def folded(summary: Content, content: object, *, is_detail: bool = True) -> Part:
+def folded(summary: Content, content: object, *, is_detail: bool = True) -> Element:
     """Return something that opens on a click; in a terminal it is a detail, if nothing else is said."""
     html = Markup("<details><summary>{}</summary>{}</details>").format(summary, content)
-    return Part(html, f"\n{plain(summary)}\n{content}", is_detail)
+    return Element(html, f"\n{plain(summary)}\n{content}", is_detail)

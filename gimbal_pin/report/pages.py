@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
@@ -17,7 +16,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Verified
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.format import controller_name
-from gimbal_pin.report.html import Page, Section, join, paragraph
+from gimbal_pin.report.html import Document, Section, join, paragraph
 from gimbal_pin.report.sections.camera import pointing
 from gimbal_pin.report.sections.control import margins, tracking
 from gimbal_pin.report.sections.data import data, rig_section
@@ -58,12 +57,12 @@ def full(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> str:
         data(rig, logs),
         rig_section(rig),
     ]
-    return Page(rig.title, rig.config.description, sections).to_html()
+    return Document(rig.title, rig.config.description, sections).to_html()
 
 
 def diagnosed(rig: Rig, logs: Sequence[Log], found: Diagnosis) -> str:
     """Return the report of a diagnosis alone as HTML."""
-    return Page(rig.title, rig.config.description, [diagnosis(found), data(rig, logs), rig_section(rig)]).to_html()
+    return Document(rig.title, rig.config.description, [diagnosis(found), data(rig, logs), rig_section(rig)]).to_html()
 
 
 def carried(
@@ -75,7 +74,7 @@ def carried(
         parts += [pointing(held), animation(moving(rig, held), SCENE)]
     if steps is not None:
         parts.append(tracking(steps, rig, plant, judged))
-    return Page(rig.title, rig.config.description, [*parts, rig_section(rig)]).to_html()
+    return Document(rig.title, rig.config.description, [*parts, rig_section(rig)]).to_html()
 
 
 def moving(rig: Rig, held: Verified) -> str:

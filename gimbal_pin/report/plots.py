@@ -85,7 +85,7 @@ def style(colours: Sequence[str] = PALETTE, name: str = "") -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Picture:
+class Drawing:
     """A figure with its caption, which is drawn when a page shows it; a terminal does not.
 
     Attributes:

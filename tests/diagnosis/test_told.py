@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis import (
     find_credible,
 )
 from gimbal_pin.effects import CAUSES, TorqueRipple
-from gimbal_pin.report.sections.diagnosis import qualify_payload, show_finding
+from gimbal_pin.report.sections import diagnosis as sections
 from gimbal_pin.rig import Rig
 from tests.command_line import Run
 from tests.diagnosis.test_forms import SEEN
@@ -39,10 +39,10 @@ def find(*rivals: Rival, untried: tuple[str, ...] = ()) -> Finding:
 def test_what_else_it_may_be_is_told_with_its_probability() -> None:
     found = find(Rival("actuator-lag", np.log(4.0), 1e6, "pan"), Rival("armature", 80.0, 9.0, "pan"))
     assert found.open == "this log cannot tell it from actuator-lag (16 %)"
-    said = "\n".join(map(str, show_finding(found)))
+    said = "\n".join(map(str, sections.show_finding(found)))
     assert f"  T{found.open[1:]}. Try a chirp." in said and "  Probability 64 %." in said
     named = find(Rival("armature", 80.0, 9.0, "pan"))
-    assert not named.open and "  Probability 80 %." in "\n".join(map(str, show_finding(named)))
+    assert not named.open and "  Probability 80 %." in "\n".join(map(str, sections.show_finding(named)))
 
 
 def test_probabilities_are_of_one_cause_and_sure_only_where_many_blocks_tell() -> None:
@@ -81,8 +81,8 @@ def test_less_than_one_turn_of_a_ripple_is_a_bend(harmonic: tuple[float, ...], b
 def test_beside_an_unknown_residual_the_payload_is_told_as_rough() -> None:
     left = {"pan": Residual("noise", 0.1, 1.0), "tilt": Residual("structured", 0.1, 9.0, 1.0, "slow")}
     some, none = (SimpleNamespace(findings=[], residual=rest) for rest in (left, {"pan": left["pan"]}))
-    assert str(qualify_payload(cast(Diagnosis, some))[0]).endswith("unknown is left at tilt.")
-    assert qualify_payload(cast(Diagnosis, none)) == []
+    assert str(sections.qualify_payload(cast(Diagnosis, some))[0]).endswith("unknown is left at tilt.")
+    assert sections.qualify_payload(cast(Diagnosis, none)) == []
 
 
 @pytest.mark.parametrize(
@@ -102,4 +102,4 @@ def test_what_may_hide_in_the_noise_is_told_where_that_is_much_of_the_torque(
 def test_two_deviations_of_one_shift_are_said_to_be_two(cause: str, told: bool) -> None:
     """The payload's figures beside a finding about it are taken with its inertias open."""
     found = SimpleNamespace(findings=[SimpleNamespace(cause=cause)], residual={})
-    assert bool(qualify_payload(cast(Diagnosis, found))) == told
+    assert bool(sections.qualify_payload(cast(Diagnosis, found))) == told

@@ -26,7 +26,7 @@ from gimbal_pin.regression import Filtering
 from gimbal_pin.report import (
     FILES,
     Auto,
-    Page,
+    Document,
     Section,
     Table,
     evaluate,
@@ -216,7 +216,7 @@ def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
         html.figure(Markup("<svg></svg>"), text),
         html.bar(0.5, text),
     ]
-    page = Page(text, text, [Section(text, parts, text)]).to_html()
+    page = Document(text, text, [Section(text, parts, text)]).to_html()
     tree = parsed(page)
     assert {element.tag for element in tree.iter() if isinstance(element.tag, str)} <= {
         *("html", "head", "meta", "link", "title", "style", "body", "div", "nav", "ul", "li", "a", "header", "h1", "p"),
@@ -230,7 +230,7 @@ def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
 
 @given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
 def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
-    page = parsed(Page("page", "", [Section(title, [Markup("")]) for title in titles]).to_html())
+    page = parsed(Document("page", "", [Section(title, [Markup("")]) for title in titles]).to_html())
     found = page.xpath("//main/section/@id")
     assert len(set(found)) == len(found) == len(titles)
     assert all(re.fullmatch(r"[a-z0-9-]+", anchor) for anchor in found)
@@ -588,7 +588,7 @@ def test_names_that_would_break_the_page_are_only_text() -> None:
     evil = tuple(f"{EVIL}{k}" for k in range(rig.n))
     rig = replace(rig, name=EVIL, joints=evil, payload=EVIL, config=replace(rig.config, description=EVIL, motors={}))
     walk = walked(rig, EVIL)
-    assert parsed(Page(EVIL, "", [Section("x", [Markup("y")])]).to_html()).findtext(".//title") == EVIL
+    assert parsed(Document(EVIL, "", [Section("x", [Markup("y")])]).to_html()).findtext(".//title") == EVIL
     tree = parsed(whole(walk, "<b>page</b>"))
     assert tree.xpath("//script") == [] and tree.xpath("//main//b//script") == []
     assert tree.findtext(".//h1").startswith(EVIL)

@@ -15,7 +15,6 @@ from gimbal_pin.report import camera_chart as chart
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import angle, controller_name, figures, listed
 from gimbal_pin.report.html import Card, Section, bullets, cards, heading, notice, paragraph
-from gimbal_pin.report.table import join
 from gimbal_pin.report.view import gaze
 from gimbal_pin.report.view.outlook import outlook
 
@@ -100,7 +99,7 @@ def happened(found: Verified) -> list[object]:
     return [notice("What happened", bullets([*events[:EVENTS], *rest]))] if events else []
 
 
-def curves(found: Verified) -> plots.Picture:
+def curves(found: Verified) -> plots.Drawing:
     """Return line of sight, cumulative spectrum and torque as a picture."""
     run, names = found.rows[0].runs[0], listed(controller_name(row.controller) for row in found.rows)
     alt = f"Line of sight over time, its cumulative spectrum, and torque as a share of its limit, for {names}"
@@ -109,4 +108,4 @@ def curves(found: Verified) -> plots.Picture:
         f"Line of sight of the first run: the largest distance from its slow part in each {stretch} ms; the jitter "
         "that all frequencies up to one add up to; torque, rms as a bar and the largest as a line, and its limit."
     )
-    return plots.Picture(partial(chart.chart, found), alt, caption)
+    return plots.Drawing(partial(chart.chart, found), alt, caption)

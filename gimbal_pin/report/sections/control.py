@@ -37,7 +37,7 @@ def margins(tuning: Tuning) -> Section:
         f"The loops of {controller_name(wish.kind)}, sampled and delayed as they will run: the further the "
         "Nyquist curves stay from −1, the safer."
     )
-    parts.append(plots.Picture(tuning.plot, alt, caption, [joint.colour for joint in joints_of(rig)]))
+    parts.append(plots.Drawing(tuning.plot, alt, caption, [joint.colour for joint in joints_of(rig)]))
     lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
     return Section("Controller", parts, lead)
 
@@ -60,7 +60,7 @@ def tracking(result: Tracking, rig: Rig, plant: str = "", judged: Judgement | No
     names = listed(controller_name(one.controller) for one in together)
     alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
     caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
-    parts.append(plots.Picture(partial(steps_figure, rig, together), alt, caption))
+    parts.append(plots.Drawing(partial(steps_figure, rig, together), alt, caption))
     lead = "Every controller meets the same steps and the same noise."
     return Section("Tracking", parts, lead)
 

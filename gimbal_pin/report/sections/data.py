@@ -115,7 +115,7 @@ def data(rig: Rig, logs: Sequence[Log]) -> Section:
     for log in logs[:DRAWN]:
         alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
         caption = f"{file_name(log.name)}: what was recorded; all joints should move, far and at many rates."
-        parts.append(plots.Picture(partial(overview, rig, log), alt, caption, joint_colours(rig.joints)))
+        parts.append(plots.Drawing(partial(overview, rig, log), alt, caption, joint_colours(rig.joints)))
     events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
     return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.")
 
@@ -157,7 +157,7 @@ def inspection(found: Inspected) -> Section:
     parts: list[object] = [
         bullets([line for stream in found.streams for line in summarize_stream(stream)] + list(found.notes))
     ]
-    parts.append(plots.Picture(partial(channels, found), f"Every channel of {found.name} over time", "As recorded."))
+    parts.append(plots.Drawing(partial(channels, found), f"Every channel of {found.name} over time", "As recorded."))
     parts.append(tables.channels([channel for stream in found.streams for channel in stream.channels]))
     if found.rig is not None:
         parts += [heading(f"Mapping for {found.rig}"), Markup("<pre>{}</pre>").format(found.yaml)]

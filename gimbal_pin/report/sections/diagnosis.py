@@ -18,7 +18,7 @@ from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import Joint, joints_of, list_altered, listed, torque_unit
-from gimbal_pin.report.html import Part, Section, bullets, folded, heading, paragraph, toned
+from gimbal_pin.report.html import Element, Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.table import Content
 
 WRONG = "What the simulation gets wrong"
@@ -86,7 +86,7 @@ def verdict(found: Diagnosis) -> str:
     return f"{VERDICTS[found.beside]}{more}{moved}"
 
 
-def qualify_payload(found: Diagnosis) -> list[Part]:
+def qualify_payload(found: Diagnosis) -> list[Element]:
     """Why the payload's figures differ from those of a finding about it, and whether they are only rough."""
     said = []
     if any(one.cause.startswith("payload-") for one in found.findings):
@@ -123,7 +123,7 @@ def show_finding(
             f"How alike causes at {where} are on this log, each in the form most like the finding: at 1 it cannot part "
             f"two, from {ALIKE} on they are outlined."
         )
-        drawn = plots.Picture(partial(cells, known, colour), alt, caption)
+        drawn = plots.Drawing(partial(cells, known, colour), alt, caption)
         parts.append(folded(f"What looks like {known.causes[0]} here", drawn))
     return parts
 
@@ -156,7 +156,7 @@ def cells(known: Likeness, colour: str) -> plots.Figure:
     return figure
 
 
-def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> plots.Picture:
+def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> plots.Drawing:
     """Return the residual's four faces, one column per joint, in the rig's order."""
     order = sorted(ranked(found, joints)[:MOST])
     shown = [joints[j] for j in order]
@@ -167,7 +167,7 @@ def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> pl
     )
     if any(found.residual[joint.name].curve is not None for joint in shown):
         caption += " Black: what no cause explains and the extended model carries, within two standard deviations."
-    return plots.Picture(partial(faces, found, joints, order, held), alt, caption)
+    return plots.Drawing(partial(faces, found, joints, order, held), alt, caption)
 
 
 def ranked(found: Diagnosis, joints: tuple[Joint, ...]) -> list[int]:

@@ -59,7 +59,7 @@ def parameters(found: Identified, evaluated: Evaluated, payload: PayloadStatemen
     bands = "Torque of all effects over the joint's rate, to one scale: where the 95 % band is wide, it is guessed."
     parts: list[object] = [
         paragraph(overall(found, every)),
-        plots.Picture(partial(whiskers, every, force), alt, caption),
+        plots.Drawing(partial(whiskers, every, force), alt, caption),
         heading("Base parameters"),
         paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
         tables.parameters(every[:width], bound and bound[:width], "Base parameters", force),
@@ -67,7 +67,7 @@ def parameters(found: Identified, evaluated: Evaluated, payload: PayloadStatemen
         *([heading("Balance"), bullets(payload.advice)] if payload.advice and aims else []),
         heading("Friction and other effects"),
         tables.parameters(every[width:], bound and bound[width:], "Friction and other effects", force),
-        plots.Picture(partial(curves, found, evaluated), friction, bands),
+        plots.Drawing(partial(curves, found, evaluated), friction, bands),
     ]
     return Section("Parameters", parts, "What the log says of the rig, with 95 % intervals.")
 
@@ -172,9 +172,9 @@ def torque(found: Identified, evaluated: Evaluated) -> Section:
             "judged where it moves: near standstill dry friction bears any torque, and motion does not tell which."
         ),
         tables.torque_errors(found, evaluated),
-        plots.Picture(partial(overlays, joints, window), alt, caption),
+        plots.Drawing(partial(overlays, joints, window), alt, caption),
         heading("What is left"),
-        plots.Picture(
+        plots.Drawing(
             partial(clouds, joints, evaluated), f"Residual torque of {names} over rate, and its histogram", left
         ),
     ]
