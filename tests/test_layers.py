@@ -46,10 +46,10 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 231,
-    "percent of functions that are one word": 35,
+    "names at the top of more than one module": 225,
+    "percent of functions that are one word": 33,
     "upper-case constants": 927,
-    "distinct deep names imported by the tests": 128,
+    "distinct deep names imported by the tests": 127,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

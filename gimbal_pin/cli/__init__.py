@@ -11,54 +11,24 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from importlib import import_module
 from inspect import getdoc, signature
 from typing import Any
 
 import tyro
 
 from gimbal_pin.cli import paths
-from gimbal_pin.cli.animate import animate
-from gimbal_pin.cli.auto import auto
-from gimbal_pin.cli.demo import demo
-from gimbal_pin.cli.diagnose import diagnose
-from gimbal_pin.cli.excite import excite
-from gimbal_pin.cli.export import export
-from gimbal_pin.cli.fleet import fleet
-from gimbal_pin.cli.identify import identify
-from gimbal_pin.cli.inspect import inspect
-from gimbal_pin.cli.montecarlo import montecarlo
 from gimbal_pin.cli.present import complain, say
-from gimbal_pin.cli.rehearse import rehearse
-from gimbal_pin.cli.rigs import base, check, new_rig, rigs
-from gimbal_pin.cli.simulate import simulate
-from gimbal_pin.cli.track import track
-from gimbal_pin.cli.tune import tune
 from gimbal_pin.errors import GimbalPinError, UsageError
 
 AGAIN = 0.2
 """Time after which a signal is heard that a library has swallowed, s."""
+NAMES = (
+    "inspect rigs new_rig check base excite simulate rehearse identify diagnose tune track export animate auto "
+    "montecarlo fleet demo"
+)
 VERBS: Mapping[str, Callable[..., None]] = {
-    verb.__name__.replace("_", "-"): verb
-    for verb in (
-        inspect,
-        rigs,
-        new_rig,
-        check,
-        base,
-        excite,
-        simulate,
-        rehearse,
-        identify,
-        diagnose,
-        tune,
-        track,
-        export,
-        animate,
-        auto,
-        montecarlo,
-        fleet,
-        demo,
-    )
+    name.replace("_", "-"): getattr(import_module(f"gimbal_pin.cli.{name}"), name) for name in NAMES.split()
 }
 
 

@@ -4,52 +4,35 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from tyro.conf import OmitArgPrefixes, arg
+from tyro.conf import OmitArgPrefixes
 
-from gimbal_pin.cli.inputs import filtering, load_logs, play, run_of
-from gimbal_pin.cli.options import (
-    USUAL,
-    Alignment,
-    Cutoff,
-    EstimatorName,
-    Folder,
-    Gains,
-    Holdout,
-    Json,
-    Logs,
-    Map,
-    Mass,
-    Payload,
-    Plants,
-    RigName,
-    Seed,
-    Verbose,
-)
-from gimbal_pin.cli.present import noted, present
+from gimbal_pin.cli import options as opt
+from gimbal_pin.cli.inputs import choose_filter, describe_run, load_logs
+from gimbal_pin.cli.present import play, present, tell
 from gimbal_pin.report import text
 
 
 def auto(
-    rig: RigName,
-    logs: Logs,
-    output: Folder,
+    rig: opt.RigName,
+    logs: opt.Logs,
+    output: opt.AutoFolder,
     *,
-    payload: Payload = None,
-    mass: Mass = None,
-    map: Map = (),
-    cutoff: Cutoff = None,
-    alignment: Alignment = None,
-    estimator: EstimatorName = "weighted",
-    holdout: Holdout = None,
-    gains: Annotated[Gains, OmitArgPrefixes] = USUAL,
-    live: Annotated[bool, arg(help="show the result in a browser")] = False,
-    plants: Plants = 50,
-    seed: Seed = 0,
-    verbose: Verbose = False,
-    json: Json = None,
+    payload: opt.Payload = None,
+    mass: opt.Mass = None,
+    map: opt.Map = (),
+    cutoff: opt.Cutoff = None,
+    alignment: opt.Alignment = None,
+    estimator: opt.EstimatorName = "weighted",
+    holdout: opt.Holdout = None,
+    gains: Annotated[opt.Gains, OmitArgPrefixes] = opt.GAINS,
+    live: opt.Live = False,
+    plants: opt.Plants = 50,
+    seed: opt.Seed = 0,
+    verbose: opt.Verbose = False,
+    json: opt.Json = None,
 ) -> None:
     """All of it: identify, diagnose, extend the model, tune, verify, report and animation."""
-    asked_for = run_of("auto", locals())
+    asked = describe_run("auto", locals())
     import numpy as np
 
     from gimbal_pin.identification import ESTIMATORS
@@ -65,13 +48,13 @@ def auto(
         rng=np.random.default_rng(seed),
         estimator=ESTIMATORS[Method(estimator)],
         holdout=holdout,
-        filtering=filtering(cutoff, alignment),
+        filtering=choose_filter(cutoff, alignment),
         wish=gains.to_wish(find_interval(log.dt for log in read)),
-        run=asked_for,
+        run=asked,
         mass=mass,
         plants=plants,
     )
-    noted(found.notes)
+    tell(found.notes)
     present(text.auto(found, verbose), found.to_dict(), json)
     if live:
         play(loaded, found.animated)

@@ -5,48 +5,36 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from gimbal_pin.cli.inputs import filtering, load_logs, run_of
-from gimbal_pin.cli.options import (
-    BAND,
-    Alignment,
-    Holdout,
-    Json,
-    Logs,
-    Map,
-    Mass,
-    MaybeFolder,
-    Payload,
-    RigName,
-    Seed,
-    optional,
-)
+from gimbal_pin.cli import options as opt
+from gimbal_pin.cli.inputs import choose_filter, describe_run, load_logs
 from gimbal_pin.cli.paths import Writes
-from gimbal_pin.cli.present import noted, present
+from gimbal_pin.cli.present import present, tell
 from gimbal_pin.report import text
 
 
+def list_diagnosis_files(given: Mapping[str, Any]) -> list[str]:
+    """Return the names of the files that `diagnose` may put into a folder."""
+    from gimbal_pin.diagnosis.file import FILES
+
+    return list(FILES.values())
+
+
 def diagnose(
-    rig: RigName,
-    logs: Logs,
-    output: MaybeFolder = None,
+    rig: opt.RigName,
+    logs: opt.Logs,
+    output: Annotated[opt.Folder, Writes(run=list_diagnosis_files), opt.INTO] = None,
     *,
-    urdf: Annotated[
-        Path | None,
-        Writes(suffixes=(".urdf", ".xml")),
-        optional("FILE", "write the rig's URDF with the bodies and friction of the extended model"),
-    ] = None,
-    payload: Payload = None,
-    mass: Mass = None,
-    map: Map = (),
-    cutoff: Annotated[
-        float | None, BAND, optional(None, "highest frequency that is looked at", "12, more for teeth")
-    ] = None,
-    alignment: Alignment = None,
-    holdout: Holdout = None,
-    seed: Seed = 0,
-    json: Json = None,
+    urdf: opt.Urdf = None,
+    payload: opt.Payload = None,
+    mass: opt.Mass = None,
+    map: opt.Map = (),
+    cutoff: Annotated[opt.Maybe[float], opt.CUTOFF] = None,
+    alignment: opt.Alignment = None,
+    holdout: opt.Holdout = None,
+    seed: opt.Seed = 0,
+    json: opt.Json = None,
 ) -> None:
     """What the simulation gets wrong, why, the extended model and its gain; -o: a report and the next experiment, too.
 
@@ -56,8 +44,12 @@ def diagnose(
     joint-flexibility, backlash, armature; of the rig: encoder-offset, base-tilt, platform-motion, and, where its YAML
     says `inertia: trusted`, payload-shift, payload-mass, off-diagonal-inertia; of the data: acceleration-noise,
     clock, commanded-torque, controller-formula, filtered-velocity, stuck-channel, outliers.
+
+    Args:
+        urdf: write the rig's URDF with the bodies and friction of the extended model
+        cutoff: highest frequency that is looked at (default: 12, more for teeth)
     """
-    asked_for = run_of("diagnose", locals())
+    asked = describe_run("diagnose", locals())
     import numpy as np
 
     from gimbal_pin.diagnosis import BAND, planned, usual
@@ -71,14 +63,12 @@ def diagnose(
     band = usual(loaded, read) if cutoff is None else replace(BAND, cutoff=cutoff)
     band, rng = replace(band, alignment=alignment), np.random.default_rng(seed)
     found = run(loaded, read, rng=rng, holdout=holdout, filtering=band, mass=mass)
-    if output is not None:
-        found = planned(found, rng=np.random.default_rng(seed))
     if urdf is not None:
-        causes, filters = refittable_effects(found.after), filtering(None, alignment)
-        bodied = identify(loaded, read, causes, holdout=holdout, filtering=filters)
-        atomic_write(urdf, bodied.to_urdf())
+        causes, filters = refittable_effects(found.after), choose_filter(None, alignment)
+        atomic_write(urdf, identify(loaded, read, causes, holdout=holdout, filtering=filters).to_urdf())
     files: Mapping[str, Path] = {}
     if output is not None:
-        files, notes = write_diagnosis(found, output, pages.diagnosed(loaded, read, found), asked_for)
-        noted(notes)
+        found = planned(found, rng=np.random.default_rng(seed))
+        files, notes = write_diagnosis(found, output, pages.diagnosed(loaded, read, found), asked)
+        tell(notes)
     present(text.diagnosis(found, files), found.to_dict(), json)

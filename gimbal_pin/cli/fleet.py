@@ -6,31 +6,30 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from gimbal_pin.cli.options import HERE, Json, Payload, Seed, Workers, optional
-from gimbal_pin.cli.paths import Reads, rigs
+from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.present import present
-from gimbal_pin.cli.work import affordable
+from gimbal_pin.cli.work import check_cost
 
 
 def fleet(
     logs: Annotated[Positional[str], arg(metavar="DIR", help="folder or URL of the logs and their manifest")],
     *,
-    output: Annotated[
-        str, arg(aliases=["-o"], metavar="DIR", help="folder or URL for the results; what is there goes on")
-    ],
-    rig: Annotated[
-        str | None, Reads(rigs), optional("RIG", "what all units are built as", "what the manifest says")
-    ] = None,
-    payload: Payload = None,
-    reference: Annotated[
-        str | None, optional("DIR", "results of an earlier fleet, which units are judged against", "each other")
-    ] = None,
-    quick: Annotated[bool, arg(help="identify only, and look for no causes")] = False,
-    workers: Annotated[Workers, OmitArgPrefixes] = HERE,
-    seed: Seed = 0,
-    json: Json = None,
+    output: opt.Results,
+    rig: opt.OtherRig = None,
+    payload: opt.Payload = None,
+    reference: Annotated[opt.Maybe[str], arg(metavar="DIR")] = None,
+    quick: bool = False,
+    workers: Annotated[opt.Workers, OmitArgPrefixes] = opt.WORKERS,
+    seed: opt.Seed = 0,
+    json: opt.Json = None,
 ) -> None:
-    """Compare many rigs' logs: which unit is not like its siblings, in what, and since when."""
+    """Compare many rigs' logs: which unit is not like its siblings, in what, and since when.
+
+    Args:
+        rig: what all units are built as (default: what the manifest says)
+        reference: results of an earlier fleet, which units are judged against (default: each other)
+        quick: identify only, and look for no causes
+    """
     from gimbal_pin.fleet import read_manifest
     from gimbal_pin.fleet.engine import write_whole
     from gimbal_pin.fleet.fleet import compare_fleet
@@ -39,8 +38,8 @@ def fleet(
     manifest = read_manifest(logs)
     if workers.scheduler is None:
         kind = "identified_log" if quick else "diagnosed_log"
-        affordable(workers.yes, workers.workers or 4096, **{kind: len(manifest.logs)})
-    with workers.running() as (executor, several):
+        check_cost(workers.yes, workers.workers or 4096, **{kind: len(manifest.logs)})
+    with workers.start() as (executor, several):
         found = compare_fleet(
             manifest,
             rig=rig,

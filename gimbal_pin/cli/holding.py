@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import UseAppendAction, arg
 
-from gimbal_pin.cli.inputs import carried, load_logs
+from gimbal_pin.cli.inputs import load_logs, read_platform
 from gimbal_pin.cli.options import Effects, Map, Page, PlatformSize, Plotted, Yes, between, optional
-from gimbal_pin.cli.paths import Reads, logs
-from gimbal_pin.cli.present import noted
-from gimbal_pin.cli.work import affordable
+from gimbal_pin.cli.paths import Reads, list_log_files
+from gimbal_pin.cli.present import tell
+from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ MOTIONS = "--platform S, --platform-log FILE"
 RECORDED = "or along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz"
 LEARNED = "a log of the rig on a shaken platform: model and the platform's spectrum come from it; --map is its own "
 LEARNED += "where there is no --platform-log"
-FAULTS = "let a sensor fail: frozen:platform-imu:3:4, nan:camera-gyro:2, dropped:3:3.01, clock:3:-1, in s; repeatable"
+FAULTS = "let a sensor fail: frozen:platform-imu:3:4, nan:camera-gyro:2, dropped:3:3.01, clock:3:-1, in s"
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,10 @@ class Holding:
     platform: Annotated[
         Literal["none", "S"], arg(help="hold the camera still on a platform that moves along profile S")
     ] = "none"
-    platform_log: Annotated[Path | None, Reads(logs), optional("FILE", RECORDED)] = None
+    platform_log: Annotated[Path | None, Reads(list_log_files), optional("FILE", RECORDED)] = None
     platform_size: PlatformSize = 1.0
     map: Map = ()
-    learn: Annotated[str | None, Reads(logs), optional("LOG", LEARNED, "one is simulated, 60 s")] = None
+    learn: Annotated[str | None, Reads(list_log_files), optional("LOG", LEARNED, "one is simulated, 60 s")] = None
     effect: Effects = ()
     fault: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KIND:SENSOR:START:END", help=FAULTS)] = ()
     seeds: Annotated[
@@ -74,7 +74,7 @@ class Holding:
             return None
         loaded, (log,) = load_logs(rig, payload, [self.learn], self.map if self.platform_log is None else ())
         if loaded.base in log.imus:
-            noted(check_platform_log(log.t, log.imus[loaded.base], log.name).notes)
+            tell(check_platform_log(log.t, log.imus[loaded.base], log.name).notes)
         return log
 
     def verified(
@@ -84,10 +84,10 @@ class Holding:
         from gimbal_pin.pointing import parse_fault, verify
 
         path = self.platform_log
-        recorded = None if path is None else carried(rig, self.platform, path, self.map, 1.0, 0.0, 1e-3, 0)
+        recorded = None if path is None else read_platform(rig, self.platform, path, self.map, 1.0, 0.0, 1e-3, 0)
         known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
         runs = self.seeds * (2 + (machine is not None))
-        affordable(self.yes, self.jobs, second_of_a_joint_on_a_platform=runs * self.seconds * rig.n)
+        check_cost(self.yes, self.jobs, second_of_a_joint_on_a_platform=runs * self.seconds * rig.n)
         return verify(
             rig, log=log, plant=plant, known=known, law=law, machine=machine,
             recorded=recorded, size=self.platform_size, causes=self.effect,

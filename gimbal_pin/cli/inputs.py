@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gimbal_pin.cli.present import noted, say
+from gimbal_pin.cli.present import tell
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -26,7 +24,7 @@ def load_rig(rig: str, payload: str | None) -> Rig:
     from gimbal_pin.rig.rig import Rig
 
     loaded = Rig.load(rig, payload)
-    noted(loaded.notes)
+    tell(loaded.notes)
     return loaded
 
 
@@ -43,7 +41,7 @@ def read_logs(
     if absent := find_unrecorded_joints(loaded, tables, mapping):
         held = ", ".join(f"{joint} {at:g}" for joint, at in absent.items())
         what = "no log has a column of these joints, which are held at this angle (rad) or place (m)"
-        noted([f"{what}: {held}; 'fixed:' in the rig's YAML states another"])
+        tell([f"{what}: {held}; 'fixed:' in the rig's YAML states another"])
         loaded = Rig.load(rig, payload, fixed=absent)
     return loaded, [log_in(x, loaded, mapping, split_payload(log)[1], need_tau) for x, log in zip(tables, logs)]
 
@@ -68,10 +66,10 @@ def load_logs(
             what,
             "one payload at a time: give each payload's logs apart; only 'identify' takes several together",
         )
-    mounted = payload or (tags[0] if tags else None)
-    loaded, read = read_logs(rig, mounted, logs, mapping)
-    noted([event for log in read for event in log.events])
-    return fix_still_joints(loaded, read, rig, mounted) if moving else (loaded, read)
+    camera = payload or (tags[0] if tags else None)
+    loaded, read = read_logs(rig, camera, logs, mapping)
+    tell([event for log in read for event in log.events])
+    return fix_still_joints(loaded, read, rig, camera) if moving else (loaded, read)
 
 
 def fix_still_joints(loaded: Rig, logs: list[Log], rig: str, payload: str | None) -> tuple[Rig, list[Log]]:
@@ -83,31 +81,18 @@ def fix_still_joints(loaded: Rig, logs: list[Log], rig: str, payload: str | None
     if not still:
         return loaded, logs
     held = ", ".join(f"{joint} {at:.3g}" for joint, at in still.items())
-    noted([f"at rest, as their references ask, and not excited, at this angle (rad) or place (m): {held}"])
+    tell([f"at rest, as their references ask, and not excited, at this angle (rad) or place (m): {held}"])
     fixed = Rig.load(rig, payload, fixed={**loaded.config.fixed, **still})
     return fixed, [log.ordered(fixed) for log in logs]
 
 
-def run_of(verb: str, given: Mapping[str, Any]) -> dict[str, Any]:
+def describe_run(verb: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a folder's ``run.json`` says of a verb that was given these arguments."""
     arguments = {name: vars(value) if is_dataclass(value) else value for name, value in given.items()}
     return {"verb": verb, "arguments": arguments}
 
 
-def alone(what: str, given: Mapping[str, bool], mend: str) -> None:
-    """Raise `UsageError` if an option is given that does not go with `what`."""
-    for option, is_given in given.items():
-        if is_given:
-            raise UsageError(option, f"does not go with {what}", mend)
-
-
-def shown_somewhere(output: Path | None, live: bool) -> None:
-    """Raise `UsageError` if a result would be neither written nor shown."""
-    if output is None and not live:
-        raise UsageError("-o", "names no file", "say where to write with -o FILE, or --live to see it in a browser")
-
-
-def carried(
+def read_platform(
     rig: Rig, profile: str, log: Path | None, mapping: Sequence[str], size: float, seconds: float, dt: float, seed: int
 ) -> Platform | None:
     """Return the platform's motion from a profile or from a log, which may be shorter than what was asked for.
@@ -126,11 +111,11 @@ def carried(
         return profile_s(times, np.random.default_rng(seed), size) if profile == "S" else None
     if profile == "S":
         raise UsageError("--platform", "is given beside --platform-log", "give one of the two")
-    t, imu = measured_motion(rig, log, mapping)
+    t, imu = read_base_motion(rig, log, mapping)
     return Platform.measured(t - t[0], imu, str(log))
 
 
-def measured_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array, Imu]:
+def read_base_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array, Imu]:
     """Return time, s, (N,), and what the base's IMU reported in a log; say what is wrong with it.
 
     Raises:
@@ -140,28 +125,28 @@ def measured_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array,
     from gimbal_pin.log.io import read_imu
 
     t, imu, notes = check_platform_log(*read_imu(log, rig, rig.base, mapping), str(log))
-    noted(notes)
+    tell(notes)
     return t, imu
 
 
-def filtering(cutoff: float | None, alignment: float | None) -> Filtering | None:
+def choose_filter(cutoff: float | None, alignment: float | None) -> Filtering | None:
     """Return the filter that the options ask for, None where they ask for nothing."""
     from gimbal_pin.regression import Filtering
 
-    if cutoff is None and alignment is None:
-        return None
-    return Filtering(alignment=alignment) if cutoff is None else Filtering(cutoff=cutoff, alignment=alignment)
+    if cutoff is None:
+        return None if alignment is None else Filtering(alignment=alignment)
+    return Filtering(cutoff=cutoff, alignment=alignment)
 
 
-def plant_of(name: Path | None, rig: Rig) -> Model:
+def read_plant(name: Path | None, rig: Rig) -> Model:
     """Return the model of a YAML, or the rig as its URDF states it."""
     from gimbal_pin.dynamics.model import nominal
-    from gimbal_pin.identification.model_file import read_model
+    from gimbal_pin.identification import read_model
 
     return nominal(rig) if name is None else read_model(name, rig)
 
 
-def mounted(name: str | Path | None) -> str | None:
+def read_payload(name: str | Path | None) -> str | None:
     """Return the payload that a model's or controller's YAML was made for, or None if it does not say."""
     if name is None:
         return None
@@ -174,20 +159,10 @@ def mounted(name: str | Path | None) -> str | None:
     return payload if payload in bundled_payloads() else None
 
 
-def read_controller(name: str, rig: Rig) -> Stored:
+def read_controller(name: str | Path, rig: Rig) -> Stored:
     """Read a controller's YAML."""
     from gimbal_pin.control.tuning import stored
     from gimbal_pin.errors import ModelError
     from gimbal_pin.rig.reading import read_yaml
 
-    return stored(read_yaml(name, ModelError), rig, name)
-
-
-def play(rig: Rig, log: Log) -> None:
-    """Show a log live until the user ends it."""
-    from gimbal_pin.report import view
-
-    with view.show(rig, log) as live:
-        say(f"playing at {live.url} (Ctrl-C ends it)")
-        with contextlib.suppress(KeyboardInterrupt):
-            threading.Event().wait()
+    return stored(read_yaml(name, ModelError), rig, str(name))

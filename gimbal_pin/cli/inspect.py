@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
+from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_rig
-from gimbal_pin.cli.options import Json, Logs, optional
-from gimbal_pin.cli.paths import Reads, Writes, plot_suffixes, rigs
-from gimbal_pin.cli.present import noted, present
+from gimbal_pin.cli.paths import Writes, list_plot_suffixes
+from gimbal_pin.cli.present import present, tell
 from gimbal_pin.errors import GimbalPinError, UsageError
 from gimbal_pin.report import text
 
@@ -21,27 +20,25 @@ if TYPE_CHECKING:
 
 
 def inspect(
-    files: Logs,
+    files: opt.Logs,
     *,
-    rig: Annotated[
-        str | None, Reads(rigs), optional("RIG", "propose a mapping for this rig", "none is proposed")
-    ] = None,
-    output: Annotated[
-        Path | None,
-        Writes(chosen=lambda: (".html", *plot_suffixes())),
-        arg(aliases=["-o"], metavar="FILE", help="draw every channel: .html, .png, .svg or .pdf"),
-    ] = None,
-    yaml: Annotated[
-        Path | None,
-        Writes(suffixes=(".yaml", ".yml")),
-        optional("FILE", "write the mapping that is proposed for the first file, to look through and edit"),
-    ] = None,
-    json: Json = None,
+    rig: opt.OtherRig = None,
+    output: Annotated[opt.File, Writes(lambda: (".html", *list_plot_suffixes())), arg(aliases=["-o"])] = None,
+    yaml: Annotated[opt.File, Writes((".yaml", ".yml"))] = None,
+    json: opt.Json = None,
 ) -> None:
-    """What a log's file holds, what each column is and why, and a mapping of columns for a rig."""
+    """What a log's file holds, what each column is and why, and a mapping of columns for a rig.
+
+    Args:
+        rig: propose a mapping for this rig
+        output: draw every channel: .html, .png, .svg or .pdf
+        yaml: write the mapping that is proposed for the first file, to look through and edit
+    """
     from gimbal_pin.log.io import split_payload
     from gimbal_pin.log.io.files import atomic_write, open_replacement
     from gimbal_pin.log.io.inspection import inspect as run
+    from gimbal_pin.report.html import Document
+    from gimbal_pin.report.sections.data import draw, inspection
 
     if not files:
         raise UsageError("LOG", "none was given", "name at least one file")
@@ -52,13 +49,8 @@ def inspect(
     if yaml is not None:
         atomic_write(yaml, found[0].yaml)
     if output is not None and output.suffix.lower() == ".html":
-        from gimbal_pin.report.html import Document
-        from gimbal_pin.report.sections.data import inspection
-
         atomic_write(output, Document("What the logs hold", "", [inspection(one) for one in found]).to_html())
     elif output is not None:
-        from gimbal_pin.report.sections.data import draw
-
         with open_replacement(output) as temporary:
             draw(found[0], temporary)
     altered = [() if loaded is None else find_alterations(loaded, one) for one in found]
@@ -79,5 +71,5 @@ def find_alterations(rig: Rig, found: Inspected) -> tuple[Alteration, ...]:
     try:
         return check_log(rig, read_log(found.name, rig, entries), repairs_only=True).alterations
     except GimbalPinError as error:
-        noted([f"not checked: {error}"])
+        tell([f"not checked: {error}"])
         return ()

@@ -1,4 +1,4 @@
-"""Options that several verbs share."""
+"""Options that several verbs share; those of one verb are described in its docstring."""
 
 from __future__ import annotations
 
@@ -6,33 +6,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from tyro.conf import Positional, UseAppendAction, arg
 from tyro.constructors import PrimitiveConstructorSpec
 
-from gimbal_pin.cli.paths import (
-    Reads,
-    Writes,
-    diagnosed,
-    log_suffixes,
-    logs,
-    maps,
-    payloads,
-    plot_suffixes,
-    rigs,
-    walked,
-)
+from gimbal_pin.cli import paths
+from gimbal_pin.cli.paths import Reads, Writes
 from gimbal_pin.errors import UsageError, shortened
 
 if TYPE_CHECKING:
     from gimbal_pin.control.laws.design import Wish
     from gimbal_pin.fleet.engine import Capacity, ExecutorFactory
 
-
-def optional(metavar: str | None, help: str, default: str = "") -> Any:
-    """Describe an option that may be left out; `default` says what then is the case, where that is no plain value."""
-    return arg(metavar=metavar, help=help, help_behavior_hint=default and f"(default: {default})")
+T = TypeVar("T")
+Maybe = Annotated[T | None, arg(help_behavior_hint="")]
+"""An option that may be left out: its description says what is the case then."""
+File = Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="")]
+Folder = Annotated[Path | None, arg(metavar="DIR", help_behavior_hint="")]
+Repeated = Annotated[UseAppendAction[tuple[str, ...]], arg(help_behavior_hint="(repeatable)")]
 
 
 def between(option: str, low: float, high: float, unit: str = "", kind: type[int] | type[float] = float) -> Any:
@@ -62,37 +54,46 @@ def between(option: str, low: float, high: float, unit: str = "", kind: type[int
     )
 
 
+def optional(metavar: str | None, help: str, default: str = "") -> Any:
+    """Describe an option that may be left out; `default` says what then is the case, where that is no plain value."""
+    return arg(metavar=metavar, help=help, help_behavior_hint=default and f"(default: {default})")
+
+
 RigName = Annotated[
     Positional[str],
-    Reads(rigs),
+    Reads(paths.list_rig_files),
     arg(metavar="RIG", help="bundled rig, URDF, xacro, SDF or MJCF, or a YAML that names one"),
 ]
+OtherRig = Annotated[Maybe[str], Reads(paths.list_rig_files), arg(metavar="RIG")]
 Logs = Annotated[
     Positional[tuple[str, ...]],
-    Reads(logs),
+    Reads(paths.list_log_files),
     arg(
         metavar="LOG …",
         help="CSV, Parquet, NumPy, MATLAB, ROS bag or ULog; A.csv+B.csv: one log; LOG@PAYLOAD names its payload",
         help_behavior_hint="(at least one)",
     ),
 ]
-Payload = Annotated[str | None, Reads(payloads), optional("NAME", "bundled payload or URDF", "the rig's own")]
+LogFile = Annotated[File, Reads(paths.list_log_files)]
+Payload = Annotated[
+    str | None,
+    Reads(paths.list_payload_files),
+    optional("NAME", "bundled payload or URDF", "the rig's own"),
+]
 Mass = Annotated[
     float | None,
     between("--mass", 1e-4, 1e4, "kg"),
     optional(None, "what the payload weighs on a scale: its place and balance then stand on that", "as the log shows"),
 ]
-Page = Annotated[Path | None, Writes(suffixes=(".html",))]
-Plotted = Annotated[Path | None, Writes(chosen=plot_suffixes)]
-Json = Annotated[
+ModelFile = Annotated[
     Path | None,
-    Writes(suffixes=(".json", ".jsonl")),
-    optional("FILE", "write the result as JSON; - for standard output"),
+    Reads(),
+    optional("MODEL", "the plant: a model's YAML, from identify or diagnose", "the rig as its URDF states it"),
 ]
 Map = Annotated[
     UseAppendAction[tuple[str, ...]],
-    Reads(maps),
-    arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these; repeatable"),
+    Reads(paths.list_mapping_files),
+    arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these"),
 ]
 Effects = Annotated[
     UseAppendAction[tuple[str, ...]],
@@ -101,29 +102,31 @@ Effects = Annotated[
         help="plant a cause, e.g. cogging:yaw:amplitude=0.1,harmonic=42; 'simulate RIG --effect help' lists all",
     ),
 ]
-# The largest is a shock of 10 g for profile S, of 1 m/s² rms.
-PlatformSize = Annotated[float, between("--platform-size", 0, 100), arg(help="profile S times this")]
-Output = Annotated[Path, Writes(chosen=log_suffixes), arg(aliases=["-o"], metavar="FILE", help="where to write")]
-INTO_FILE = arg(aliases=["-o"], metavar="FILE", help="where to write", help_behavior_hint="")
-MaybeOutput = Annotated[Path | None, Writes(chosen=log_suffixes), INTO_FILE]
-MaybeYaml = Annotated[Path | None, Writes(suffixes=(".yaml", ".yml")), INTO_FILE]
-INTO = "folder for the files, made if it is not there; its run.json says which run they are of"
-Folder = Annotated[Path, Writes(walked, run=True), arg(aliases=["-o"], metavar="DIR", help=INTO)]
-MaybeFolder = Annotated[
-    Path | None, Writes(diagnosed, run=True), arg(aliases=["-o"], metavar="DIR", help=INTO, help_behavior_hint="")
-]
-ModelFile = Annotated[
-    Path | None,
-    Reads(),
-    optional("MODEL", "the plant: a model's YAML, from identify or diagnose", "the rig as its URDF states it"),
-]
+TO = arg(aliases=["-o"], help="where to write")
+Output = Annotated[Path, Writes(paths.list_log_suffixes), TO, arg(metavar="FILE")]
+MaybeOutput = Annotated[File, Writes(paths.list_log_suffixes), TO]
+MaybeYaml = Annotated[File, Writes((".yaml", ".yml")), TO]
+INTO = arg(aliases=["-o"], help="folder for the files, made if it is not there; its run.json says of which run")
+AutoFolder = Annotated[Path, Writes(run=paths.list_auto_files), INTO, arg(metavar="DIR")]
+RESULTS = arg(aliases=["-o"], metavar="DIR", help="folder or URL for the results; what is there goes on")
+Results = Annotated[str, RESULTS]
+Urdf = Annotated[File, Writes((".urdf", ".xml"))]
+Page = Annotated[File, Writes((".html",))]
+Plotted = Annotated[File, Writes(paths.list_plot_suffixes)]
+Json = Annotated[File, Writes((".json", ".jsonl")), arg(help="write the result as JSON; - for standard output")]
 Yes = Annotated[bool, arg(help="begin even what takes over ten minutes, or over half of the memory")]
 Verbose = Annotated[bool, arg(help="print all that was found, not the outcome alone")]
+Live = Annotated[bool, arg(help="show the result in a browser on this machine")]
 Seed = Annotated[int, between("--seed", 0, 2**32 - 1, kind=int), arg(help="seed of everything random")]
+# The largest is a shock of 10 g for profile S, of 1 m/s² rms.
+PlatformSize = Annotated[float, between("--platform-size", 0, 100), arg(help="profile S times this")]
+TorqueNoise = Annotated[
+    float, between("--torque-noise", 0, 10), arg(help="noise on the reported torque, share of its rms")
+]
 # A filter of 0.1 Hz remembers longer than most logs last; over 1 kHz no gimbal's mechanics answer.
-BAND = between("--cutoff", 0.1, 1000, "Hz")
+CUTOFF = between("--cutoff", 0.1, 1000, "Hz")
 Cutoff = Annotated[
-    float | None, BAND, optional(None, "low-pass on every column and on the torque", "4; 12 where the base turns")
+    float | None, CUTOFF, optional(None, "low-pass on every column and on the torque", "4; 12 where the base turns")
 ]
 # A torque that is off by more than a second is no matter of alignment.
 Alignment = Annotated[
@@ -134,77 +137,78 @@ Alignment = Annotated[
 Holdout = Annotated[
     str | None, optional("WHAT", "last-third, log:N or none", "the last third of one log, the last of several")
 ]
-EstimatorName = Literal["weighted", "ols", "robust", "instrumental", "output-error", "ridge", "physical"]
-
-
+EstimatorName = Annotated[
+    Literal["weighted", "ols", "robust", "instrumental", "output-error", "ridge", "physical"],
+    arg(help="how parameters are estimated from the equations"),
+]
 # 1 kHz is what controllers are sampled at: from a tenth of that on no loop of theirs is one.
 HERTZ = between("--bandwidth-hz", 0.1, 100, "Hz")
 DELAY_SAMPLES = between("--delay-samples", 0, 50, kind=int)
 """As `tune` allows: a gimbal cannot be held with more."""
-
-
-@dataclass(frozen=True)
-class Gains:
-    """What is asked of the controller (`Wish`)."""
-
-    kind: Literal["computed-torque", "pid"] = "computed-torque"
-    bandwidth_hz: Annotated[
-        float | None, HERTZ, arg(help="bandwidth, 8 Hz by default; with --disk-margin the highest that keeps it")
-    ] = None
-    disk_margin: Annotated[
-        float | None,
-        between("--disk-margin", 0.01, 1.99),
-        arg(help="disk margin that every joint keeps over the model's uncertainty"),
-    ] = None
-    damping: Annotated[float, between("--damping", 0.05, 20), arg(help="damping of the tracking error")] = 1.0
-    integral: Annotated[
-        float, between("--integral", 0, 10), arg(help="speed of the integral action, in bandwidths; 0: none")
-    ] = 0.2
-    delay: Annotated[
-        float | None,
-        between("--delay", 0, 0.05, "s"),
-        optional(None, "time from measurement to torque, without the hold", "one sample"),
-    ] = None
-    dt: Annotated[
-        float | None,
-        between("--dt", 1e-5, 0.1, "s"),
-        optional(None, "sampling interval of the controller", "the logs'"),
-    ] = None
-    robust: Annotated[bool, arg(help="add Lyapunov redesign")] = False
-
-    def to_wish(self, dt: float | None) -> Wish:
-        """Return what `tune` is asked for; `dt`: the sampling interval where no option states it, s."""
-        from gimbal_pin.control.laws.design import Wish
-
-        return Wish.sampled(**{**vars(self), "dt": self.dt or dt})
-
-
 Plants = Annotated[
     int,
     between("--plants", 1, 10000, kind=int),
     arg(help="perturbed plants on which the controller is judged beside a PID"),
 ]
 
-USUAL = Gains()
+
+@dataclass(frozen=True)
+class Gains:
+    """What is asked of the controller (`Wish`).
+
+    Attributes:
+        kind: the law
+        bandwidth_hz: bandwidth (default: 8 Hz; with --disk-margin the highest that keeps it)
+        disk_margin: disk margin that every joint keeps over the model's uncertainty
+        damping: damping of the tracking error
+        integral: speed of the integral action, in bandwidths; 0: none
+        delay: time from measurement to torque, without the hold (default: one sample)
+        dt: sampling interval of the controller (default: the logs')
+        robust: add Lyapunov redesign
+    """
+
+    kind: Literal["computed-torque", "pid"] = "computed-torque"
+    bandwidth_hz: Annotated[Maybe[float], HERTZ] = None
+    disk_margin: Annotated[Maybe[float], between("--disk-margin", 0.01, 1.99)] = None
+    damping: Annotated[float, between("--damping", 0.05, 20)] = 1.0
+    integral: Annotated[float, between("--integral", 0, 10)] = 0.2
+    delay: Annotated[Maybe[float], between("--delay", 0, 0.05, "s")] = None
+    dt: Annotated[Maybe[float], between("--dt", 1e-5, 0.1, "s")] = None
+    robust: bool = False
+
+    def to_wish(self, dt: float | None) -> Wish:
+        """Return what `tune` is asked for; `dt`: the sampling interval where no option states it, s."""
+        from gimbal_pin.control.laws.design import Wish
+
+        return Wish.sampled(
+            self.dt or dt,
+            self.delay,
+            kind=self.kind,
+            bandwidth_hz=self.bandwidth_hz,
+            damping=self.damping,
+            integral=self.integral,
+            disk_margin=self.disk_margin,
+            robust=self.robust,
+        )
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Options of what runs many units."""
+    """Who runs many units.
 
-    workers: Annotated[
-        int,
-        between("--workers", 0, 4096, kind=int),
-        arg(help="processes of this machine; 0: one per processor, 1: no other than this one"),
-    ] = 0
-    scheduler: Annotated[
-        str | None, optional("tcp://HOST:PORT", "run on the Dask cluster of this scheduler instead")
-    ] = None
-    yes: Yes = False
+    Attributes:
+        workers: processes of this machine; 0: one per processor, 1: no other than this one
+        scheduler: run on the Dask cluster of this scheduler instead
+        yes: begin even what takes over ten minutes, or over half of the memory
+    """
+
+    workers: Annotated[int, between("--workers", 0, 4096, kind=int)] = 0
+    scheduler: Annotated[Maybe[str], arg(metavar="tcp://HOST:PORT")] = None
+    yes: bool = False
 
     @contextmanager
-    def running(self) -> Iterator[tuple[ExecutorFactory | None, int | Capacity]]:
-        """Return what runs the units, None for processes of this machine, and how many at once."""
+    def start(self) -> Iterator[tuple[ExecutorFactory | None, int | Capacity]]:
+        """Yield what runs the units, None for processes of this machine, and how many at once."""
         from gimbal_pin.fleet.engine import dask_executors
 
         if self.scheduler is None:
@@ -214,4 +218,4 @@ class Workers:
             yield factory, self.workers or capacity
 
 
-HERE = Workers()
+GAINS, WORKERS = Gains(), Workers()

@@ -16,7 +16,7 @@ Files = Callable[[Any, Mapping[str, Any]], Iterable["str | Path"]]
 """Value of an option and all that the verb was given → the files that the value means."""
 
 
-def itself(value: str | Path, given: Mapping[str, Any]) -> list[str | Path]:
+def list_itself(value: str | Path, given: Mapping[str, Any]) -> list[str | Path]:
     """Return the path that an option's value is; ``-`` is standard input or output."""
     return [value] if str(value) != "-" else []
 
@@ -30,111 +30,93 @@ class Reads:
         unless: Flag that allows to write over them.
     """
 
-    files: Files = itself
+    files: Files = list_itself
     unless: str = ""
 
 
 @dataclass(frozen=True)
 class Writes:
-    """Marks an option whose value means files that the verb writes.
+    """Marks an option whose value means a file that the verb writes, or a folder for the files of one run.
 
     Attributes:
-        files: Which.
-        suffixes: Those that a file's name may have.
-        chosen: What returns them where they choose the format, so that a device or pipe, which has none, is refused.
-        run: Whether the value is a folder, for the files of one run.
+        suffixes: Those that the file's name may have, or what returns them: then a device or pipe, which has none, is
+            refused.
+        files: Which files are written, where it is not the value itself.
+        run: All that the verb was given → the names of the files of a run that may come to stand in the folder.
     """
 
-    files: Files = itself
-    suffixes: tuple[str, ...] = ()
-    chosen: Callable[[], tuple[str, ...]] = tuple
-    run: bool = False
+    suffixes: tuple[str, ...] | Callable[[], tuple[str, ...]] = ()
+    files: Files = list_itself
+    run: Callable[[Mapping[str, Any]], Iterable[str]] | None = None
+
+    def list_files(self, value: Any, given: Mapping[str, Any]) -> list[Path]:
+        """Return the files that a value means, with those of an earlier run, which the next one removes."""
+        from gimbal_pin.log.io.files import RUN_FILE, read_run
+
+        if self.run is None:
+            return [Path(file) for file in self.files(value, given)]
+        return [value / name for name in (*self.run(given), *read_run(value), RUN_FILE)]
+
+    def list_suffixes(self) -> tuple[str, ...]:
+        """Return the suffixes."""
+        return self.suffixes() if callable(self.suffixes) else self.suffixes
 
 
-def log_suffixes() -> tuple[str, ...]:
-    """Suffixes of logs and trajectories that are written."""
+def list_plot_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of plots."""
+    return (".png", ".svg", ".pdf")
+
+
+def list_log_suffixes() -> tuple[str, ...]:
+    """Return the suffixes of logs and trajectories that are written."""
     from gimbal_pin.log.io.readers import FORMATS
 
     return tuple(suffix for suffix, form in FORMATS.items() if form.write is not None)
 
 
-def plot_suffixes() -> tuple[str, ...]:
-    """Suffixes of plots."""
-    return (".png", ".svg", ".pdf")
-
-
-def logs(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
-    """Files of logs, ``LOG@PAYLOAD`` too; ``-`` is standard input, which may be a file."""
+def list_log_files(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
+    """Yield the files of logs, ``LOG@PAYLOAD`` too; ``-`` is standard input, which may be a file."""
     from gimbal_pin.log.io import split_payload
     from gimbal_pin.log.io.readers import files_of
 
     for log in value if isinstance(value, tuple) else (str(value),):
         file, payload = (Path("/dev/stdin"), None) if log == "-" else split_payload(log)
         yield from files_of(file)
-        yield from () if payload is None else payloads(payload, given)
+        yield from () if payload is None else list_payload_files(payload, given)
 
 
-def maps(value: tuple[str, ...], given: Mapping[str, Any]) -> list[str]:
-    """YAML files among the entries of a mapping."""
+def list_mapping_files(value: tuple[str, ...], given: Mapping[str, Any]) -> list[str]:
+    """Return the YAML files among the entries of a mapping."""
     from gimbal_pin.log.mapping import is_mapping_file
 
     return [entry for entry in value if is_mapping_file(entry)]
 
 
-def payloads(value: str, given: Mapping[str, Any]) -> list[Path]:
-    """URDF of a payload, and the meshes that it names."""
+def list_payload_files(value: str, given: Mapping[str, Any]) -> list[Path]:
+    """Return the URDF of a payload, and the meshes that it names."""
     from gimbal_pin.rig.files import find_payload
+    from gimbal_pin.rig.meshes import list_sources
 
-    return with_meshes(find_payload(value), {})
+    return list_sources(find_payload(value), {})
 
 
-def rigs(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
-    """YAML files that a rig's name leads through, its URDF, the YAML beside that, its payload and their meshes."""
-    from gimbal_pin.rig.config import load_config
-    from gimbal_pin.rig.files import YAML_SUFFIXES, bundled, bundled_rigs, find_rig, find_target
+def list_rig_files(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
+    """Yield the YAML files that a rig's name leads through, its URDF and its YAML, its payload, their meshes."""
+    from gimbal_pin.rig.files import find_rig, list_configs
+    from gimbal_pin.rig.meshes import list_sources
 
     urdf, config = find_rig(value)
-    path = bundled() / f"{value}.urdf" if value in bundled_rigs() else Path(value)
-    while path.suffix in YAML_SUFFIXES:
-        yield path
-        path = find_target(path, load_config(path))
-    yield from (urdf.with_suffix(".yaml"), *with_meshes(urdf, config.xacro))
+    yield from (*list_configs(value), urdf.with_suffix(".yaml"), *list_sources(urdf, config.xacro))
     if config.payload is not None and given.get("payload") is None:
-        yield from payloads(config.payload, given)
+        yield from list_payload_files(config.payload, given)
 
 
-def with_meshes(rig: Path, arguments: Mapping[str, str]) -> list[Path]:
-    """Return the file of a rig or payload, what it includes, and the meshes that it names; `arguments`: xacro's."""
-    from gimbal_pin.rig.formats import convert_to_urdf
-    from gimbal_pin.rig.meshes import find_mesh_file
-    from gimbal_pin.rig.urdf import parse
-
-    text, _, included = convert_to_urdf(rig, arguments)
-    named = [mesh.get("filename", "") for mesh in parse(text, str(rig)).iter("mesh")]
-    meshes = (find_mesh_file(name, rig.parent) for name in named)
-    return [rig, *map(Path, included), *(file for file in meshes if file is not None)]
-
-
-def diagnosed(value: Path, given: Mapping[str, Any]) -> list[Path]:
-    """Files that `diagnose` may put into a folder."""
-    from gimbal_pin.diagnosis.file import FILES
-
-    return in_folder(value, FILES.values())
-
-
-def walked(value: Path, given: Mapping[str, Any]) -> list[Path]:
-    """Files that `auto` may put into a folder."""
+def list_auto_files(given: Mapping[str, Any]) -> list[str]:
+    """Return the names of the files that `auto` may put into a folder."""
     from gimbal_pin.report.pipeline import FILES
     from gimbal_pin.rig.files import find_rig
 
-    return in_folder(value, (*FILES.values(), f"{find_rig(given['rig'])[0].stem}.urdf"))
-
-
-def in_folder(folder: Path, names: Iterable[str]) -> list[Path]:
-    """Return files that a run writes into a folder, and those of an earlier run, which it removes."""
-    from gimbal_pin.log.io.files import RUN_FILE, read_run
-
-    return [folder / name for name in (*names, *read_run(folder), RUN_FILE)]
+    return [*FILES.values(), f"{find_rig(given['rig'])[0].stem}.urdf"]
 
 
 def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
@@ -145,26 +127,25 @@ def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
             kind; a place cannot be written to; or a folder holds a file of that name that is of no run, or has been
             edited since.
     """
-    marked = [(label, value, mark) for label, value, marks in options(verb, given) for mark in marks]
+    from gimbal_pin.log.io.files import check_run
+
+    marked = [(label, value, mark) for label, value, marks in list_options(verb, given) for mark in marks]
     written = [(label, value, mark) for label, value, mark in marked if isinstance(mark, Writes)]
-    if not written:
-        return
     taken: dict[object, tuple[str, str]] = {}
     for label, value, mark in marked:
-        if isinstance(mark, Reads) and not given.get(mark.unless):
+        if written and isinstance(mark, Reads) and not given.get(mark.unless):
             mend = f", or add --{mark.unless}" if mark.unless else ""
-            taken |= {identity(file): (f"which {label} reads", mend) for file in mark.files(value, given)}
+            taken |= {identify_file(file): (f"which {label} reads", mend) for file in mark.files(value, given)}
     for label, value, mark in written:
-        own = {identity(file): file for file in mark.files(value, given)}
+        own = {identify_file(file): file for file in mark.list_files(value, given)}
         for file in (own.keys() & taken.keys()) - {None}:
             what, mend = taken[file]
             raise UsageError(label, f"would write over {own[file]}, {what}", f"name another place{mend}")
         taken |= dict.fromkeys(own, (f"which {label} writes", ""))
     for label, value, mark in written:
-        files = list(mark.files(value, given))
-        if mark.run:
-            check_run(value, files, label)
-        elif files:
+        if mark.run is not None:
+            check_run(value, mark.list_files(value, given), label)
+        elif str(value) != "-":
             check_file(Path(value), mark, label)
 
 
@@ -173,29 +154,12 @@ def check_file(path: Path, mark: Writes, label: str) -> None:
     from gimbal_pin.log.io.files import check_target
 
     check_target(path, label)
-    special = path.exists() and not path.is_file()
-    known = mark.chosen() or mark.suffixes
-    if path.suffix.lower() not in known and not (special and mark.suffixes):
+    special, known = path.exists() and not path.is_file(), mark.list_suffixes()
+    if path.suffix.lower() not in known and (callable(mark.suffixes) or not special):
         raise UsageError(label, f"names {path}", f"give it a name that ends in {', '.join(known)}")
 
 
-def check_run(folder: Path, files: Iterable[str | Path], label: str) -> None:
-    """Raise `UsageError` if a run cannot be put into a folder, or would replace what is not an earlier run's."""
-    from gimbal_pin.log.io.files import RUN_FILE, check_folder, hash_file, read_run
-
-    check_folder(folder, label)
-    ours = read_run(folder)
-    for file in (Path(file) for file in files):
-        if file.name == RUN_FILE or not os.path.lexists(file):
-            continue
-        if file.name not in ours:
-            raise UsageError(label, f"holds {file.name}, which is of no earlier run", "name another folder, or move it")
-        if hash_file(file) != ours[file.name]:
-            what = f"holds {file.name}, which was changed after the run that wrote it"
-            raise UsageError(label, what, "name another folder, or move it")
-
-
-def identity(path: str | Path) -> object:
+def identify_file(path: str | Path) -> object:
     """Return what two names of one file share: its inode, or where it will be; None for a device, pipe or folder."""
     try:
         found = os.stat(path)
@@ -204,12 +168,12 @@ def identity(path: str | Path) -> object:
     return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
 
 
-def options(of: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
+def list_options(of: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
     """Yield name on the command line, value and annotations of every option that has a value, nested ones too."""
     for name, hint in inspect.get_annotations(of, eval_str=True).items():
         value, marks = given.get(name), getattr(hint, "__metadata__", ())
         if is_dataclass(value):
-            yield from options(type(value), vars(value))
+            yield from list_options(type(value), vars(value))
         elif value is not None:
             yield label(name, marks), value, marks
 
@@ -218,9 +182,7 @@ def label(name: str, marks: tuple[Any, ...]) -> str:
     """Return how an option is called: its short name, a positional's word in the usage, or ``--its-name``."""
     from tyro.conf import Positional
 
-    described = next((mark for mark in marks if hasattr(mark, "metavar") and hasattr(mark, "aliases")), None)
-    if described is not None and described.aliases:
-        return str(described.aliases[0])
-    if described is not None and any(mark is Positional for mark in marks):
-        return str(described.metavar).split()[0]
-    return f"--{name.replace('_', '-')}"
+    described = [mark for mark in marks if hasattr(mark, "metavar") and hasattr(mark, "aliases")]
+    if any(mark is Positional for mark in marks):
+        return next(str(mark.metavar).split()[0] for mark in described if mark.metavar)
+    return next((str(mark.aliases[0]) for mark in described if mark.aliases), f"--{name.replace('_', '-')}")

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from gimbal_pin.errors import UsageError, message, visible
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from gimbal_pin.log.log import Log
+    from gimbal_pin.rig.rig import Rig
 
 
 def present(told: str, result: Mapping[str, Any], json: Path | None) -> None:
@@ -46,7 +54,32 @@ def complain(what: str) -> None:
         say(f"gimbal-pin: {message([what], [])}", sys.stderr)
 
 
-def noted(notes: Sequence[str]) -> None:
+def tell(notes: Sequence[str]) -> None:
     """Tell what is to be known of an input or a result, on standard error."""
     for note in notes:
         complain(f"note: {note}")
+
+
+def draw(chart: Callable[[], Figure], output: Path | None) -> None:
+    """Write a figure, if a file is named."""
+    from gimbal_pin.log.io.files import open_replacement
+
+    if output is not None:
+        with open_replacement(output) as temporary:
+            chart().savefig(temporary)
+
+
+def check_shown(output: Path | None, live: bool) -> None:
+    """Raise `UsageError` if a result would be neither written nor shown."""
+    if output is None and not live:
+        raise UsageError("-o", "names no file", "say where to write with -o FILE, or --live to see it in a browser")
+
+
+def play(rig: Rig, log: Log) -> None:
+    """Show a log live until the user ends it."""
+    from gimbal_pin.report import view
+
+    with view.show(rig, log) as live:
+        say(f"playing at {live.url} (Ctrl-C ends it)")
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()

@@ -6,23 +6,23 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
+from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import fix_still_joints, load_rig
-from gimbal_pin.cli.options import Json, Payload, RigName, Seed, between
-from gimbal_pin.cli.paths import Reads, logs
+from gimbal_pin.cli.paths import Reads, list_log_files
 from gimbal_pin.cli.present import present
 from gimbal_pin.report import text
 
 
 def rehearse(
-    rig: RigName,
-    motion: Annotated[Positional[str], Reads(logs), arg(metavar="MOTION", help="trajectory file, such as excite's")],
+    rig: opt.RigName,
+    motion: Annotated[
+        Positional[str], Reads(list_log_files), arg(metavar="MOTION", help="trajectory file, such as excite's")
+    ],
     *,
-    payload: Payload = None,
-    torque_noise: Annotated[
-        float, between("--torque-noise", 0, 10), arg(help="noise on the reported torque, share of its rms")
-    ] = 0.01,
-    seed: Seed = 0,
-    json: Json = None,
+    payload: opt.Payload = None,
+    torque_noise: opt.TorqueNoise = 0.01,
+    seed: opt.Seed = 0,
+    json: opt.Json = None,
 ) -> None:
     """Say which causes a log of a motion would show, from which size on, and what each would be taken for."""
     from gimbal_pin.diagnosis import rehearse as run

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin.cli.holding import MOTIONS, STILL, Holding
-from gimbal_pin.cli.inputs import load_rig, mounted, plant_of, read_controller
+from gimbal_pin.cli.inputs import load_rig, read_controller, read_payload, read_plant
 from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, Plants, RigName, Seed, Verbose, optional
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
@@ -64,7 +64,7 @@ def track(
     if controller is None and compiled is not None:
         raise UsageError("--compiled", "has no CONTROLLER to stand beside", "name the YAML that it was exported from")
     held.check()
-    loaded = load_rig(rig, payload or mounted(controller))
+    loaded = load_rig(rig, payload or read_payload(controller))
     tuned = None if controller is None else read_controller(controller, loaded)
     machine = None if compiled is None else library(compiled, loaded)
     wish = None if tuned is None else tuned.wish
@@ -75,11 +75,11 @@ def track(
     log = held.taught(rig, loaded.payload) if held.moving else None
     steps, judged = None, None
     if tuned is not None:
-        believed = tuned.model if model is None else plant_of(model, loaded)
+        believed = tuned.model if model is None else read_plant(model, loaded)
         steps, judged = stepped(tuned, machine, believed, late, plants, seed)
     verified = None
     if held.moving:
-        plant = None if model is None else plant_of(model, loaded)
+        plant = None if model is None else read_plant(model, loaded)
         verified = held.verified(loaded, log, plant, tuned, machine, held_late)
     held.write(loaded, verified, steps, stood, judged)
     told = [] if steps is None or judged is None else [text.tracking(steps, judged, loaded)]

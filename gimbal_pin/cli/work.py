@@ -26,7 +26,7 @@ COSTS = {
 """Kind of work → s on one core and MB that a piece takes, measured with the call beside it (2.5 GHz)."""
 
 
-def affordable(yes: bool, processes: int = 1, /, **amounts: float) -> None:
+def check_cost(yes: bool, processes: int = 1, /, **amounts: float) -> None:
     """Raise `UsageError` where work takes over `PATIENCE`, or over half of the memory it may have, unless `yes`.
 
     Args:
@@ -37,14 +37,14 @@ def affordable(yes: bool, processes: int = 1, /, **amounts: float) -> None:
     each = [(number, COSTS[kind.replace("_", " ")]) for kind, number in amounts.items()]
     seconds = sum(number * cost for number, (cost, _) in each) / min(processes, os.cpu_count() or 1)
     memory = sum(number * cost for number, (_, cost) in each) * 1e6
-    if not yes and (seconds > PATIENCE or memory > spendable() / 2):
+    if not yes and (seconds > PATIENCE or memory > measure_memory() / 2):
         took = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
         what = f"would take about {took} and {memory / 1e9:.1f} GB"
         raise UsageError("this call", what, "add --yes to go on, or ask for less")
 
 
-def spendable() -> float:
-    """Memory of the machine, or what a limit of this process (``ulimit -v``) leaves of it, B."""
+def measure_memory() -> float:
+    """Return the memory of the machine, or what a limit of this process (``ulimit -v``) leaves of it, B."""
     page = os.sysconf("SC_PAGE_SIZE")
     machine = page * os.sysconf("SC_PHYS_PAGES")
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)

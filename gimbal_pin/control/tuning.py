@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, fields, replace
 from functools import cached_property
 from math import inf, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +31,9 @@ from gimbal_pin.dynamics.model import Model, convert_model, read_model_data
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.identification.model_file import describe_uncertainty, read_known_parameters
+from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
 
@@ -158,6 +162,13 @@ class Tuning:
             "doubts": list(self.doubts),
             "model": {**convert_model(self.model), **describe_uncertainty(self.model.estimated)},
         }
+
+
+def write_controller(tuning: Tuning, path: str | Path, folder: str | Path) -> None:
+    """Write a controller, with its rig's file as seen from the controller's `folder`, unless the rig is bundled."""
+    source = tuning.model.rig.source
+    named = {} if source in ("", *bundled_rigs()) else {"rig_file": os.path.relpath(source, folder)}
+    write_yaml({**named, **tuning.to_dict()}, path)
 
 
 @limit_to_one_thread()

@@ -8,10 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import build_friction_effects
+from gimbal_pin.dynamics.model import Model, build_friction_effects
 from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea
-from gimbal_pin.effects import Effect
+from gimbal_pin.effects import Effect, Term
+from gimbal_pin.effects.parse import parse_effect
+from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.adjoint import (
     Link,
     build_links,
@@ -162,3 +164,21 @@ def differentiate_direction(motion: Motion, step: float, weights: Array) -> Arra
     per_rate = np.where(inside, weights / np.where(inside, reach, 1.0), 0.0)
     per_acceleration = -per_rate * motion.v / np.where(inside, motion.a, 1.0)
     return np.stack([np.zeros_like(per_rate), per_rate, per_acceleration])
+
+
+def list_shown_effects(model: Model, causes: Sequence[str]) -> list[Effect]:
+    """Return the effects of a model but its Coulomb and viscous friction, and those of texts for `parse_effect`.
+
+    Raises:
+        UsageError: A cause is no torque at a joint; it says what shows that.
+    """
+    terms = [term.effect for term in model.terms]
+    for named in causes:
+        planted = parse_effect(named, model.rig)
+        if not isinstance(planted, Term):
+            what = "adds no torque of its own at a joint, which is what a motion is designed to show"
+            mend = f"what shows it is {planted.experiment}; 'simulate --effect' plants it"
+            raise UsageError(f"--effect {planted.name}", what, mend)
+        terms.append(planted.effect)
+    friction = build_friction_effects(model.rig.joints)
+    return [effect for k, effect in enumerate(terms) if effect not in (*friction, *terms[:k])]

@@ -85,6 +85,12 @@ class Excitation:
         """One line: condition number and length; `text.excitation` has what it uses of the limits."""
         return f"excitation of {self.rig}: condition number {self.condition_number:.1f} in {self.length}"
 
+    def sample(self, rate: float | None) -> Motion:
+        """Return the motion at so many samples per second; None: as it is."""
+        if rate is None:
+            return self.motion
+        return self.series.motion(self.coefficients, np.arange(0.0, self.seconds * (1 + 1e-12), 1 / rate))
+
     @property
     def periods(self) -> int:
         """How often the series is repeated."""

@@ -14,7 +14,7 @@ from gimbal_pin.control.experiment import bench_run, perturbed
 from gimbal_pin.control.judging import Judgement, judge_controllers
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import Tracking, tour, track
-from gimbal_pin.control.tuning import Law, Tuning, pair_rivals, tune
+from gimbal_pin.control.tuning import Law, Tuning, pair_rivals, tune, write_controller
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
 from gimbal_pin.diagnosis.file import list_writers
@@ -33,7 +33,7 @@ from gimbal_pin.identification import (
 )
 from gimbal_pin.identification.model_file import write_model
 from gimbal_pin.log.io import write_log
-from gimbal_pin.log.io.files import atomic_write, write_json, write_run, write_yaml
+from gimbal_pin.log.io.files import atomic_write, write_json, write_run
 from gimbal_pin.log.log import Log, find_interval
 from gimbal_pin.pointing import Verified, verify
 from gimbal_pin.pointing.bench import WANTED
@@ -234,7 +234,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
     writers: dict[str, Callable[[Path], object]] = {
         "model": partial(write_model, identified),
         "urdf": partial(atomic_write, content=(found.beside or identified).to_urdf()),
-        "controller": partial(write_yaml, found.tuning.to_dict()),
+        "controller": partial(write_controller, found.tuning, folder=folder),
         "motion": partial(write_log, found.animated),
         "animation": partial(atomic_write, content=animation),
         "report": partial(atomic_write, content=pages.full(rig, logs, found, animation)),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from math import inf, pi
 from pathlib import Path
 from typing import Any
 
-from gimbal_pin.errors import RigError
+from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, read_fields, read_record
@@ -124,6 +124,27 @@ def load_config(path: Path) -> Config:
     rows = config.limits.items()
     limits = {joint: read_fields(Limits, entry, f"{place}: limits.{joint}", RigError) for joint, entry in rows}
     return replace(config, limits=limits)
+
+
+def read_limits(texts: Sequence[str], joints: Sequence[str], limits: Sequence[Limits]) -> tuple[Limits, ...]:
+    """Return the joints' limits, those of texts such as ``pan.velocity=2`` in place of their own.
+
+    Raises:
+        UsageError: A text names no joint or limit of the rig, or no number that such a limit may have.
+    """
+    named = dict(zip(joints, limits))
+    for given in texts:
+        name, _, number = given.partition("=")
+        joint, _, quantity = name.rpartition(".")
+        place, mend = f"--limit {given}", f"write JOINT.velocity=NUMBER with a joint out of {', '.join(joints)}"
+        if joint not in named:
+            raise UsageError(place, f"the rig has no joint '{joint}'", mend)
+        try:
+            value = float(number)
+        except ValueError:
+            raise UsageError(place, f"'{number}' is no number", mend) from None
+        named[joint] = replace(named[joint], **read_fields(Limits, {quantity: value}, place, UsageError))
+    return tuple(named.values())
 
 
 def overlay_config(base: Config, top: Config) -> Config:

@@ -69,6 +69,15 @@ def find_target(path: Path, config: Config) -> Path:
     return path.parent / config.urdf
 
 
+def list_configs(rig: str) -> list[Path]:
+    """Return the YAML files that the name of a rig that is there leads through."""
+    path, found = bundled() / f"{rig}.urdf" if rig in bundled_rigs() else Path(rig), []
+    while path.suffix in YAML_SUFFIXES:
+        found.append(path)
+        path = find_target(path, load_config(path))
+    return found
+
+
 def find_payload(payload: str) -> Path:
     """Return the URDF of a bundled payload or of a path."""
     path = bundled() / "payloads" / f"{payload}.urdf" if payload in bundled_payloads() else Path(payload)

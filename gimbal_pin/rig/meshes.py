@@ -53,6 +53,17 @@ def find_mesh_file(name: str, folder: Path) -> Path | None:
     return next((file.resolve() for file in candidates if os.path.isfile(file)), None)
 
 
+def list_sources(rig: Path, arguments: Mapping[str, str]) -> list[Path]:
+    """Return the file of a rig or payload, what it includes, and the meshes that it names; `arguments`: xacro's."""
+    from gimbal_pin.rig.formats import convert_to_urdf
+    from gimbal_pin.rig.urdf import parse
+
+    text, _, included = convert_to_urdf(rig, arguments)
+    named = [mesh.get("filename", "") for mesh in parse(text, str(rig)).iter("mesh")]
+    meshes = (find_mesh_file(name, rig.parent) for name in named)
+    return [rig, *map(Path, included), *(file for file in meshes if file is not None)]
+
+
 def find_meshes(names: Iterable[str], folder: Path) -> Mapping[str, Mesh | str]:
     """Return the mesh that each name means, seen from the URDF's folder, or why there is none."""
     files = {name: find_mesh_file(name, folder) for name in names}

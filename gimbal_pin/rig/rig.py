@@ -71,6 +71,7 @@ class Rig:
     config: Config
     path: Path
     notes: tuple[str, ...] = ()
+    source: str = ""
 
     __repr__ = brief
 
@@ -118,7 +119,7 @@ class Rig:
             f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in element.xpath("joint[mimic]")
         ]
         mimicking = [f"a joint that mimics another is held where the other's zero has it: {join_names(mimics)}"]
-        return replace(built, notes=(*notes, *built.notes, *mimicking * bool(mimics)))
+        return replace(built, notes=(*notes, *built.notes, *mimicking * bool(mimics)), source=str(rig))
 
     def __str__(self) -> str:
         """Name, payload and joints; the URDF and the model would fill the screen."""

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from gimbal_pin.cli.inputs import carried
+from gimbal_pin.cli.inputs import read_platform
 from gimbal_pin.control.laws.uncertainty import inertia
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.log.log import Array
@@ -146,7 +146,7 @@ def main(rig: str, log: Path, maps: tuple[str, ...] = (), payload: str | None = 
         payload: Its payload.
     """
     loaded = Rig.load(rig, payload)
-    motion = carried(loaded, "none", log, maps, 1.0, 0.0, 1e-3, 0)
+    motion = read_platform(loaded, "none", log, maps, 1.0, 0.0, 1e-3, 0)
     found = Demand.of(nominal(unbalanced(loaded)), WANTED, motion.about(Sight(loaded).centre))
     for joint, limit in zip(found.joints, found.tau_max.tolist()):
         print(f"{joint}: up to {found.peak[joint]:.3g} N m of {limit:g}")

@@ -20,7 +20,7 @@ from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, parse_effect
 from gimbal_pin.errors import LogError
 from gimbal_pin.log import read_log, write_log
-from gimbal_pin.rig import Rig, bundled_rigs
+from gimbal_pin.rig import Rig, bundled, bundled_rigs
 from tests.bench_logs import prescribed
 from tests.command_line import Run, refused, result, whole
 
@@ -98,6 +98,21 @@ def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path:
     assert tracked["judged"] == tuned["judged"] and tracked["judged"]["plants"] == 2
     ratios = tracked["judged"]["ratios"]["computed-torque"]
     assert all(1 < ratios["worst"][place] <= ratios["median"][place] for place in ("pan", "tilt", "all"))
+
+
+def test_export_finds_the_rig_that_a_controller_was_tuned_for(run: Run, log_file: Path, tmp_path: Path) -> None:
+    """Beside the controller's file, wherever the two are moved together; without it the rig has to be named."""
+    first = tmp_path / "first"
+    (first / "made").mkdir(parents=True)
+    (first / "mine.yaml").write_text("urdf: turret\npayload: cinema\n")
+    (first / "mine.urdf").write_text((bundled() / "turret.urdf").read_text())
+    assert run("tune", first / "mine.urdf", log_file, "-o", first / "made" / "c.yaml", *FEW)[0] == 0
+    moved = first.rename(tmp_path / "moved")
+    assert run("export", moved / "made" / "c.yaml", "--odrive", moved / "map.json")[0] == 0
+    (moved / "mine.urdf").unlink()
+    refused(run("export", moved / "made" / "c.yaml", "--odrive", moved / "map.json"), 2, "--rig", "mine")
+    assert run("tune", moved / "mine.yaml", log_file, "-o", moved / "c.yaml", *FEW)[0] == 0
+    assert run("export", moved / "c.yaml", "--odrive", moved / "map.json")[0] == 0
 
 
 def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from tyro.constructors import PrimitiveConstructorSpec
 from gimbal_pin.cli import VERBS, ending_orderly, options
 from gimbal_pin.cli.paths import label
 from gimbal_pin.cli.present import say
-from gimbal_pin.cli.work import affordable
+from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import LONGEST, UNSAFE, DataError, GimbalPinError, UsageError
 from gimbal_pin.identification import ESTIMATORS
 from gimbal_pin.log.io import files
@@ -45,7 +45,7 @@ def numbers(of: Any) -> Iterator[tuple[str, Any, list[PrimitiveConstructorSpec[A
 
 
 def test_every_estimator_can_be_asked_for() -> None:
-    assert set(get_args(options.EstimatorName)) == {str(method) for method in ESTIMATORS}
+    assert set(get_args(get_args(options.EstimatorName)[0])) == {str(method) for method in ESTIMATORS}
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -87,12 +87,12 @@ def test_work_of_hours_is_asked_for_twice(run: Run, tmp_path: Path, monkeypatch:
 
 
 def test_work_asks_where_it_needs_more_than_half_of_what_a_limit_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
-    affordable(False, frame_of_a_joint=1e6)
+    check_cost(False, frame_of_a_joint=1e6)
     monkeypatch.setattr(resource, "getrlimit", lambda _: (10**9, 10**9))
     monkeypatch.setattr(Path, "exists", lambda _: False)
     with pytest.raises(UsageError, match=r"0\.6 GB; add --yes"):
-        affordable(False, frame_of_a_joint=1e6)
-    affordable(True, frame_of_a_joint=1e6)
+        check_cost(False, frame_of_a_joint=1e6)
+    check_cost(True, frame_of_a_joint=1e6)
 
 
 @given(parts=st.tuples(*[st.text() | st.text(min_size=200, max_size=2000)] * 3))

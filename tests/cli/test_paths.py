@@ -15,7 +15,7 @@ from typing import Any, get_args
 import pytest
 
 from gimbal_pin.cli import VERBS
-from gimbal_pin.cli.paths import Reads, Writes, label, options
+from gimbal_pin.cli.paths import Reads, Writes, label, list_options
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.io import files
 from gimbal_pin.rig import bundled
@@ -118,7 +118,7 @@ def test_every_path_is_marked_as_read_or_written(verb: str) -> None:
         if kind is Path or Path in get_args(kind):
             assert any(isinstance(mark, (Reads, Writes)) for mark in marks), name
     given = dict.fromkeys(signature(VERBS[verb]).parameters, "value")
-    assert len({label for label, *_ in options(VERBS[verb], given)}) == len(given)
+    assert len({label for label, *_ in list_options(VERBS[verb], given)}) == len(given)
 
 
 OUTPUTS = [
@@ -126,7 +126,7 @@ OUTPUTS = [
     for verb in VERBS
     for name, _, marks in every_option(VERBS[verb])
     for mark in marks
-    if isinstance(mark, Writes) and not mark.run
+    if isinstance(mark, Writes) and mark.run is None
 ]
 """Verb, name on its command line and mark of every file that it may write."""
 
@@ -143,7 +143,7 @@ def test_an_unknown_suffix_is_refused_before_the_work(
         called = label(name, marks)
         if given is not None and given.default is given.empty and called != option:
             words += [called, "new.csv"] if called.startswith("-") or kind is Path else ["turret"]
-    known = ", ".join(mark.chosen() or mark.suffixes)
+    known = ", ".join(mark.list_suffixes())
     said = run(verb, *words, option, f"no{suffix}")
     refused(said, 2, f"gimbal-pin: {option}: names no{suffix}; give it a name that ends in {known}")
     assert known and not Path(f"no{suffix}").exists()

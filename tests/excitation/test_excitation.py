@@ -23,7 +23,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.cli.excite import to_show
 from gimbal_pin.dynamics import Model, compute_gravity, compute_regressor, compute_rnea, nominal
 from gimbal_pin.effects import CAUSES, Coulomb, Effect, LoadDependentFriction, Stribeck, Term
 from gimbal_pin.errors import UsageError
@@ -43,6 +42,7 @@ from gimbal_pin.excitation import (
     count_periods,
     excite,
     find_crest,
+    list_shown_effects,
 )
 from gimbal_pin.log import Array, Log, Motion, read_motion
 from gimbal_pin.regression import Filtering, compute_settling_time
@@ -572,5 +572,5 @@ def test_a_cause_that_no_motion_is_designed_for_says_what_shows_it(name: str) ->
     values = ",".join(f"{p.name}={max(p.lower, min(p.upper, 0.01)):g}" for p in kind.stated())
     asked = f"{name}:{'pan:' if kind.of_joint else ''}{values}"
     with pytest.raises(UsageError, match="'simulate --effect' plants it") as refused:
-        to_show(nominal(Rig.load("turret")), [asked])
+        list_shown_effects(nominal(Rig.load("turret")), [asked])
     assert kind.experiment in str(refused.value) and name in refused.value.place

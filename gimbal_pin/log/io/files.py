@@ -9,7 +9,7 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime, timezone
 from pathlib import Path
@@ -157,6 +157,19 @@ def check_folder(folder: Path, place: str) -> None:
         raise UsageError(place, f"would be a folder where {there.name} is a file", "name another place")
     if not os.access(there, os.W_OK | os.X_OK):
         raise UsageError(place, "is write-protected", "name another folder")
+
+
+def check_run(folder: Path, files: Iterable[Path], place: str) -> None:
+    """Raise `UsageError` if a run cannot be put into a folder, or would replace one of `files` that is no run's."""
+    check_folder(folder, place)
+    ours, mend = read_run(folder), "name another folder, or move it"
+    for file in files:
+        if file.name == RUN_FILE or not os.path.lexists(file):
+            continue
+        if file.name not in ours:
+            raise UsageError(place, f"holds {file.name}, which is of no earlier run", mend)
+        if hash_file(file) != ours[file.name]:
+            raise UsageError(place, f"holds {file.name}, which was changed after the run that wrote it", mend)
 
 
 def move_into_place(temporary: Path, target: Path, special: bool = False) -> None:

@@ -41,6 +41,16 @@ _REORDERING = 1.0
 samples follow after as long a gap."""
 
 
+_REFUSALS = (
+    ("runs a controller of other joints or terms", "flash the sources that --c writes"),
+    (
+        "refuses these gains or terms: out of the range that gimbal_link.h states",
+        "tune for the delay of the gimbal that runs",
+    ),
+    ("has another secret, or none", "give gimbal_link_start and --secret the same"),
+    ("was tuned by a host whose clock is ahead", "set this machine's clock"),
+)
+"""What a gimbal's status means, from 1 on, and the correction."""
 _WORD = 2**64 - 1
 """The largest word of SipHash: sums are taken modulo its successor."""
 
@@ -275,6 +285,12 @@ def send_parameters(address: str, body: bytes, secret: bytes, patience: float = 
                 _send(channel, encode_frame(seal_frame(Frame(_TUNE, sequence, body), secret, time.time_ns())))
                 due = now + 0.5
     raise LogError(address, f"did not answer within {patience:g} s", "see that the gimbal runs there")
+
+
+def check_answer(address: str, status: int) -> None:
+    """Raise `UsageError` unless a gimbal's status says that new parameters are in force."""
+    if status:
+        raise UsageError(address, *_REFUSALS[min(status, len(_REFUSALS)) - 1])
 
 
 def compute_siphash(key: bytes, data: bytes) -> bytes:
