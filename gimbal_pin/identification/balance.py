@@ -96,7 +96,7 @@ class Balance:
         after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
         saved = f"gravity then takes {after} instead of {before} {self.forces[joint]} at {joint}"
         way = f"{describe_way(clear * factor, unit)} (± {digits(std * factor, 1)} {unit}"
-        open_ = "the stated {}, which the log does not show: in inverse proportion to its mass"
+        open_ = "the stated {}, which the log does not show: half as far if it weighs twice that"
         of = {"stated": open_, "weighed": "the {} that were weighed"}.get(self.source, "its {}")
         stands = (
             f" at {of.format(f'{digits(1e3 * self.mass, 4)} g')})"

@@ -88,7 +88,7 @@ def read_model(path: str | Path, rig: Rig) -> Model:
     """Read a model that `write_model` or `write_extended` wrote for a rig with its joints; of several payloads its own.
 
     Raises:
-        ModelError: The file is of another kind, for other joints, or lacks something.
+        ModelError: The file is of another kind, for other joints or another payload, or lacks something.
     """
     own = _read_own_part(path, rig)
     model = replace(read_model_data(own, rig, str(path)), doubts=_read_doubts(own, str(path)))
@@ -125,7 +125,12 @@ def _read_own_part(path: str | Path, rig: Rig) -> Mapping[str, Any]:
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
     payloads = convert_value(Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError)
-    return payloads.get(rig.payload, data)
+    own: Mapping[str, Any] = payloads.get(rig.payload, data)
+    if (carried := own.get("payload", rig.payload)) != rig.payload:
+        what = f"is of the payload {carried}" if carried else "is of the rig without a payload"
+        here = f"the rig {rig.name} carries {rig.payload or 'none'} here"
+        raise ModelError(str(path), what, f"{here}: name the URDF of the model's as 'payload:' in the rig's YAML")
+    return own
 
 
 @dataclass(frozen=True)

@@ -124,15 +124,20 @@ class PayloadDiscrepancy:
             return f"the log does not show where the payload sits{closer}"
         unseen = (f" ({' and '.join(hidden)} does not show)" if hidden else "") + closer
         clear = (np.abs(change) > np.maximum(DEVIATIONS * std, least)) & shift.axes
+        within = np.maximum(np.abs(change) + DEVIATIONS * std, least)
         if not (shift.is_significant and clear.any()):
-            most = max(float((np.abs(change) + DEVIATIONS * std).max()), least)
-            return f"the payload sits where its URDF says, to {digits(1e3 * most, 2)} mm{unseen}"
+            return f"the payload sits where its URDF says, to {digits(1e3 * float(within.max()), 2)} mm{unseen}"
+        same = [
+            f"{a}/{b} where that says, to {digits(1e3 * x, 2)} mm"
+            for (a, b), x, yes in zip(DIRECTIONS, within.tolist(), shift.axes & ~clear)
+            if yes
+        ]
         away = [
             f"{digits(1e3 * abs(x))} ± {digits(max(1e3 * s, 0.01), 1)} mm further {names[x < 0]}"
             for x, s, names, yes in zip(change.tolist(), std.tolist(), DIRECTIONS, clear)
             if yes
         ]
-        return f"the payload sits {', '.join(away)} than its URDF says{unseen}"
+        return f"the payload sits {', '.join(away)} than its URDF says{''.join(f', {one}' for one in same)}{unseen}"
 
     def _describe_mass(self) -> str:
         """Say what it weighs; of a mass that does not show, how the place changes with it."""
@@ -148,11 +153,11 @@ class PayloadDiscrepancy:
         grams = 10.0 ** round(np.log10(TRIAL_MASS * 1e3 * self.stated))
         change = grams * self.camera.T @ self.per_mass  # mm
         ways = [
-            f"{digits(abs(x), 2)} mm {names[x < 0]}"
+            f"{digits(abs(x), 2)} mm further {names[x < 0]}"
             for x, names in zip(change.tolist(), DIRECTIONS)
             if abs(x) > LEAST_SHIFT
         ]
-        otherwise = f"; every {grams:g} g more would mean {', '.join(ways)} of that" if ways else ""
+        otherwise = f"; if it weighs {grams:g} g more, it sits {', '.join(ways)}" if ways else ""
         return f"its mass does not show: taken as {stated}{otherwise}"
 
     def _describe_products(self) -> str:
@@ -271,6 +276,9 @@ def explain_by_payload(
         weighed: The payload's mass, kg, where it was weighed.
         trust: Relative deviation of the carrying link's mass from the URDF's (`compute_deformation_root`); none of a
             rig whose YAML says ``inertia: trusted``.
+
+    Raises:
+        UsageError: The weighed mass is far from the stated one.
     """
     rig = found.rig
     try:
@@ -279,6 +287,9 @@ def explain_by_payload(
         return None
     mine = slice(10 * body, 10 * body + 10)
     own, phi, stated = found.responses[:, mine], inertia.toDynamicParameters(), float(inertia.mass)
+    if weighed is not None and stated > 0 and not 1 / 30 < weighed / stated < 30:  # grams are taken for kilograms
+        what = f"{weighed:g} kg is {digits(weighed / stated, 2)} times what its URDF states"
+        raise UsageError("the payload's mass", what, "give it in kilograms, or state it in the payload's URDF")
     carrier, std_if_known = rig.phi[mine] - phi, np.inf
     # Where nothing carries it, the difference of two sums is rounding.
     if trust > 0 and rig.config.inertia != "trusted" and carrier[0] > 1e-3 * stated:

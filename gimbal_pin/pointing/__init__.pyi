@@ -5,11 +5,10 @@ from .bench import rehearsed as rehearsed
 from .bench import shaken_log as shaken_log
 from .bench import unbalanced as unbalanced
 from .controller import Controller as Controller
+from .controller import leveled as leveled
 from .forecast import Forecast as Forecast
 from .forecast import Spectrum as Spectrum
 from .guard import Guard as Guard
-from .level import Level as Level
-from .level import leveled as leveled
 from .measurement import Measurement as Measurement
 from .measurement import SensorFault as SensorFault
 from .measurement import Station as Station

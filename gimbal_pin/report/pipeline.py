@@ -82,13 +82,13 @@ class Auto:
         files: What → path.
         plant: What the steps were simulated on, in words.
         summary: What was found, what to do and what not to trust.
+        payload: What the log says of the payload: the diagnosis's answer where there is one, for it knows more.
         held: The camera held on a moving platform; None where that cannot be.
         why: Why it cannot, or nothing.
         undiagnosed: Why there is no diagnosis, or nothing.
         notes: What `write_run` says of files of an earlier run.
         beside: The identification with the causes that were found in the equations; None where there are none.
         seed: Repeats it as `rng`; None where a generator was given.
-        mass: Of the payload, kg, where it was weighed.
     """
 
     identified: Identified
@@ -101,20 +101,15 @@ class Auto:
     files: Mapping[str, Path]
     plant: str
     summary: Summary
+    payload: PayloadStatement
     held: Verified | None = None
     why: str = ""
     undiagnosed: str = ""
     notes: tuple[str, ...] = ()
     beside: Identified | None = None
     seed: int | None = None
-    mass: float | None = None
 
     __repr__ = brief
-
-    @property
-    def payload(self) -> PayloadStatement:
-        """What the log says of the payload: the diagnosis's answer where there is one, for it knows more."""
-        return compare_payload(self.identified, self.mass) if self.diagnosis is None else self.diagnosis.given
 
     @property
     def held_on(self) -> str:
@@ -190,8 +185,9 @@ def auto(
     causes = refittable_effects(model)
     beside = identify(rig, logs, causes, estimator=estimator, holdout=holdout, filtering=filtering) if causes else None
     steps = identified, wrong, model, first, tracking, judged, animated
-    head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed, judged)
-    found = Auto(*steps, files, stood, head, held, why, undiagnosed, beside=beside, seed=seed, mass=mass)
+    payload = compare_payload(identified, mass) if wrong is None else wrong.given
+    head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed, judged, payload)
+    found = Auto(*steps, files, stood, head, payload, held, why, undiagnosed, beside=beside, seed=seed)
     return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
 
 

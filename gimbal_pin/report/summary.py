@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding
-    from gimbal_pin.identification import Identified
+    from gimbal_pin.identification import Identified, PayloadStatement
     from gimbal_pin.log.log import Log
     from gimbal_pin.rig.rig import Rig
 
@@ -84,6 +84,7 @@ def summary(
     wrong: Diagnosis | None = None,
     undiagnosed: str = "",
     judged: Judgement | None = None,
+    payload: PayloadStatement | None = None,
 ) -> Summary:
     """Return the verdict on a rig's identification, controller and tracking.
 
@@ -126,7 +127,10 @@ def summary(
     unknown = [f"Not diagnosed: {undiagnosed}."] if undiagnosed else []
     simulated = [] if result is None else [SIMULATED.format(plant)]
     doubts = (*cautions(tuning, result, judged), *unexplained(wrong), *unknown, *simulated)
-    return Summary(verdict(fit, missing, barred), tone, to_do(wrong, tuning), doubts, tuple(details), tuple(numbers))
+    if payload is not None and rig.aims:
+        details += [f"{line[:1].upper()}{line[1:]}." for line in payload.lines[:1]]
+    steps = to_do(wrong, tuning, payload if rig.aims else None)
+    return Summary(verdict(fit, missing, barred), tone, steps, doubts, tuple(details), tuple(numbers))
 
 
 def outdone(judged: Judgement) -> list[str]:
@@ -171,11 +175,12 @@ def verdict(fit: float, missing: str = "", barred: bool = False) -> str:
     return f"{first}."
 
 
-def to_do(wrong: Diagnosis | None, tuning: Tuning | None) -> tuple[str, ...]:
+def to_do(wrong: Diagnosis | None, tuning: Tuning | None, payload: PayloadStatement | None = None) -> tuple[str, ...]:
     """Return what to do about what was found, the most urgent first."""
     if wrong is not None and wrong.spoiling:
         return tuple(f"{fault.next_experiment[:1].upper()}{fault.next_experiment[1:]}." for fault in wrong.spoiling)
     open_, known = [], []
+    slid = () if payload is None else tuple(f"{one[:1].upper()}{one[1:]}." for one in payload.advice[:1])
     compensated = "" if tuning is None else "; ".join(why for why in tuning.reasons if why.startswith("compensated"))
     for finding in [] if wrong is None else wrong.lacking:
         if finding.open:
@@ -184,8 +189,8 @@ def to_do(wrong: Diagnosis | None, tuning: Tuning | None) -> tuple[str, ...]:
             known.append(f"Against {named(finding)}: {CAUSES[finding.cause].compensation}.")
     if tuning is not None and tuning.doubts:
         richer = "Record a richer log, for which 'gimbal-pin excite' designs the motion, before a controller runs."
-        return (*open_, richer, *known)
-    return (*open_, *known, *([] if tuning is None else [EXPORT]))
+        return (*open_, richer, *known, *slid)
+    return (*open_, *known, *slid, *([] if tuning is None else [EXPORT]))
 
 
 def unexplained(wrong: Diagnosis | None) -> list[str]:

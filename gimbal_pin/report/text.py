@@ -415,8 +415,7 @@ def auto(found: Auto, verbose: bool = False) -> str:
     """
     head, payload = found.summary, found.payload
     todo, doubts = (" ".join(lines[:SEVERAL]) for lines in (head.to_do, head.doubts))
-    mounted = [*payload.lines[:1], *payload.advice[:1]]
-    lines = [f"found: {head.found}", *mounted, f"to do: {todo}", f"take care: {doubts}", ""]
+    lines = [f"found: {head.found}", *payload.lines[:1], f"to do: {todo}", f"take care: {doubts}", ""]
     lines.append(str(tables.overview(found, MOST_LINES - len(lines) - 4)))
     if found.held is None:
         lines += [] if not found.model.rig.aims else [f"no camera held on a platform: {found.why}"]

@@ -208,7 +208,7 @@ def test_whatever_a_name_returns_prints_as_a_few_lines(rig: Rig, log: Log, diagn
     memory = online.advance(online.start(), log)
     read = summary(rig, found, tuning, tracking, [log], "the plant", diagnosis)
     judged = judge_controllers(found.model, pair_rivals(tuning.stored), plants=1)
-    auto = Auto(found, diagnosis, found.model, tuning, tracking, judged, log, {}, "the plant", read)
+    auto = Auto(found, diagnosis, found.model, tuning, tracking, judged, log, {}, "the plant", read, diagnosis.given)
     many = chain(32)
     wide = Log("run", many.joints, [0.0, 1.0], np.zeros((2, 32)))
     carried = gimbal_pin.profile_s(log.t)

@@ -127,6 +127,6 @@ def test_twice_the_mass_is_slid_half_as_far(mass: float) -> None:
     stated, weighed = told("turret"), compare_payload(found("turret"), mass).balance
     assert weighed is not None and weighed.mass == pytest.approx(mass) and weighed.source == "weighed"
     np.testing.assert_allclose(mass * weighed.way, stated.mass * stated.way, rtol=1e-9, atol=1e-12)
-    assert stated.source == "stated" and "in inverse proportion to its mass" in stated.how()
+    assert stated.source == "stated" and "half as far if it weighs twice that" in stated.how()
     assert "that were weighed" in weighed.how() and "proportion" not in weighed.how()
     assert weighed.after == pytest.approx(stated.after)

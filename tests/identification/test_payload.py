@@ -14,6 +14,7 @@ from lxml import etree
 from gimbal_pin.control import perturbed
 from gimbal_pin.dynamics import Model, nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import get_payload, parse_effect
+from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import BaseDifference, PayloadDiscrepancy, compare_payload, explain_by_payload, identify
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig, build_rig, to_urdf
@@ -21,6 +22,7 @@ from tests.bench_logs import prescribed
 
 RIGS = ("thesis", "handheld", "turret")
 SHIFT, MOVED = np.array([4.2, 2.0, -1.0]), "payload-shift:x=0.0042,y=0.002,z=-0.001"
+ALONG = "payload-shift:x=0.0042,y=0.0,z=0.0"
 
 
 def trust(rig: Rig) -> Rig:
@@ -91,7 +93,24 @@ def test_a_mass_that_does_not_show_is_one_statement_with_the_place() -> None:
     at_the_mass = (com + 100.0 * (per_gram + com / row["stated_mass"]))[shown]
     np.testing.assert_allclose(at_the_mass, 0.0, atol=4 * np.nanmax(std))
     assert np.nanmax(np.abs(com)) > 20 * np.nanmax(std)
-    assert re.search(r"every 100 g more would mean [\d.]+ mm (forward|back|left|right|up|down)", row["sentence"])
+    assert re.search(
+        r"if it weighs 100 g more, it sits [\d.]+ mm further (forward|back|left|right|up|down)", row["sentence"]
+    )
+
+
+def test_grams_are_not_taken_for_kilograms() -> None:
+    rig = trust(Rig.load("turret"))
+    found = identify(rig, [record(nominal(rig), 1)])
+    with pytest.raises(UsageError, match="give it in kilograms"):
+        compare_payload(found, 1000.0 * float(get_payload(rig)[1].mass))
+
+
+def test_every_axis_is_spoken_of() -> None:
+    """An axis that is as the URDF says has that said beside one that is not."""
+    found = compare(trust(Rig.load("handheld")), record(plant(trust(Rig.load("handheld")), ALONG), 1))
+    said = found.sentence.partition("; ")[0]
+    assert all(any(word in said for word in pair) for pair in (("forward", "back"), ("left", "right"), ("up", "down")))
+    assert "where that says, to" in said
 
 
 @pytest.mark.parametrize("name", ["handheld", "turret"])

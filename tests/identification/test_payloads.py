@@ -189,6 +189,8 @@ def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path)
     for payload, one in found.identified.items():
         read = read_model(tmp_path / "model.yaml", replace(Rig.load("turret", payload)))
         np.testing.assert_allclose(read.rig.phi, one.model.rig.phi)
+    with pytest.raises(ModelError, match="is of the payload mirrorless; the rig turret carries"):
+        read_model(tmp_path / "model.yaml", Rig.load("turret", "zoom-lens"))
 
 
 @cache

@@ -133,11 +133,12 @@ def whole(walk: Walk, animation: str, **more: str) -> str:
 
 def gather(walk: Walk, why: str = "", **more: str) -> Auto:
     """Return the results of a walk as `auto` returns them."""
-    head = summary(walk.rig, walk.found, walk.tunings["computed-torque"], walk.result, walk.logs, **more)
+    payload, tuned = compare_payload(walk.found), walk.tunings["computed-torque"]
+    head = summary(walk.rig, walk.found, tuned, walk.result, walk.logs, payload=payload, **more)
     files = {what: Path("out") / name for what, name in FILES.items()}
     tuning = walk.tunings["computed-torque"]
     steps = walk.found, None, walk.found.model, tuning, walk.result, walk.judged, walk.logs[0], files
-    return Auto(*steps, "the identified model", head, why=why, **more)
+    return Auto(*steps, "the identified model", head, payload, why=why, **more)
 
 
 def test_what_could_not_be_diagnosed_says_why(walk: Walk, page: str) -> None:
