@@ -48,8 +48,8 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 CEILINGS = {
     "names at the top of more than one module": 225,
     "percent of functions that are one word": 33,
-    "upper-case constants": 927,
-    "distinct deep names imported by the tests": 127,
+    "upper-case constants": 926,
+    "distinct deep names imported by the tests": 125,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

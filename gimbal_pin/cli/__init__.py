@@ -23,12 +23,12 @@ from gimbal_pin.errors import GimbalPinError, UsageError
 
 AGAIN = 0.2
 """Time after which a signal is heard that a library has swallowed, s."""
-NAMES = (
-    "inspect rigs new_rig check base excite simulate rehearse identify diagnose tune track export animate auto "
-    "montecarlo fleet demo"
-)
 VERBS: Mapping[str, Callable[..., None]] = {
-    name.replace("_", "-"): getattr(import_module(f"gimbal_pin.cli.{name}"), name) for name in NAMES.split()
+    name.replace("_", "-"): getattr(import_module(f"gimbal_pin.cli.{name}"), name)
+    for name in (
+        *("inspect", "rigs", "new_rig", "check", "base", "excite", "simulate", "rehearse", "identify", "diagnose"),
+        *("tune", "track", "export", "animate", "auto", "montecarlo", "fleet", "demo"),
+    )
 }
 
 

@@ -10,7 +10,7 @@ from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import read_logs, read_payload
-from gimbal_pin.cli.paths import Reads, Writes, list_log_files
+from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import check_shown, play, say, tell
 from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
@@ -39,11 +39,7 @@ def list_film_suffixes() -> tuple[str, ...]:
 
 def animate(
     rig: opt.RigName,
-    logs: Annotated[
-        Positional[tuple[str, ...]],
-        Reads(list_log_files),
-        arg(metavar="LOG …", help="logs or trajectories", help_behavior_hint="(at least one)"),
-    ],
+    logs: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG …", help_behavior_hint="(at least one)")],
     output: Annotated[opt.File, Writes(list_film_suffixes, list_films), opt.TO] = None,
     *,
     payload: opt.Payload = None,
@@ -52,8 +48,8 @@ def animate(
     fps: Annotated[opt.Maybe[float], opt.between("--fps", 0.1, 240)] = None,
     ghost: bool = True,
     at: Annotated[opt.Maybe[float], opt.between("--at", -1e10, 1e10, "s")] = None,  # from a boot, or from 1970
-    residual: Annotated[opt.File, Reads(), arg(metavar="MODEL")] = None,
-    beside: Annotated[opt.Maybe[str], Reads(list_log_files), arg(metavar="LOG")] = None,
+    residual: Annotated[opt.File, arg(metavar="MODEL")] = None,
+    beside: Annotated[opt.Maybe[str], arg(metavar="LOG")] = None,
     camera: opt.Maybe[View] = None,
     preset: opt.Maybe[Preset] = None,
     yes: opt.Yes = False,
@@ -62,6 +58,7 @@ def animate(
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server.
 
     Args:
+        logs: logs or trajectories
         speed: seconds of the log per second of playing
         fps: frames per second (default: what suits the format)
         ghost: show the reference as a ghost
@@ -87,6 +84,7 @@ def animate(
     loaded, every = read_logs(rig, load, logs, map, need_tau=residual is not None)
     other = None if beside is None else read_log(beside, loaded, map, need_tau=False)
     model = None if residual is None else read_model(residual, loaded)
+    scale = "" if model is None else f"residual: red from {100 * FULL:.0f} % of the joint's torque"
     if output is not None:
         suffix, fps = output.suffix.lower(), fps or rate
         frames = sum(read.t[-1] - read.t[0] for read in every) / speed * (fps or FPS.get(suffix, 1.0))
@@ -95,20 +93,9 @@ def animate(
         check_cost(yes, frame_of_a_joint=frames * loaded.n, rendered_frame=drawn)
         for read, path in zip(every, list_films(output, {"logs": logs}), strict=True):
             told = view.animate(
-                loaded,
-                read,
-                path,
-                speed=speed,
-                fps=fps,
-                ghost=ghost,
-                colour=None if model is None else heat(model, read),
-                at=at,
-                size=size,
-                camera=camera,
-                written=written,
-                beside=other,
-                scale="" if model is None else f"residual: red from {100 * FULL:.0f} % of the joint's torque",
-            )
+                loaded, read, path, speed=speed, fps=fps, ghost=ghost, at=at, size=size, camera=camera, written=written,
+                beside=other, colour=None if model is None else heat(model, read), scale=scale,
+            )  # fmt: skip
             tell(told)
             say(f"{read.t[-1] - read.t[0]:.1f} s → {path}")
     if live:

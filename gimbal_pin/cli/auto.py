@@ -41,19 +41,11 @@ def auto(
     from gimbal_pin.report.pipeline import auto as run
 
     loaded, read = load_logs(rig, payload, logs, map, moving=True)
+    wish = gains.to_wish(find_interval(log.dt for log in read))
     found = run(
-        loaded,
-        read,
-        output,
-        rng=np.random.default_rng(seed),
-        estimator=ESTIMATORS[Method(estimator)],
-        holdout=holdout,
-        filtering=choose_filter(cutoff, alignment),
-        wish=gains.to_wish(find_interval(log.dt for log in read)),
-        run=asked,
-        mass=mass,
-        plants=plants,
-    )
+        loaded, read, output, rng=np.random.default_rng(seed), estimator=ESTIMATORS[Method(estimator)], holdout=holdout,
+        filtering=choose_filter(cutoff, alignment), wish=wish, run=asked, mass=mass, plants=plants,
+    )  # fmt: skip
     tell(found.notes)
     present(text.auto(found, verbose), found.to_dict(), json)
     if live:

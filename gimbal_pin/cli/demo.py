@@ -5,11 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import arg
-
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import describe_run, load_rig
-from gimbal_pin.cli.paths import Reads, list_rig_files
 from gimbal_pin.cli.present import present, tell
 from gimbal_pin.cli.work import check_cost
 from gimbal_pin.report import text
@@ -18,16 +15,21 @@ from gimbal_pin.report import text
 def demo(
     output: opt.AutoFolder = Path("gimbal-pin-demo"),
     *,
-    rig: Annotated[str, Reads(list_rig_files), arg(help="bundled rig")] = "thesis",
+    rig: Annotated[str, opt.RIG] = "thesis",
     payload: opt.Payload = None,
-    seconds: Annotated[float, opt.between("--seconds", 1, 3600, "s"), arg(help="length of the simulated log")] = 22.0,
+    seconds: Annotated[float, opt.between("--seconds", 1, 3600, "s")] = 22.0,
     plants: opt.Plants = 50,
     seed: opt.Seed = 0,
     yes: opt.Yes = False,
     verbose: opt.Verbose = False,
     json: opt.Json = None,
 ) -> None:
-    """Run auto on a simulated log of a rig whose true parameters differ from its URDF; needs nothing."""
+    """Run auto on a simulated log of a rig whose true parameters differ from its URDF; needs nothing.
+
+    Args:
+        rig: bundled rig, or its file
+        seconds: length of the simulated log
+    """
     asked = describe_run("demo", locals())
     import numpy as np
 

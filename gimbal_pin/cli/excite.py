@@ -10,7 +10,6 @@ from tyro.conf import arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_logs, load_rig, read_payload, read_plant
-from gimbal_pin.cli.paths import Reads, list_log_files
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import check_cost
 from gimbal_pin.report import text
@@ -26,7 +25,7 @@ def excite(
     harmonics: Annotated[opt.Maybe[int], opt.between("--harmonics", 2, 200, kind=int)] = None,
     starts: Annotated[int, opt.between("--starts", 1, 1000, kind=int)] = 5,
     criterion: Literal["condition", "determinant"] = "condition",
-    after: Annotated[tuple[str, ...], Reads(list_log_files), arg(metavar="LOG …", help_behavior_hint="")] = (),
+    after: Annotated[tuple[str, ...], arg(metavar="LOG …", help_behavior_hint="")] = (),
     map: opt.Map = (),
     effect: Annotated[opt.Repeated, arg(metavar="CAUSE:JOINT:NAME=VALUE,…")] = (),
     model: opt.ModelFile = None,
@@ -77,21 +76,11 @@ def excite(
     terms = (harmonics or 10) * plant.rig.n
     check_cost(yes, squared_variable_of_a_start=starts * terms**2, sample_of_a_motion=seconds * rate)
     found = run(
-        plant.rig,
-        seconds=seconds,
-        periods=count_periods(seconds) if periods is None else periods,
-        harmonics=harmonics,
-        starts=starts,
-        criterion=build_sequential_criterion(plant.rig, read, seconds, shown) if read else criterion,
-        effects=shown,
-        torque_model=plant,
-        margin=margin,
-        first=first,
-        clearance=clearance,
-        speed=speed,
-        dt=1 / rate,
+        plant.rig, seconds=seconds, periods=count_periods(seconds) if periods is None else periods, harmonics=harmonics,
+        criterion=build_sequential_criterion(plant.rig, read, seconds, shown) if read else criterion, starts=starts,
+        effects=shown, torque_model=plant, margin=margin, first=first, clearance=clearance, speed=speed, dt=1 / rate,
         rng=np.random.default_rng(seed),
-    )
+    )  # fmt: skip
     write_motion(found.motion, found.joints, output)
     told = predict_estimate(plant, found.sample(log_rate), effects=shown, torque_noise=torque_noise, lag=lag, rng=seed)
     said = [text.excitation(found), text.expectation(told), describe_next_step(rig, output, first, bool(read))]

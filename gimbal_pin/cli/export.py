@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import describe_run, load_rig, read_base_motion, read_controller, read_payload
-from gimbal_pin.cli.paths import Reads, Writes
+from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.report import text
@@ -40,7 +40,7 @@ def list_simplefoc_files(given: Mapping[str, Any]) -> tuple[str, ...]:
 
 def export(
     controller: Annotated[
-        Positional[str], Reads(), arg(metavar="CONTROLLER", help="a controller's YAML, from 'gimbal-pin tune'")
+        Positional[str], arg(metavar="CONTROLLER", help="a controller's YAML, from 'gimbal-pin tune'")
     ],
     *,
     c: Annotated[opt.Folder, Writes(run=list_c_files)] = None,
@@ -48,10 +48,10 @@ def export(
     simplefoc: Annotated[opt.Folder, Writes(run=list_simplefoc_files)] = None,
     odrive: Annotated[opt.File, Writes((".json",))] = None,
     live: Annotated[opt.Maybe[str], arg(metavar="ADDRESS")] = None,
-    secret: Annotated[opt.File, Reads()] = None,
+    secret: opt.File = None,
     rig: opt.OtherRig = None,
     payload: opt.Payload = None,
-    platform_log: opt.LogFile = None,
+    platform_log: opt.File = None,
     map: opt.Map = (),
     json: opt.Json = None,
 ) -> None:

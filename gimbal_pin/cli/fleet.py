@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.present import present
@@ -12,46 +12,41 @@ from gimbal_pin.cli.work import check_cost
 
 
 def fleet(
-    logs: Annotated[Positional[str], arg(metavar="DIR", help="folder or URL of the logs and their manifest")],
+    logs: Annotated[Positional[str], arg(metavar="DIR")],
     *,
     output: opt.Results,
     rig: opt.OtherRig = None,
     payload: opt.Payload = None,
     reference: Annotated[opt.Maybe[str], arg(metavar="DIR")] = None,
     quick: bool = False,
-    workers: Annotated[opt.Workers, OmitArgPrefixes] = opt.WORKERS,
+    workers: opt.Workers = 0,
+    scheduler: opt.Scheduler = None,
+    yes: opt.Yes = False,
     seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
     """Compare many rigs' logs: which unit is not like its siblings, in what, and since when.
 
     Args:
+        logs: folder or URL of the logs and their manifest
         rig: what all units are built as (default: what the manifest says)
         reference: results of an earlier fleet, which units are judged against (default: each other)
         quick: identify only, and look for no causes
     """
     from gimbal_pin.fleet import read_manifest
-    from gimbal_pin.fleet.engine import write_whole
+    from gimbal_pin.fleet.engine import open_executors, write_whole
     from gimbal_pin.fleet.fleet import compare_fleet
     from gimbal_pin.fleet.page import describe_fleet
 
     manifest = read_manifest(logs)
-    if workers.scheduler is None:
+    if scheduler is None:
         kind = "identified_log" if quick else "diagnosed_log"
-        check_cost(workers.yes, workers.workers or 4096, **{kind: len(manifest.logs)})
-    with workers.start() as (executor, several):
+        check_cost(yes, workers or 4096, **{kind: len(manifest.logs)})
+    with open_executors(scheduler, workers) as (executor, several):
         found = compare_fleet(
-            manifest,
-            rig=rig,
-            payload=payload,
-            folder=output,
-            reference=reference,
-            quick=quick,
-            seed=seed,
-            executor=executor,
-            workers=several,
-            quiet=False,
-        )
+            manifest, rig=rig, payload=payload, folder=output, reference=reference, quick=quick, seed=seed,
+            executor=executor, workers=several, quiet=False,
+        )  # fmt: skip
     page = describe_fleet(found)
     write_whole(output, "report.html", page.to_html().encode())
     present(page.to_text(), found.to_dict(), json)

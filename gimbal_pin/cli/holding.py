@@ -10,7 +10,6 @@ from tyro.conf import UseAppendAction, arg
 
 from gimbal_pin.cli.inputs import load_logs, read_platform
 from gimbal_pin.cli.options import Effects, Map, Page, PlatformSize, Plotted, Yes, between, optional
-from gimbal_pin.cli.paths import Reads, list_log_files
 from gimbal_pin.cli.present import tell
 from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
@@ -39,10 +38,10 @@ class Holding:
     platform: Annotated[
         Literal["none", "S"], arg(help="hold the camera still on a platform that moves along profile S")
     ] = "none"
-    platform_log: Annotated[Path | None, Reads(list_log_files), optional("FILE", RECORDED)] = None
+    platform_log: Annotated[Path | None, optional("FILE", RECORDED)] = None
     platform_size: PlatformSize = 1.0
     map: Map = ()
-    learn: Annotated[str | None, Reads(list_log_files), optional("LOG", LEARNED, "one is simulated, 60 s")] = None
+    learn: Annotated[str | None, optional("LOG", LEARNED, "one is simulated, 60 s")] = None
     effect: Effects = ()
     fault: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KIND:SENSOR:START:END", help=FAULTS)] = ()
     seeds: Annotated[

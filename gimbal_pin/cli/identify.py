@@ -41,7 +41,7 @@ def identify(
     refit: bool = False,
     known: Annotated[opt.Maybe[str], Reads(unless="force"), arg(metavar="MODEL")] = None,
     force: bool = False,
-    extended: Annotated[opt.Maybe[str], Reads(), arg(metavar="MODEL")] = None,
+    extended: Annotated[opt.Maybe[str], arg(metavar="MODEL")] = None,
     bias: bool = False,
     trust: Annotated[opt.Maybe[float], opt.between("--trust", 0.001, 10)] = None,
     bootstrap: Annotated[int, opt.between("--bootstrap", 0, 100000, kind=int)] = 0,

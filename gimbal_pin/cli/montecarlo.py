@@ -5,30 +5,31 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_rig, read_controller, read_payload, read_plant
-from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import check_cost
 
 
 def montecarlo(
     rig: opt.RigName,
-    model: Annotated[Positional[Path | None], Reads(), arg(metavar="[MODEL]", help_behavior_hint="")] = None,
+    model: Annotated[Positional[Path | None], arg(metavar="[MODEL]", help_behavior_hint="")] = None,
     *,
     output: opt.Results,
     count: Annotated[int, opt.between("--count", 1, 10**7, kind=int)] = 100,
-    vary: Annotated[opt.File, Reads()] = None,
+    vary: opt.File = None,
     spec: Annotated[opt.Repeated, arg(metavar="'FIGURE < NUMBER'")] = (),
     sobol: bool = False,
     payload: opt.Payload = None,
-    controller: Annotated[opt.File, Reads()] = None,
+    controller: opt.File = None,
     retune: bool = False,
     platform: Literal["none", "S"] = "none",
     seconds: Annotated[float, opt.between("--seconds", 0.6, 600, "s")] = 5.0,
-    workers: Annotated[opt.Workers, OmitArgPrefixes] = opt.WORKERS,
+    workers: opt.Workers = 0,
+    scheduler: opt.Scheduler = None,
+    yes: opt.Yes = False,
     seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
@@ -45,7 +46,7 @@ def montecarlo(
         platform: hold the camera still on profile S, instead of stepping all axes
         seconds: length of each run
     """
-    from gimbal_pin.fleet.engine import write_whole
+    from gimbal_pin.fleet.engine import open_executors, write_whole
     from gimbal_pin.fleet.montecarlo import monte_carlo
     from gimbal_pin.fleet.page import describe_monte_carlo
     from gimbal_pin.fleet.variation import Variation, choose_default_vary, read_vary
@@ -55,28 +56,17 @@ def montecarlo(
     varied = choose_default_vary(known) if vary is None else read_vary(vary)
     variation = Variation(known, varied, "variation" if vary is None else str(vary))
     variation.check()
-    if workers.scheduler is None:
+    stored = None if controller is None else read_controller(controller, loaded)
+    if scheduler is None:
         kind = "second_of_a_joint_on_a_platform" if platform == "S" else "second_of_a_joint_in_a_fleet"
         rigs = count * (len(variation.inputs) + 2 if sobol else 1)
-        check_cost(workers.yes, workers.workers or 4096, **{kind: rigs * seconds * loaded.n})
-    with workers.start() as (executor, several):
+        check_cost(yes, workers or 4096, **{kind: rigs * seconds * loaded.n})
+    with open_executors(scheduler, workers) as (executor, several):
         found = monte_carlo(
-            loaded,
-            known,
-            count=count,
-            folder=output,
-            vary=varied,
-            spec=spec,
-            controller=None if controller is None else read_controller(controller, loaded),
-            retune=retune,
-            platform=platform == "S",
-            seconds=seconds,
-            sobol=sobol,
-            seed=seed,
-            executor=executor,
-            workers=several,
+            loaded, known, count=count, folder=output, vary=varied, spec=spec, controller=stored, retune=retune,
+            platform=platform == "S", seconds=seconds, sobol=sobol, seed=seed, executor=executor, workers=several,
             quiet=False,
-        )
+        )  # fmt: skip
     page = describe_monte_carlo(found)
     write_whole(output, "report.html", page.to_html().encode())
     present(page.to_text(), found.to_dict(), json)

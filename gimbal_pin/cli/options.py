@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
@@ -17,7 +15,6 @@ from gimbal_pin.errors import UsageError, shortened
 
 if TYPE_CHECKING:
     from gimbal_pin.control.laws.design import Wish
-    from gimbal_pin.fleet.engine import Capacity, ExecutorFactory
 
 T = TypeVar("T")
 Maybe = Annotated[T | None, arg(help_behavior_hint="")]
@@ -59,22 +56,21 @@ def optional(metavar: str | None, help: str, default: str = "") -> Any:
     return arg(metavar=metavar, help=help, help_behavior_hint=default and f"(default: {default})")
 
 
+RIG = Reads(paths.list_rig_files)
 RigName = Annotated[
     Positional[str],
-    Reads(paths.list_rig_files),
+    RIG,
     arg(metavar="RIG", help="bundled rig, URDF, xacro, SDF or MJCF, or a YAML that names one"),
 ]
-OtherRig = Annotated[Maybe[str], Reads(paths.list_rig_files), arg(metavar="RIG")]
+OtherRig = Annotated[Maybe[str], RIG, arg(metavar="RIG")]
 Logs = Annotated[
     Positional[tuple[str, ...]],
-    Reads(paths.list_log_files),
     arg(
         metavar="LOG …",
         help="CSV, Parquet, NumPy, MATLAB, ROS bag or ULog; A.csv+B.csv: one log; LOG@PAYLOAD names its payload",
         help_behavior_hint="(at least one)",
     ),
 ]
-LogFile = Annotated[File, Reads(paths.list_log_files)]
 Payload = Annotated[
     str | None,
     Reads(paths.list_payload_files),
@@ -87,12 +83,10 @@ Mass = Annotated[
 ]
 ModelFile = Annotated[
     Path | None,
-    Reads(),
     optional("MODEL", "the plant: a model's YAML, from identify or diagnose", "the rig as its URDF states it"),
 ]
 Map = Annotated[
     UseAppendAction[tuple[str, ...]],
-    Reads(paths.list_mapping_files),
     arg(metavar="COLUMN=SOURCE", help="q_yaw=pos1, tau_yaw=iq*0.0276, t=time, or a YAML file of these"),
 ]
 Effects = Annotated[
@@ -108,8 +102,9 @@ MaybeOutput = Annotated[File, Writes(paths.list_log_suffixes), TO]
 MaybeYaml = Annotated[File, Writes((".yaml", ".yml")), TO]
 INTO = arg(aliases=["-o"], help="folder for the files, made if it is not there; its run.json says of which run")
 AutoFolder = Annotated[Path, Writes(run=paths.list_auto_files), INTO, arg(metavar="DIR")]
-RESULTS = arg(aliases=["-o"], metavar="DIR", help="folder or URL for the results; what is there goes on")
-Results = Annotated[str, RESULTS]
+Results = Annotated[
+    str, arg(aliases=["-o"], metavar="DIR", help="folder or URL for the results; what is there goes on")
+]
 Urdf = Annotated[File, Writes((".urdf", ".xml"))]
 Page = Annotated[File, Writes((".html",))]
 Plotted = Annotated[File, Writes(paths.list_plot_suffixes)]
@@ -145,6 +140,12 @@ EstimatorName = Annotated[
 HERTZ = between("--bandwidth-hz", 0.1, 100, "Hz")
 DELAY_SAMPLES = between("--delay-samples", 0, 50, kind=int)
 """As `tune` allows: a gimbal cannot be held with more."""
+Workers = Annotated[
+    int,
+    between("--workers", 0, 4096, kind=int),
+    arg(help="processes of this machine; 0: one per processor, 1: no other than this one"),
+]
+Scheduler = Annotated[str | None, optional("tcp://HOST:PORT", "run on the Dask cluster of this scheduler instead")]
 Plants = Annotated[
     int,
     between("--plants", 1, 10000, kind=int),
@@ -192,30 +193,4 @@ class Gains:
         )
 
 
-@dataclass(frozen=True)
-class Workers:
-    """Who runs many units.
-
-    Attributes:
-        workers: processes of this machine; 0: one per processor, 1: no other than this one
-        scheduler: run on the Dask cluster of this scheduler instead
-        yes: begin even what takes over ten minutes, or over half of the memory
-    """
-
-    workers: Annotated[int, between("--workers", 0, 4096, kind=int)] = 0
-    scheduler: Annotated[Maybe[str], arg(metavar="tcp://HOST:PORT")] = None
-    yes: bool = False
-
-    @contextmanager
-    def start(self) -> Iterator[tuple[ExecutorFactory | None, int | Capacity]]:
-        """Yield what runs the units, None for processes of this machine, and how many at once."""
-        from gimbal_pin.fleet.engine import dask_executors
-
-        if self.scheduler is None:
-            yield None, self.workers
-            return
-        with dask_executors(self.scheduler) as (factory, capacity):
-            yield factory, self.workers or capacity
-
-
-GAINS, WORKERS = Gains(), Workers()
+GAINS = Gains()

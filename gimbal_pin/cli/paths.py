@@ -12,25 +12,31 @@ from typing import Any
 
 from gimbal_pin.errors import UsageError
 
-Files = Callable[[Any, Mapping[str, Any]], Iterable["str | Path"]]
-"""Value of an option and all that the verb was given → the files that the value means."""
 
+def list_inputs(value: str | Path | tuple[str, ...]) -> Iterator[Path]:
+    """Yield the files that a value may name: a path, A.csv+B.csv, ``LOG@PAYLOAD``; ``-`` is standard input, a file too.
 
-def list_itself(value: str | Path, given: Mapping[str, Any]) -> list[str | Path]:
-    """Return the path that an option's value is; ``-`` is standard input or output."""
-    return [value] if str(value) != "-" else []
+    What is no path at all, such as a number's unit or ``q_yaw=pos1``, is the name of a file that no verb writes.
+    """
+    from gimbal_pin.log.io import split_payload
+    from gimbal_pin.log.io.readers import files_of
+
+    for text in value if isinstance(value, tuple) else (str(value),):
+        file, payload = (Path("/dev/stdin"), None) if text == "-" else split_payload(text)
+        yield from files_of(file)
+        yield from () if payload is None else list_payload_files(payload)
 
 
 @dataclass(frozen=True)
 class Reads:
-    """Marks an option whose value means files that the verb reads.
+    """Marks an option whose value means other files that the verb reads than those that it names.
 
     Attributes:
-        files: Which.
+        files: Value → which.
         unless: Flag that allows to write over them.
     """
 
-    files: Files = list_itself
+    files: Callable[[Any], Iterable[Path]] = list_inputs
     unless: str = ""
 
 
@@ -46,15 +52,15 @@ class Writes:
     """
 
     suffixes: tuple[str, ...] | Callable[[], tuple[str, ...]] = ()
-    files: Files = list_itself
+    files: Callable[[Path, Mapping[str, Any]], list[Path]] = lambda value, given: [value]
     run: Callable[[Mapping[str, Any]], Iterable[str]] | None = None
 
-    def list_files(self, value: Any, given: Mapping[str, Any]) -> list[Path]:
+    def list_files(self, value: Path, given: Mapping[str, Any]) -> list[Path]:
         """Return the files that a value means, with those of an earlier run, which the next one removes."""
         from gimbal_pin.log.io.files import RUN_FILE, read_run
 
         if self.run is None:
-            return [Path(file) for file in self.files(value, given)]
+            return self.files(value, given)
         return [value / name for name in (*self.run(given), *read_run(value), RUN_FILE)]
 
     def list_suffixes(self) -> tuple[str, ...]:
@@ -74,25 +80,7 @@ def list_log_suffixes() -> tuple[str, ...]:
     return tuple(suffix for suffix, form in FORMATS.items() if form.write is not None)
 
 
-def list_log_files(value: str | Path | tuple[str, ...], given: Mapping[str, Any]) -> Iterator[str | Path]:
-    """Yield the files of logs, ``LOG@PAYLOAD`` too; ``-`` is standard input, which may be a file."""
-    from gimbal_pin.log.io import split_payload
-    from gimbal_pin.log.io.readers import files_of
-
-    for log in value if isinstance(value, tuple) else (str(value),):
-        file, payload = (Path("/dev/stdin"), None) if log == "-" else split_payload(log)
-        yield from files_of(file)
-        yield from () if payload is None else list_payload_files(payload, given)
-
-
-def list_mapping_files(value: tuple[str, ...], given: Mapping[str, Any]) -> list[str]:
-    """Return the YAML files among the entries of a mapping."""
-    from gimbal_pin.log.mapping import is_mapping_file
-
-    return [entry for entry in value if is_mapping_file(entry)]
-
-
-def list_payload_files(value: str, given: Mapping[str, Any]) -> list[Path]:
+def list_payload_files(value: str) -> list[Path]:
     """Return the URDF of a payload, and the meshes that it names."""
     from gimbal_pin.rig.files import find_payload
     from gimbal_pin.rig.meshes import list_sources
@@ -100,15 +88,14 @@ def list_payload_files(value: str, given: Mapping[str, Any]) -> list[Path]:
     return list_sources(find_payload(value), {})
 
 
-def list_rig_files(value: str, given: Mapping[str, Any]) -> Iterator[Path]:
+def list_rig_files(value: str) -> Iterator[Path]:
     """Yield the YAML files that a rig's name leads through, its URDF and its YAML, its payload, their meshes."""
     from gimbal_pin.rig.files import find_rig, list_configs
     from gimbal_pin.rig.meshes import list_sources
 
     urdf, config = find_rig(value)
     yield from (*list_configs(value), urdf.with_suffix(".yaml"), *list_sources(urdf, config.xacro))
-    if config.payload is not None and given.get("payload") is None:
-        yield from list_payload_files(config.payload, given)
+    yield from () if config.payload is None else list_payload_files(config.payload)
 
 
 def list_auto_files(given: Mapping[str, Any]) -> list[str]:
@@ -129,13 +116,15 @@ def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
     """
     from gimbal_pin.log.io.files import check_run
 
-    marked = [(label, value, mark) for label, value, marks in list_options(verb, given) for mark in marks]
-    written = [(label, value, mark) for label, value, mark in marked if isinstance(mark, Writes)]
+    every = [(label, value, find_mark(marks)) for label, value, marks in list_options(verb, given)]
+    written = [
+        (label, Path(value), mark) for label, value, mark in every if isinstance(mark, Writes) and value != Path("-")
+    ]
     taken: dict[object, tuple[str, str]] = {}
-    for label, value, mark in marked:
-        if written and isinstance(mark, Reads) and not given.get(mark.unless):
+    for label, value, mark in every if written else ():
+        if isinstance(mark, Reads) and isinstance(value, (str, Path, tuple)) and not given.get(mark.unless):
             mend = f", or add --{mark.unless}" if mark.unless else ""
-            taken |= {identify_file(file): (f"which {label} reads", mend) for file in mark.files(value, given)}
+            taken |= {identify_file(file): (f"which {label} reads", mend) for file in mark.files(value)}
     for label, value, mark in written:
         own = {identify_file(file): file for file in mark.list_files(value, given)}
         for file in (own.keys() & taken.keys()) - {None}:
@@ -145,8 +134,8 @@ def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
     for label, value, mark in written:
         if mark.run is not None:
             check_run(value, mark.list_files(value, given), label)
-        elif str(value) != "-":
-            check_file(Path(value), mark, label)
+        else:
+            check_file(value, mark, label)
 
 
 def check_file(path: Path, mark: Writes, label: str) -> None:
@@ -176,6 +165,11 @@ def list_options(of: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[t
             yield from list_options(type(value), vars(value))
         elif value is not None:
             yield label(name, marks), value, marks
+
+
+def find_mark(marks: tuple[Any, ...]) -> Reads | Writes:
+    """Return what an option's value means: files that are read, unless it is marked."""
+    return next((mark for mark in marks if isinstance(mark, (Reads, Writes))), Reads())
 
 
 def label(name: str, marks: tuple[Any, ...]) -> str:

@@ -8,23 +8,24 @@ from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import fix_still_joints, load_rig
-from gimbal_pin.cli.paths import Reads, list_log_files
 from gimbal_pin.cli.present import present
 from gimbal_pin.report import text
 
 
 def rehearse(
     rig: opt.RigName,
-    motion: Annotated[
-        Positional[str], Reads(list_log_files), arg(metavar="MOTION", help="trajectory file, such as excite's")
-    ],
+    motion: Annotated[Positional[str], arg(metavar="MOTION")],
     *,
     payload: opt.Payload = None,
     torque_noise: opt.TorqueNoise = 0.01,
     seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
-    """Say which causes a log of a motion would show, from which size on, and what each would be taken for."""
+    """Say which causes a log of a motion would show, from which size on, and what each would be taken for.
+
+    Args:
+        motion: trajectory file, such as excite's
+    """
     from gimbal_pin.diagnosis import rehearse as run
     from gimbal_pin.log.io import read_motion
     from gimbal_pin.log.log import Log

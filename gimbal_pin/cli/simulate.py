@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_rig, read_controller, read_payload, read_plant, read_platform
-from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import check_shown, play, say, tell
 from gimbal_pin.cli.work import check_cost
 
@@ -22,14 +21,14 @@ def simulate(
     *,
     payload: opt.Payload = None,
     model: opt.ModelFile = None,
-    controller: Annotated[str, Reads()] = "computed-torque",
-    reference: opt.LogFile = None,
+    controller: str = "computed-torque",
+    reference: opt.File = None,
     seconds: Annotated[float, opt.between("--seconds", 0.1, 86400, "s")] = 60.0,
     bandwidth_hz: Annotated[float, opt.HERTZ] = 8.0,
     delay_samples: Annotated[int, opt.DELAY_SAMPLES] = 1,
     effect: opt.Effects = (),
     platform: Literal["none", "S"] = "none",
-    platform_log: opt.LogFile = None,
+    platform_log: opt.File = None,
     platform_size: opt.PlatformSize = 1.0,
     map: opt.Map = (),
     torque_noise: opt.TorqueNoise = 0.01,
@@ -77,18 +76,10 @@ def simulate(
         motion = None if motion is None else motion.until(length)
     plant, drive = plant_with(known, [parse_effect(cause, loaded) for cause in effect])
     log = bench_run(
-        plant,
-        law,
-        rng=np.random.default_rng(seed),
-        seconds=length,
-        torque_noise=torque_noise,
-        encoder_bits=encoder_bits,
-        delay=delay_samples,
-        reference=motion,
-        drive=drive,
-        platform=carrier,
+        plant, law, rng=np.random.default_rng(seed), seconds=length, torque_noise=torque_noise,
+        encoder_bits=encoder_bits, delay=delay_samples, reference=motion, drive=drive, platform=carrier,
         imus=loaded.config.imus if imus else (),
-    )
+    )  # fmt: skip
     log = log if rates else replace(log, v=None)
     tell(log.events)
     if output is not None:

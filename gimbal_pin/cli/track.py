@@ -10,7 +10,6 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from gimbal_pin.cli.holding import MOTIONS, STILL, Holding
 from gimbal_pin.cli.inputs import load_rig, read_controller, read_payload, read_plant
 from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, Plants, RigName, Seed, Verbose, optional
-from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present
 from gimbal_pin.control.controllers import COMPILED
 from gimbal_pin.errors import UsageError
@@ -30,7 +29,6 @@ def track(
     rig: RigName,
     controller: Annotated[
         Positional[str | None],
-        Reads(),
         arg(
             metavar="CONTROLLER",
             help="a controller's YAML, from tune: it steps, and holds the camera with its model and its gains",
@@ -39,7 +37,6 @@ def track(
     *,
     compiled: Annotated[
         Path | None,
-        Reads(),
         optional("FILE", "CONTROLLER's compiled library (.so), see export: steps and holds the camera beside it"),
     ] = None,
     payload: Payload = None,

@@ -8,18 +8,13 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import choose_filter, load_logs, load_rig, read_payload
-from gimbal_pin.cli.paths import Reads, list_log_files
 from gimbal_pin.cli.present import draw, present
 from gimbal_pin.report import text
 
 
 def tune(
     rig: opt.RigName,
-    source: Annotated[
-        Positional[tuple[str, ...]],
-        Reads(list_log_files),
-        arg(metavar="LOG|MODEL", help="logs, or a model's YAML", help_behavior_hint="(at least one)"),
-    ],
+    source: Annotated[Positional[tuple[str, ...]], arg(metavar="LOG|MODEL", help_behavior_hint="(at least one)")],
     output: opt.MaybeYaml = None,
     *,
     payload: opt.Payload = None,
@@ -27,11 +22,16 @@ def tune(
     cutoff: opt.Cutoff = None,
     gains: Annotated[opt.Gains, OmitArgPrefixes] = opt.GAINS,
     plants: opt.Plants = 50,
-    plot: Annotated[opt.Plotted, arg(help="write the loops' plots: .png, .svg or .pdf")] = None,
+    plot: opt.Plotted = None,
     verbose: opt.Verbose = False,
     json: opt.Json = None,
 ) -> None:
-    """Gains, margins and robust term from logs or from a model."""
+    """Gains, margins and robust term from logs or from a model.
+
+    Args:
+        source: logs, or a model's YAML
+        plot: write the loops' plots: .png, .svg or .pdf
+    """
     from gimbal_pin.control.judging import judge_controllers
     from gimbal_pin.control.tuning import pair_rivals, write_controller
     from gimbal_pin.control.tuning import tune as run
@@ -43,16 +43,9 @@ def tune(
     else:
         model = identify(*load_logs(rig, payload, source, map), filtering=choose_filter(cutoff, None)).model
     found = run(
-        model,
-        bandwidth_hz=gains.bandwidth_hz,
-        damping=gains.damping,
-        delay=gains.delay,
-        dt=gains.dt,
-        kind=gains.kind,
-        integral=gains.integral,
-        disk_margin=gains.disk_margin,
-        robust=gains.robust,
-    )
+        model, kind=gains.kind, bandwidth_hz=gains.bandwidth_hz, disk_margin=gains.disk_margin, damping=gains.damping,
+        integral=gains.integral, delay=gains.delay, dt=gains.dt, robust=gains.robust,
+    )  # fmt: skip
     if output is not None:
         write_controller(found, output, output.parent)
     draw(found.plot, plot)

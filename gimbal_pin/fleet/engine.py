@@ -244,6 +244,16 @@ def dask_executors(address: str, timeout: float = 30.0) -> Iterator[tuple[Execut
         yield partial(client.get_executor, pure=False), lambda: sum(client.nthreads().values())
 
 
+@contextmanager
+def open_executors(scheduler: str | None, workers: int) -> Iterator[tuple[ExecutorFactory | None, int | Capacity]]:
+    """Yield what runs units, see `dask_executors`, None for processes of this machine, and how many at once."""
+    if scheduler is None:
+        yield None, workers
+        return
+    with dask_executors(scheduler) as (factory, capacity):
+        yield factory, workers or capacity
+
+
 def process_pool(workers: int) -> ProcessPoolExecutor:
     """Processes of this machine, which end with the coordinator, however that ends; `UsageError`: none starts."""
     pool = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=end_with_parent)
