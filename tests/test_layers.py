@@ -46,10 +46,10 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 225,
+    "names at the top of more than one module": 223,
     "percent of functions that are one word": 33,
-    "upper-case constants": 926,
-    "distinct deep names imported by the tests": 125,
+    "upper-case constants": 921,
+    "distinct deep names imported by the tests": 124,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

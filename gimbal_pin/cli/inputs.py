@@ -92,35 +92,20 @@ def describe_run(verb: str, given: Mapping[str, Any]) -> dict[str, Any]:
     return {"verb": verb, "arguments": arguments}
 
 
-def read_platform(
-    rig: Rig, profile: str, log: Path | None, mapping: Sequence[str], size: float, seconds: float, dt: float, seed: int
-) -> Platform | None:
-    """Return the platform's motion from a profile or from a log, which may be shorter than what was asked for.
-
-    Raises:
-        UsageError: Both were given.
-        LogError: The log cannot be used, see `checks.check_platform_log`.
-    """
-    import numpy as np
-
+def read_platform(rig: Rig, profile: str, log: Path | None, mapping: Sequence[str]) -> Platform | None:
+    """Return the platform's motion from a log, if there is one; `UsageError` if a profile is given beside it."""
     from gimbal_pin.log.platform import Platform
-    from gimbal_pin.log.profile import profile_s
 
     if log is None:
-        times = dt / 2 * np.arange(2 * round(seconds / dt) + 1)
-        return profile_s(times, np.random.default_rng(seed), size) if profile == "S" else None
-    if profile == "S":
+        return None
+    if profile != "none":
         raise UsageError("--platform", "is given beside --platform-log", "give one of the two")
     t, imu = read_base_motion(rig, log, mapping)
     return Platform.measured(t - t[0], imu, str(log))
 
 
 def read_base_motion(rig: Rig, log: Path, mapping: Sequence[str]) -> tuple[Array, Imu]:
-    """Return time, s, (N,), and what the base's IMU reported in a log; say what is wrong with it.
-
-    Raises:
-        LogError: The log cannot be used, see `checks.check_platform_log`.
-    """
+    """Return time, s, (N,), and what the base's IMU reported in a log; say what is wrong with it."""
     from gimbal_pin.checks import check_platform_log
     from gimbal_pin.log.io import read_imu
 

@@ -58,7 +58,7 @@ def simulate(
     from gimbal_pin.control.experiment import bench_run
     from gimbal_pin.dynamics.simulation import plant_with
     from gimbal_pin.effects.parse import format_causes, parse_effect
-    from gimbal_pin.log.io import read_motion, write_log
+    from gimbal_pin.log import profile_s, read_motion, write_log
 
     if "help" in effect:
         return say(format_causes())
@@ -69,7 +69,10 @@ def simulate(
     length = seconds if motion is None else float(motion.t[-1] - motion.t[0])
     check_cost(yes, simulated_second_of_a_joint=length * loaded.n)
     law = choose_law(controller, known, bandwidth_hz)
-    carrier = read_platform(loaded, platform, platform_log, map, platform_size, length, law.dt, seed)
+    carrier = read_platform(loaded, platform, platform_log, map)
+    if platform == "S":
+        times = law.dt / 2 * np.arange(2 * round(length / law.dt) + 1)
+        carrier = profile_s(times, np.random.default_rng(seed), platform_size)
     if carrier is not None and carrier.t[-1] < length - law.dt / 2:
         length = float(carrier.t[-1])
         tell([f"{platform_log} ends after {length:.3g} s, and so does the simulation"])

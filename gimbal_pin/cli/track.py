@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import Positional, arg
 
-from gimbal_pin.cli.holding import MOTIONS, STILL, Holding
-from gimbal_pin.cli.inputs import load_rig, read_controller, read_payload, read_plant
-from gimbal_pin.cli.options import DELAY_SAMPLES, Json, ModelFile, Payload, Plants, RigName, Seed, Verbose, optional
-from gimbal_pin.cli.present import present
-from gimbal_pin.control.controllers import COMPILED
+from gimbal_pin.cli import options as opt
+from gimbal_pin.cli.inputs import load_logs, load_rig, read_controller, read_payload, read_plant, read_platform
+from gimbal_pin.cli.present import draw, present, tell
+from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
 from gimbal_pin.report import text
 
@@ -20,91 +19,120 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Stored
     from gimbal_pin.dynamics.model import Model
-    from gimbal_pin.dynamics.simulation import Controller
     from gimbal_pin.export import Library
-    from gimbal_pin.rig.rig import Rig
 
 
 def track(
-    rig: RigName,
-    controller: Annotated[
-        Positional[str | None],
-        arg(
-            metavar="CONTROLLER",
-            help="a controller's YAML, from tune: it steps, and holds the camera with its model and its gains",
-        ),
-    ] = None,
+    rig: opt.RigName,
+    controller: Annotated[Positional[str | None], arg(metavar="CONTROLLER", help_behavior_hint="")] = None,
     *,
-    compiled: Annotated[
-        Path | None,
-        optional("FILE", "CONTROLLER's compiled library (.so), see export: steps and holds the camera beside it"),
-    ] = None,
-    payload: Payload = None,
-    model: ModelFile = None,
-    delay_samples: Annotated[
-        int | None,
-        DELAY_SAMPLES,
-        arg(
-            help="samples between measurement and torque",
-            help_behavior_hint="(default: what the controller was tuned for, else 1)",
-        ),
-    ] = None,
-    held: Annotated[Holding, OmitArgPrefixes] = STILL,
-    plants: Plants = 50,
-    seed: Seed = 0,
-    verbose: Verbose = False,
-    json: Json = None,
+    compiled: opt.File = None,
+    payload: opt.Payload = None,
+    model: opt.ModelFile = None,
+    delay_samples: Annotated[opt.Maybe[int], opt.DELAY_SAMPLES] = None,
+    platform: Literal["none", "S"] = "none",
+    platform_log: opt.File = None,
+    platform_size: opt.PlatformSize = 1.0,
+    map: opt.Map = (),
+    learn: Annotated[opt.Maybe[str], arg(metavar="LOG")] = None,
+    effect: opt.Effects = (),
+    fault: Annotated[opt.Repeated, arg(metavar="KIND:SENSOR:START:END")] = (),
+    seeds: Annotated[int, opt.between("--seeds", 1, 10000, kind=int)] = 5,
+    seconds: Annotated[float, opt.between("--seconds", 0.1, 3600, "s")] = 30.0,
+    jobs: Annotated[int, opt.between("--jobs", 1, 64, kind=int)] = 1,
+    plot: opt.Plotted = None,
+    report: opt.Page = None,
+    animation: opt.Page = None,
+    plants: opt.Plants = 50,
+    seed: opt.Seed = 0,
+    yes: opt.Yes = False,
+    verbose: opt.Verbose = False,
+    json: opt.Json = None,
 ) -> None:
-    """Step tracking against a PID; on a platform that moves, a camera held by computed torque and by a PID."""
-    if controller is None and not held.moving:
-        raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {MOTIONS}")
+    """Step tracking against a PID; on a platform that moves, a camera held by computed torque and by a PID.
+
+    Args:
+        controller: a controller's YAML, from tune: it steps, and holds the camera with its model and its gains
+        compiled: CONTROLLER's compiled library (.so), see export: steps and holds the camera beside it
+        delay_samples: samples between measurement and torque (default: what the controller was tuned for, else 1)
+        platform: hold the camera still on a platform that moves along profile S
+        platform_log: or along a recorded motion: gyro_ and accel_ of the base link, low-passed at 20 Hz
+        learn: log of a shaken platform, --map's where there is no --platform-log (default: 60 s are simulated)
+        fault: let a sensor fail: frozen:platform-imu:3:4, nan:camera-gyro:2, dropped:3:3.01, clock:3:-1, in s
+        seeds: runs on a platform, each with its own motion and noise
+        seconds: length of each of these runs
+        jobs: processes that share these runs
+        plot: draw line of sight, spectrum and torque: .png, .svg or .pdf
+        report: write a report: what the camera sees, errors, torque
+        animation: write the rig on its platform as an offline page
+    """
+    from gimbal_pin.checks import check_platform_log
+    from gimbal_pin.export import Library
+    from gimbal_pin.log.io.files import atomic_write
+    from gimbal_pin.pointing import parse_fault, verify
+    from gimbal_pin.report import pages
+    from gimbal_pin.report.camera_chart import chart
+
+    moving, motions = platform != "none" or platform_log is not None, "--platform S, --platform-log FILE"
+    if controller is None and not moving:
+        raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {motions}")
     if controller is None and compiled is not None:
         raise UsageError("--compiled", "has no CONTROLLER to stand beside", "name the YAML that it was exported from")
-    held.check()
+    for option, given in (("--animation", animation), ("--plot", plot), ("--fault", fault)):
+        if given and not moving:
+            raise UsageError(option, "has no platform that moves", f"name a motion: {motions}")
     loaded = load_rig(rig, payload or read_payload(controller))
     tuned = None if controller is None else read_controller(controller, loaded)
-    machine = None if compiled is None else library(compiled, loaded)
-    wish = None if tuned is None else tuned.wish
-    late, held_late = (1, 1) if wish is None else (wish.samples, wish.holding_samples)
-    if delay_samples is not None:
-        late = held_late = delay_samples
-    stood = "the controller's own model" if model is None else f"the model in {model}"
-    log = held.taught(rig, loaded.payload) if held.moving else None
+    machine = None if compiled is None else Library.load(compiled, loaded)
+    plant, log, held = None if model is None else read_plant(model, loaded), None, None
+    if moving and learn is not None:
+        own, (log,) = load_logs(rig, loaded.payload, [learn], map if platform_log is None else ())
+        if own.base in log.imus:
+            tell(check_platform_log(log.t, log.imus[own.base], log.name).notes)
     steps, judged = None, None
     if tuned is not None:
-        believed = tuned.model if model is None else read_plant(model, loaded)
-        steps, judged = stepped(tuned, machine, believed, late, plants, seed)
-    verified = None
-    if held.moving:
-        plant = None if model is None else read_plant(model, loaded)
-        verified = held.verified(loaded, log, plant, tuned, machine, held_late)
-    held.write(loaded, verified, steps, stood, judged)
+        steps, judged = step_controllers(tuned, machine, plant or tuned.model, delay_samples, plants, seed)
+    if moving:
+        recorded = read_platform(loaded, platform, platform_log, map)
+        known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
+        late = delay_samples if delay_samples is not None else 1 if tuned is None else tuned.wish.holding_samples
+        runs = seeds * (2 + (machine is not None))
+        check_cost(yes, jobs, second_of_a_joint_on_a_platform=runs * seconds * loaded.n)
+        held = verify(
+            loaded, log=log, plant=plant, known=known, law=law, machine=machine, recorded=recorded, size=platform_size,
+            causes=effect, faults=tuple(parse_fault(one) for one in fault), seeds=seeds, seconds=seconds, jobs=jobs,
+            delay=late,
+        )  # fmt: skip
+        draw(partial(chart, held), plot)
+    if report is not None:
+        stood = "the controller's own model" if model is None else f"the model in {model}"
+        atomic_write(report, pages.carried(loaded, held, steps, stood, judged))
+    if animation is not None and held is not None:
+        atomic_write(animation, pages.moving(loaded, held))
     told = [] if steps is None or judged is None else [text.tracking(steps, judged, loaded)]
-    told += [] if verified is None else [text.verified(verified, verbose)]
-    own, more = ({} if one is None else one.to_dict() for one in (steps, verified))
-    own |= {} if judged is None else {"judged": judged.to_dict()}
-    present("\n\n".join(told), {"schema": 1, "experiments": [], **own, **more}, json)
+    told += [] if held is None else [text.verified(held, verbose)]
+    own_rows, more = ({} if one is None else one.to_dict() for one in (steps, held))
+    own_rows |= {} if judged is None else {"judged": judged.to_dict()}
+    present("\n\n".join(told), {"schema": 1, "experiments": [], **own_rows, **more}, json)
 
 
-def library(path: Path, rig: Rig) -> Library:
-    """Load a compiled controller."""
-    from gimbal_pin.export import Library
-
-    return Library.load(path, rig)
-
-
-def stepped(
-    tuned: Stored, machine: Library | None, plant: Model, late: int, plants: int, seed: int
+def step_controllers(
+    tuned: Stored, machine: Library | None, plant: Model, late: int | None, plants: int, seed: int
 ) -> tuple[Tracking, Judgement]:
-    """Step a controller, its compiled twin if there is one, and its rival; judge them on plants around that one."""
+    """Step a controller, its compiled twin if there is one, and its rival; judge them on plants around that one.
+
+    `late`: samples of delay; None: what the controller was tuned for.
+    """
     import numpy as np
 
+    from gimbal_pin.control.controllers import COMPILED
     from gimbal_pin.control.judging import judge_controllers
     from gimbal_pin.control.tracking import track as run
     from gimbal_pin.control.tuning import RIVAL, pair_rivals
 
-    twin: dict[str, Controller] = {} if machine is None else {COMPILED: machine.law}
+    twin = {} if machine is None else {COMPILED: machine.law}
     laws = {tuned.wish.kind: tuned.law, **twin, RIVAL: pair_rivals(tuned)[RIVAL]}
-    delay = tuned.wish.delay if late == tuned.wish.samples else late * tuned.wish.dt
-    steps = run(plant, laws, rng=np.random.default_rng(seed), delay=late)
+    samples = tuned.wish.samples if late is None else late
+    delay = tuned.wish.delay if samples == tuned.wish.samples else samples * tuned.wish.dt
+    steps = run(plant, laws, rng=np.random.default_rng(seed), delay=samples)
     return steps, judge_controllers(plant, laws, rng=seed, plants=plants, delay=delay)

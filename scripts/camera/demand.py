@@ -146,7 +146,7 @@ def main(rig: str, log: Path, maps: tuple[str, ...] = (), payload: str | None = 
         payload: Its payload.
     """
     loaded = Rig.load(rig, payload)
-    motion = read_platform(loaded, "none", log, maps, 1.0, 0.0, 1e-3, 0)
+    motion = read_platform(loaded, "none", log, maps)
     found = Demand.of(nominal(unbalanced(loaded)), WANTED, motion.about(Sight(loaded).centre))
     for joint, limit in zip(found.joints, found.tau_max.tolist()):
         print(f"{joint}: up to {found.peak[joint]:.3g} N m of {limit:g}")

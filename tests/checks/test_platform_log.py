@@ -99,6 +99,6 @@ def test_the_command_line_tells_it(tmp_path: Path, capsys: pytest.CaptureFixture
     columns = {"t": t} | {f"gyro_{rig.base}_{axis}": x for axis, x in zip("xyz", gyro.T)}
     columns |= {f"accel_{rig.base}_{axis}": x for axis, x in zip("xyz", accel.T)}
     write_columns(columns, tmp_path / "ride.csv")
-    ridden = read_platform(rig, "none", tmp_path / "ride.csv", (), 1.0, 0.0, DT, 0)
+    ridden = read_platform(rig, "none", tmp_path / "ride.csv", ())
     assert ridden is not None and len(ridden) == N - 20
     assert "note:" in (told := capsys.readouterr().err) and "the gyro repeats itself once" in told

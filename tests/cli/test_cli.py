@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -14,11 +13,9 @@ import numpy as np
 import pytest
 
 from gimbal_pin.cli import VERBS
-from gimbal_pin.cli.holding import Holding
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, parse_effect
-from gimbal_pin.errors import LogError
 from gimbal_pin.log import read_log, write_log
 from gimbal_pin.rig import Rig, bundled, bundled_rigs
 from tests.bench_logs import prescribed
@@ -165,11 +162,10 @@ def test_auto_walks_from_a_log_to_a_report(run: Run, tmp_path: Path, monkeypatch
     whole(out)
 
 
-def test_a_mapping_is_that_of_the_recorded_motion_where_there_is_one(log_file: Path) -> None:
-    beside = Holding(learn=str(log_file), platform_log=Path("motion.csv"), map=("t=elsewhere",))
-    assert beside.taught("turret", None) is not None
-    with pytest.raises(LogError, match="elsewhere"):
-        replace(beside, platform_log=None).taught("turret", None)
+def test_a_mapping_is_that_of_the_recorded_motion_where_there_is_one(run: Run, log_file: Path) -> None:
+    asked = ("track", "turret", "--learn", log_file, "--map", "t=elsewhere")
+    refused(run(*asked, "--platform", "S"), 2, "log.csv", "elsewhere")
+    refused(run(*asked, "--platform-log", "motion.csv"), 2, "motion.csv: ")
 
 
 URDF = """<robot name="r"><link name="base"/><link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="{mass}"/>
