@@ -17,7 +17,7 @@ POINTS = 400
 
 def chart(found: Verified) -> plots.Figure:
     """Return diagrams of the first run of every controller."""
-    figure, panels = plots.panels(2, 2, 6.0, gaps=(0.75, 0.75))
+    figure, panels = plots.panels(2, 2, 6.0, gaps=(0.85, 0.75))
     grid = panels[0, 0].get_gridspec()
     for axes in panels[1]:
         axes.remove()
@@ -26,6 +26,7 @@ def chart(found: Verified) -> plots.Figure:
     draw_spectra(panels[0, 1], runs)
     draw_torques(figure.add_subplot(grid[1, :]), runs)
     plots.named(panels[0, 0], [(controller_name(run.controller), COLOURS[run.controller]) for run in runs])
+    plots.plain_powers(figure)
     return figure
 
 

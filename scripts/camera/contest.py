@@ -1,12 +1,12 @@
-"""What each thing that a controller knows takes off the PID's jitter: twelve controllers of equal margins.
+"""What each thing that a controller knows takes off the PID's jitter: eleven controllers of equal margins.
 
-Each from "without-hidden" to "computed-torque" knows all that the one before it does; the last three stand on top of
+Each from "without-hidden" to "computed-torque" knows all that the one before it does; the last two stand on top of
 that.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import degrees
 from typing import Any
@@ -15,9 +15,11 @@ import numpy as np
 
 from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.control.laws import ComputedTorque, bounds
-from gimbal_pin.control.laws.base import Carried
+from gimbal_pin.control.laws.base import Carried, Pid
 from gimbal_pin.control.laws.carried import CarriedTorque
-from gimbal_pin.control.laws.equal import redesigned
+from gimbal_pin.control.laws.computed_torque import Robust, lyapunov, stiffened
+from gimbal_pin.control.laws.design import LAYERED, bisected
+from gimbal_pin.control.laws.equal import DAMPING, INTEGRAL, Equal, bandwidth
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
@@ -84,6 +86,18 @@ def without_hidden(model: Model) -> Model:
     return replace(model, rig=rig.with_phi(phi))
 
 
+def redesign(law: CarriedTorque, equals: Sequence[Equal]) -> CarriedTorque:
+    """Return slower loops with Lyapunov redesign, of the thinnest layer that keeps every joint's margin."""
+    slow = tuple(Pid.placed(LAYERED * bandwidth(equal.pid), DAMPING, INTEGRAL) for equal in equals)
+    layer = Robust(lyapunov(slow), bounds(law.model, np.random.default_rng(0)), 1.0)
+
+    def enough(gain: float) -> bool:
+        rows = zip(equals, slow, layer.rows)
+        return all(equal.fair(equal.of(stiffened(pid, row, gain))) for equal, pid, row in rows)
+
+    return replace(law, gains=slow, robust=replace(layer, gain=bisected(enough, 1e-3, 100.0)))
+
+
 def make_controllers(recipe: Recipe, platform: Platform) -> dict[str, Callable[[], Holder]]:
     """Return name → what makes the controller, the one that knows least first."""
     pid, model, gains = recipe.pointer(BASELINE), recipe.model, tuple(own.pid for own in recipe.equals)
@@ -91,30 +105,21 @@ def make_controllers(recipe: Recipe, platform: Platform) -> dict[str, Callable[[
     seeing = recipe.pointer()
     law = replace(seeing.law, trusted=())  # type: ignore[type-var]
     assert isinstance(law, CarriedTorque)
-    bare = replace(law, terms=False)
+    bare = replace(law, model=replace(model, terms=()))
     fixed = ComputedTorque(replace(model, terms=()), gains, recipe.dt)
-
-    def robust() -> Holder:
-        layer = redesigned(recipe.equals, bounds(model, np.random.default_rng(0)))
-        return replace(seeing, law=replace(law, gains=tuple(own.slow for own in recipe.equals), robust=layer))
-
-    def observed() -> Holder:
-        loops, own = (tuple(getattr(e, name) for e in recipe.equals) for name in ("observed", "observer"))
-        return replace(seeing, law=replace(law, gains=loops, observers=own))
 
     foresees = replace(seeing.navigator, fusion=None)
     return {
         "pid-joint": lambda: replace(pid, navigator=replace(pid.navigator, by_platform=True)),
         BASELINE: lambda: pid,
         "fixed-base": lambda: replace(pid, law=fixed),
-        "without-hidden": lambda: replace(pid, navigator=blind, law=replace(bare, model=without_hidden(model))),
+        "without-hidden": lambda: replace(pid, navigator=blind, law=replace(bare, model=without_hidden(bare.model))),
         "moving-base": lambda: replace(pid, navigator=blind, law=bare),
         "with-friction": lambda: replace(pid, navigator=blind, law=law),
         "with-forecast": lambda: replace(pid, navigator=foresees, law=law),
         "with-gyros": lambda: replace(pid, navigator=seeing.navigator, law=law),
         OURS: lambda: seeing,
-        "with-observer": observed,
-        "lyapunov": robust,
+        "lyapunov": lambda: replace(seeing, law=redesign(law, recipe.equals)),
         "foreknown": lambda: foretell(recipe, platform),
     }  # fmt: skip
 

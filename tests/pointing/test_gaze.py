@@ -10,9 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from gimbal_pin.control import Equal
 from gimbal_pin.errors import UsageError
@@ -69,23 +67,19 @@ def page() -> str:
     return render("thesis", [pointing(verified(), "A note.")])
 
 
+def placed(points: Array, turned: Array) -> Array:
+    """Where directions in the wanted camera's frame, (K, 3), lie in the picture of a camera turned by e, (K, 2)."""
+    x, y, z = (points @ pin.exp3(turned)).T
+    return np.column_stack([-y / x, z / x])
+
+
 vectors = st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3).map(np.array)
 
 
-@given(vectors, vectors)
-def test_a_direction_lies_where_the_turned_camera_sees_it(turned: Array, off: Array) -> None:
-    point = AHEAD + 0.5 * off
-    x, y, z = Rotation.from_rotvec(turned).inv().apply(point[0])
-    if x > gaze.NEAR:
-        np.testing.assert_allclose(gaze.placed(point, turned)[0], [-y / x, z / x], atol=1e-9)
-    else:
-        assert np.isnan(gaze.placed(point, turned)).all()
-
-
 def test_a_camera_that_turns_left_sees_the_target_move_right_and_one_that_nods_sees_it_rise() -> None:
-    np.testing.assert_allclose(gaze.placed(AHEAD, np.array([0.0, 0.0, 0.1]))[0], [np.tan(0.1), 0.0], atol=1e-12)
-    np.testing.assert_allclose(gaze.placed(AHEAD, np.array([0.0, 0.1, 0.0]))[0], [0.0, np.tan(0.1)], atol=1e-12)
-    np.testing.assert_allclose(gaze.placed(AHEAD, np.array([0.3, 0.0, 0.0]))[0], 0.0, atol=1e-12)
+    np.testing.assert_allclose(placed(AHEAD, np.array([0.0, 0.0, 0.1]))[0], [np.tan(0.1), 0.0], atol=1e-12)
+    np.testing.assert_allclose(placed(AHEAD, np.array([0.0, 0.1, 0.0]))[0], [0.0, np.tan(0.1)], atol=1e-12)
+    np.testing.assert_allclose(placed(AHEAD, np.array([0.3, 0.0, 0.0]))[0], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("wanted", [WANTED, attitude(-2.0, -0.1) @ pin.exp3(np.array([0.4, 0.0, 0.0]))])
@@ -94,7 +88,7 @@ def test_the_ground_is_level_in_the_world_and_the_hills_stand_on_it(wanted: Arra
     np.testing.assert_allclose(world.up, wanted[2], atol=1e-12)
     np.testing.assert_allclose(world.lines @ world.up, -1.0, atol=1e-12)
     assert (world.hills @ world.up >= -1e-12).all() and np.ptp(world.hills @ world.up) > 0.02
-    left_to_right = gaze.placed(world.hills[30:-30], np.zeros(3))[:, 0]
+    left_to_right = placed(world.hills[30:-30], np.zeros(3))[:, 0]
     assert wanted is not WANTED or np.all(np.diff(left_to_right) > 0)
 
 
@@ -227,7 +221,7 @@ def test_a_browser_draws_what_the_cameras_see_where_it_lies(tmp_path: Path) -> N
     seen = outlook(verified(), WANTED)
     several = gaze.pictures(seen)
     expected = [
-        gaze.placed(np.array([[1.0, 0.1, -0.05]]), one.turned[i])[0] / one.half for one in several for i in (0, 40, 90)
+        placed(np.array([[1.0, 0.1, -0.05]]), one.turned[i])[0] / one.half for one in several for i in (0, 40, 90)
     ]
     for changed, places, outside, wider, (below, beside, clock) in (said.values[:5], said.values[5:]):
         assert (outside, wider, below, beside) == ([], 0, 0, 0) and clock.startswith("2.40 / ")

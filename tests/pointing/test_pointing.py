@@ -21,13 +21,9 @@ from gimbal_pin.control import (
     CarriedTorque,
     Equal,
     JointPid,
-    Observer,
     Pid,
-    margins,
-    observed_margins,
     tune,
 )
-from gimbal_pin.control.laws.observer import observed_loop
 from gimbal_pin.dynamics import Estimated, Model, compute_imu_readings, compute_rnea, nominal
 from gimbal_pin.effects import Delay
 from gimbal_pin.errors import UsageError
@@ -368,7 +364,7 @@ def test_without_error_the_law_is_the_models_inverse() -> None:
     tau, _ = law.torque(0.0, q, v, aim, law.start())
     base = Platform(np.zeros(1), f[None], w[None], dw[None])
     np.testing.assert_allclose(tau, model.inverse(q[None], v[None], a[None], platform=base)[0], atol=1e-9)
-    bare, _ = replace(law, terms=False).torque(0.0, q, v, aim, law.start())
+    bare, _ = replace(law, model=replace(model, terms=())).torque(0.0, q, v, aim, law.start())
     np.testing.assert_allclose(bare, compute_rnea(model.rig, q[None], v[None], a[None], base)[0], atol=1e-12)
 
 
@@ -390,7 +386,7 @@ def test_the_controller_of_its_kind_has_the_gains_of_a_given_law(kind: str) -> N
 def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
     """What is cut off one sample is given in the next: the mean stays, but for what is forgotten within a sample."""
     model, zero = nominal(rig_of("handheld")), np.zeros(3)
-    limit, law = float(model.tau_max[0]), CarriedTorque(nominal(rig_of("handheld")), (PID,) * 3, DT, terms=False)
+    limit, law = float(model.tau_max[0]), CarriedTorque(replace(model, terms=()), (PID,) * 3, DT)
     weight = float(compute_rnea(model.rig, zero[None], zero[None], np.eye(3)[:1])[0, 0])
     memory, given_by_yaw = law.start(), []
     for part in [1.2, 0.6] * 20:
@@ -414,37 +410,8 @@ def test_all_loops_have_the_same_margin() -> None:
     assert found.crossover_hz == pytest.approx(25.0, abs=0.2)
     assert found.phase_margin_deg == pytest.approx(58.0, abs=1.0)
     assert found.disk_margin >= 1.07 and found.delay_margin >= 0.004
-    seen = observed_margins(equal.observed, equal.observer, DT)
-    assert seen.disk_margin == pytest.approx(1.07, abs=0.02) and seen.crossover_hz <= 25
     late = Equal(drive=(Delay("yaw", 0.005),))
     assert late.fair(late.margins) and late.margins.crossover_hz < 8
-
-
-def test_the_observers_loop_is_broken_at_the_plants_input() -> None:
-    """Its gain margin is where the closed loop goes unstable, and a slow observer leaves the loop as it was."""
-    pd, observer = Pid.placed(8.0, 0.9, 0.0), Observer(20.0, DT)
-    gain = 10 ** (observed_margins(pd, observer, DT).gain_margin_db / 20)
-
-    def largest(factor: float) -> float:
-        loop = observed_loop(pd, observer, DT)
-        return float(np.abs(np.linalg.eigvals(loop.A - factor * loop.B @ loop.C)).max())
-
-    assert min(largest(0.99 * gain), largest(1.01 / gain)) < 1 <= max(largest(1.01 * gain), largest(0.99 / gain))
-    slow = observed_margins(pd, Observer(1e-3, DT), DT)
-    assert slow.disk_margin == pytest.approx(margins(pd, DT, DT).disk_margin, rel=1e-3)
-
-
-def test_the_observer_finds_a_constant_disturbance() -> None:
-    observer, rate, true = Observer(20.0, DT), 0.0, 3.0
-    memory = observer.start()
-    commands = [0.0]
-    for k in range(300):
-        commands.append(np.sin(0.05 * k))
-        memory = observer.step(memory, rate, commands[-1], True)
-        rate -= DT * (commands[-2] + true)
-    assert memory.disturbance == pytest.approx(true, rel=1e-6)
-    held = observer.step(memory, rate + 1.0, 0.0, False)
-    assert held.disturbance == memory.disturbance
 
 
 def test_a_model_that_knows_nothing_is_not_find_trusted_joints() -> None:
@@ -487,7 +454,7 @@ def test_knowing_more_holds_the_camera_stiller() -> None:
     known = recipe(plant)
     pid, ours = known.pointer("pid"), known.pointer()
     blind = replace(ours, navigator=replace(pid.navigator, accelerates=True))
-    bare = replace(blind, law=replace(blind.law, terms=False))  # type: ignore[type-var]
+    bare = replace(blind, law=replace(blind.law, model=replace(plant, terms=())))  # type: ignore[type-var]
 
     def held(pointer: Pointer, seconds: float = 0.9) -> Pointing:
         return point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds)

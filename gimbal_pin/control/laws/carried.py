@@ -13,7 +13,6 @@ import pinocchio as pin
 
 from gimbal_pin.control.laws.base import Ahead, Aim, Outer, Pid
 from gimbal_pin.control.laws.computed_torque import Robust, added, passed
-from gimbal_pin.control.laws.observer import Observed, Observer
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Sample
 from gimbal_pin.effects.resistance import Resistance
@@ -35,12 +34,10 @@ class CarriedMemory(NamedTuple):
     Attributes:
         integral: ∫e per joint, rad s.
         owed: Torque that the limits took off and that was not made up for yet, N m, for one sample.
-        observed: What the joints' disturbance observers remember; empty without them.
     """
 
     integral: tuple[float, ...]
     owed: tuple[float, ...]
-    observed: tuple[Observed, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,18 +55,14 @@ class CarriedTorque:
         model: The model that is inverted.
         gains: Outer loop, one per joint.
         dt: Sampling interval, s.
-        terms: False leaves friction and all other terms to the feedback.
         robust: Lyapunov redesign, or None.
-        observers: Disturbance observers, one per joint; empty: none.
         trusted: Joints whose feed-forward is believed; empty: all. The others get a PID on their own inertia.
     """
 
     model: Model
     gains: tuple[Pid, ...]
     dt: float
-    terms: bool = True
     robust: Robust | None = None
-    observers: tuple[Observer, ...] = ()
     trusted: tuple[bool, ...] = ()
 
     __repr__ = brief
@@ -99,7 +92,7 @@ class CarriedTorque:
     def start(self) -> CarriedMemory:
         """Memory before the first sample."""
         none = (0.0,) * len(self.gains)
-        return CarriedMemory(none, none, tuple([observer.start() for observer in self.observers]))
+        return CarriedMemory(none, none)
 
     def torque(self, t: float, q: Array, v: Array, reference: Aim, memory: Any) -> tuple[Array, CarriedMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
@@ -110,18 +103,11 @@ class CarriedTorque:
             wished = reference.ahead[0].a.tolist()
             extra = self.robust.correction(integral, error, rate, wished, feedback)
             feedback = [y + w for y, w in zip(feedback, extra)]
-        observed = memory.observed
-        if observed:
-            feedback = [y - own.disturbance for y, own in zip(feedback, observed)]
         wanted = [u + self.lasting * o for u, o in zip(self.inverse(t, reference.ahead, feedback), memory.owed)]
         kept = self.outer.integrated(memory.integral, integral, error, wanted)
         tau = self.outer.clipped(wanted)
-        if observed:
-            free = [a == b and not o for a, b, o in zip(tau, wanted, memory.owed)]
-            rows = zip(self.observers, observed, rate, feedback, free)
-            observed = tuple([observer.step(*seen) for observer, *seen in rows])
         owed = memory.owed if tau == wanted and not any(memory.owed) else self.left(wanted, tau)
-        return np.array(tau), CarriedMemory(kept, owed, observed)
+        return np.array(tau), CarriedMemory(kept, owed)
 
     def left(self, wanted: Sequence[float], tau: Sequence[float]) -> tuple[float, ...]:
         """What a sample did not give of the torque wanted, N m, at most `MOST` limits."""
@@ -145,15 +131,14 @@ class CarriedTorque:
         wanted = there.a.tolist()
         y = [a + f for a, f in zip(wanted, feedback)]
         tau = self.workspace.rnea(there, y)
-        if self.terms:
-            friction, v = self.friction, there.v.tolist()
-            slide = compute_direction(there.v, there.a, self.dt).tolist()
-            rows = zip(tau, friction.constant, slide, friction.per_slide, v, friction.per_rate)
-            tau = [rigid + c + s * dry + rate * viscous for rigid, c, s, dry, rate, viscous in rows]
-            weight = self.workspace.weight(there) if friction.weighed else tau
-            for j, terms in friction.rest:
-                at = Sample(t, float(there.q[j]), v[j], y[j], slide[j], tau[j], weight=weight[j])
-                tau[j] += added(terms, at, tau[j])
+        friction, v = self.friction, there.v.tolist()
+        slide = compute_direction(there.v, there.a, self.dt).tolist()
+        rows = zip(tau, friction.constant, slide, friction.per_slide, v, friction.per_rate)
+        tau = [rigid + c + s * dry + rate * viscous for rigid, c, s, dry, rate, viscous in rows]
+        weight = self.workspace.weight(there) if friction.weighed else tau
+        for j, terms in friction.rest:
+            at = Sample(t, float(there.q[j]), v[j], y[j], slide[j], tau[j], weight=weight[j])
+            tau[j] += added(terms, at, tau[j])
         if self.trusted:
             own = self.workspace.inertia(there.q)
             tau = [x if ok else m * f for x, ok, m, f in zip(tau, self.trusted, own, feedback)]

@@ -13,7 +13,6 @@ from math import degrees, floor, log10, radians, tan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pinocchio as pin
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.report.format import controller_name
@@ -91,27 +90,6 @@ def grid() -> Array:
     along = [[(-2.0, y, -1.0), (AHEAD, y, -1.0)] for y in np.arange(-BESIDE, BESIDE + 0.1)]
     across = [[(x, -BESIDE, -1.0), (x, BESIDE, -1.0)] for x in np.arange(-2.0, AHEAD + 0.1)]
     return np.array([*along, *across])
-
-
-def placed(points: Array, turned: Array) -> Array:
-    """Return where directions lie in the picture of a camera turned by e, (K, 2); nan for what is not ahead.
-
-    `points`: directions in the wanted camera's frame, (K, 3); `turned`: e, rad, (3,).
-    """
-    x, y, z = (points @ pin.exp3(turned)).T
-    ahead = np.where(x > NEAR, x, np.nan)
-    return np.column_stack([-y / ahead, z / ahead])
-
-
-def clipped(lines: Array, turned: Array) -> Array:
-    """Return where lines lie in that picture, (K, 2, 2), cut off at `NEAR`; nan where all of a line is not ahead."""
-    ends = lines @ pin.exp3(turned)
-    depth = ends[..., 0]
-    step = depth[:, ::-1] - depth
-    share = np.where(depth < NEAR, (NEAR * 1.001 - depth) / np.where(step == 0, 1.0, step), 0.0)
-    cut = ends + share[..., None] * (ends[:, ::-1] - ends)
-    gone = depth.max(axis=1) <= NEAR
-    return np.where(gone[:, None, None], np.nan, placed(cut.reshape(-1, 3), np.zeros(3)).reshape(-1, 2, 2))
 
 
 def pictures(seen: Outlook) -> tuple[Picture, ...]:
