@@ -20,9 +20,9 @@ import numpy as np
 
 from gimbal_pin.control import COMPILED
 from gimbal_pin.pointing import Course, Recipe, compete
-from gimbal_pin.pointing.bench import WANTED, Shaken
+from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.measurement import Station
-from gimbal_pin.pointing.sight import Sight, unable
+from gimbal_pin.pointing.sight import unable
 from tests.exported import (
     COMPILERS,
     EVERYTHING,
@@ -62,7 +62,7 @@ def jitters(twin: Twin) -> tuple[float, float]:
     station = Station.of(model.rig)
     sensors = (station.noise, float(station.step.max()))
     recipe = Recipe(model, WANTED, spectrum, *sensors, law=twin.stored.law, machine=twin.library, learns=False)
-    course = Course(model, Shaken(Sight(model.rig).centre, SECONDS), SECONDS, station)
+    course = Course(model, SECONDS, station)
     found = {row.controller: row.jitter_rms for row in compete(course, recipe, SEEDS)}
     return found[recipe.kind], found[COMPILED]
 

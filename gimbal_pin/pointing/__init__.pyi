@@ -1,7 +1,7 @@
 from .bench import WANTED as WANTED
-from .bench import Shaken as Shaken
 from .bench import learn_recipe as learn_recipe
 from .bench import rehearsed as rehearsed
+from .bench import shake as shake
 from .bench import shaken_log as shaken_log
 from .bench import unbalanced as unbalanced
 from .controller import Controller as Controller

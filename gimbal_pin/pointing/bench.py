@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from math import radians
 
 import numpy as np
@@ -49,35 +47,21 @@ def unbalanced(rig: Rig, off: float = OFF) -> Rig:
     return PayloadShift(*(frame.rotation.T @ change).tolist()).apply(rig)
 
 
-@dataclass(frozen=True, eq=False)
-class Shaken:
-    """Profile S of a seed, about the point where the rig's axes meet.
+def shake(rig: Rig, seconds: float, seed: int, dt: float = 0.001, size: float = 1.0) -> Platform:
+    """Return profile S about the point where a rig's axes meet, sampled at half the control interval.
 
     A profile says how a platform turns and shakes, not about which point. About a base link 0.4 m from the axes its
     turning would push them with 10 m/s², beyond what the bundled rigs' motors can hold.
 
-    Attributes:
-        centre: That point in the base link, m, (3,).
+    Args:
+        rig: The rig.
         seconds: Length, s.
-        dt: The control interval, s; it is sampled at half of it.
+        seed: Each has a motion of its own.
+        dt: The control interval, s.
         size: Profile S times this.
     """
-
-    centre: Array
-    seconds: float
-    dt: float = 0.001
-    size: float = 1.0
-
-    def __call__(self, seed: int) -> Platform:
-        """Return the motion of a seed."""
-        return shaken(seed, round(self.seconds / self.dt), self.dt, self.size, tuple(self.centre.tolist()))
-
-
-@lru_cache(maxsize=1)
-def shaken(seed: int, samples: int, dt: float, size: float, centre: tuple[float, ...]) -> Platform:
-    """Return profile S about a point; controllers that meet it one after the other need it but once."""
-    t = dt / 2 * np.arange(2 * samples + 1)
-    return profile_s(t, np.random.default_rng(seed), size).about(np.array(centre))
+    t = dt / 2 * np.arange(2 * round(seconds / dt) + 1)
+    return profile_s(t, np.random.default_rng(seed), size).about(Sight(rig).centre)
 
 
 def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0) -> Log:
@@ -89,7 +73,7 @@ def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0
         seconds: Length, s.
     """
     rig, rng = plant.rig, np.random.default_rng(LEARNED)
-    ground = Shaken(Sight(rig).centre, seconds, size=HALF)(LEARNED)
+    ground = shake(rig, seconds, LEARNED, size=HALF)
     return bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive, name="shaken")
 
 
@@ -124,6 +108,6 @@ def rehearsed(rig: Rig) -> tuple[Array, Imu]:
     It tells how a platform moves where the log that the model comes from does not.
     """
     dt = 0.001
-    motion = Shaken(Sight(rig).centre, REHEARSAL, dt, HALF)(LEARNED)
+    motion = shake(rig, REHEARSAL, LEARNED, dt, HALF)
     own = Imu(motion.w[::2], motion.f[::2], None if motion.quat is None else motion.quat[::2])
     return motion.t[::2], add_imu_noise(own, Noise(GYRO, ACCELEROMETER), dt, np.random.default_rng(LEARNED))

@@ -42,15 +42,6 @@ def jitter(error: Array, dt: float) -> tuple[float, float, float]:
     return float(np.sqrt(np.mean(size**2))), float(size.max()), float(np.hypot(*(slow - slow[0]).T).max())
 
 
-def cumulative(error: Array, dt: float) -> tuple[Array, Array]:
-    """Frequencies, Hz, and the rms of the jitter up to each of them, both axes together, rad."""
-    fast, _ = split(error, dt)
-    power = np.sum(np.abs(np.fft.rfft(fast, axis=0)) ** 2, axis=1)
-    power[1:] *= 2
-    power[-1] /= 2 if len(fast) % 2 == 0 else 1
-    return np.fft.rfftfreq(len(fast), dt), np.sqrt(np.cumsum(power)) / len(fast)
-
-
 def summed(events: Iterable[str]) -> tuple[str, ...]:
     """Return events ``TIME s: WHAT``, those that differ in figures only as the earliest of them with their count."""
     kinds: dict[str, list[tuple[float, str]]] = {}

@@ -22,7 +22,7 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import Shaken
+from gimbal_pin.pointing.bench import shake
 from gimbal_pin.pointing.measurement import Measurement, Station
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.recipe import Recipe
@@ -144,28 +144,32 @@ class Course:
 
     Attributes:
         plant: The plant.
-        ground: The platform's motion: profile S of every seed, or a recorded motion for all.
         seconds: Length of a run, s.
         station: The sensors.
         drive: What stands between command and torque, after the plant's own.
         delay: Samples from measurement to torque.
+        recorded: The platform's motion in every run; None: profile S, one per seed.
+        size: Profile S times this.
     """
 
     plant: Model
-    ground: Shaken | Platform
     seconds: float
     station: Station
     drive: tuple[Signal, ...] = ()
     delay: int = 1
+    recorded: Platform | None = None
+    size: float = 1.0
 
     def run(self, recipe: Recipe, name: str, seed: int) -> Pointing:
         """Run one controller, by name, with one seed."""
-        platform = self.ground if isinstance(self.ground, Platform) else self.ground(seed)
+        platform = self.recorded
+        if platform is None:
+            platform = shake(self.plant.rig, self.seconds, seed, recipe.dt, self.size)
         run = point(
             self.plant, recipe.holder(name), platform, rng=np.random.default_rng([seed, 1]), seconds=self.seconds,
             station=self.station, delay=self.delay, drive=self.drive, name=name,
         )  # fmt: skip
-        return replace(run, platform="log" if platform is self.ground else "S", seed=seed)
+        return replace(run, platform="S" if self.recorded is None else "log", seed=seed)
 
 
 def compete(course: Course, recipe: Recipe, seeds: int, jobs: int = 1) -> tuple[Row, ...]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from gimbal_pin.control.controllers import BASELINE, COMPILED, OURS
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.result import Pointing, Verified, cumulative, split
+from gimbal_pin.pointing.result import Pointing, Verified, split
 from gimbal_pin.report import plots
 from gimbal_pin.report.format import controller_name
 
@@ -50,12 +50,21 @@ def find_envelope(run: Pointing) -> tuple[Array, Array]:
 def draw_spectra(axes: plots.Axes, runs: list[Pointing]) -> None:
     """Draw jitter up to each frequency, degrees rms, both logarithmic: orders of magnitude apart."""
     for run in runs:
-        f, rms = cumulative(run.sight, run.dt)
+        f, rms = accumulate_jitter(run.sight, run.dt)
         some = np.unique(np.geomspace(1, len(f) - 1, POINTS).astype(int))
         axes.loglog(f[some], np.degrees(rms[some]), color=COLOURS[run.controller])
     axes.set(xlabel="frequency, Hz", ylabel="jitter up to there, ° rms", xlim=(max(f[1], 0.1), f[-1]))
     # What is below a thousandth of the largest is the high-pass's own flank, not jitter.
     axes.set_ylim(bottom=max(axes.get_ylim()[0], 1e-3 * axes.get_ylim()[1]))
+
+
+def accumulate_jitter(error: Array, dt: float) -> tuple[Array, Array]:
+    """Return frequencies, Hz, and the rms of the jitter up to each of them, both axes together, rad."""
+    fast, _ = split(error, dt)
+    power = np.sum(np.abs(np.fft.rfft(fast, axis=0)) ** 2, axis=1)
+    power[1:] *= 2
+    power[-1] /= 2 if len(fast) % 2 == 0 else 1
+    return np.fft.rfftfreq(len(fast), dt), np.sqrt(np.cumsum(power)) / len(fast)
 
 
 def draw_torques(axes: plots.Axes, runs: list[Pointing]) -> None:

@@ -20,11 +20,10 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.profile import profile_s
-from gimbal_pin.pointing.bench import Shaken, learn_recipe
+from gimbal_pin.pointing.bench import learn_recipe, shake
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.run import point
-from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.rig.rig import Rig
 from tests.mujoco_peer import rigid_bodies
 
@@ -91,7 +90,7 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
     """
     rig, seconds = model.rig, 2.0
     pointer = learn_recipe(rig, None, Station.of(rig), model).pointer()
-    ground = Shaken(Sight(rig).centre, seconds)(0)
+    ground = shake(rig, seconds, 0)
 
     def pointed() -> Pointing:
         return point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds, drive=drive)

@@ -25,14 +25,13 @@ from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import Shaken, learn_recipe, shaken_log, unbalanced
+from gimbal_pin.pointing.bench import learn_recipe, shake, shaken_log, unbalanced
 from gimbal_pin.pointing.measurement import Measurement, Station
 from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.pointing.pointer import Holder, Pointer
 from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.result import Row
 from gimbal_pin.pointing.run import point
-from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.rig.rig import Rig
 
 
@@ -139,10 +138,9 @@ def main(
     loaded = Rig.load(rig, payload)
     plant, station = nominal(unbalanced(loaded)), Station.of(loaded)
     recipe = learn_recipe(loaded, shaken_log(plant), station)
-    shaken = Shaken(Sight(loaded).centre, seconds)
     runs: dict[str, list[Any]] = {}
     for seed in range(seeds):
-        platform = shaken(seed)
+        platform = shake(loaded, seconds, seed)
         for name, make in make_controllers(recipe, platform).items():
             if name in (names or (name,)):
                 rng = np.random.default_rng([seed, 1])

@@ -17,7 +17,7 @@ from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import Shaken, learn_recipe, shaken_log, unbalanced
+from gimbal_pin.pointing.bench import learn_recipe, shake, shaken_log, unbalanced
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.recipe import SAMPLES, Recipe
@@ -133,7 +133,7 @@ def main(rig: str, payload: str | None = None) -> None:
     loaded = Rig.load(rig, payload)
     plant = nominal(unbalanced(loaded))
     recipe = learn_recipe(loaded, shaken_log(plant), Station.of(loaded))
-    found = sweep(plant, Shaken(Sight(loaded).centre, SECONDS)(0), recipe)
+    found = sweep(plant, shake(loaded, SECONDS, 0), recipe)
     print(f"PID: {degrees(found.pid):.5f} deg rms")
     for share, size in sorted(found.scaled.items()):
         print(f"masses and inertias {100 * share:+.0f} %: {degrees(size):.5f} deg rms")

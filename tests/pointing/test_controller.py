@@ -22,7 +22,6 @@ from gimbal_pin.pointing import (
     Measurement,
     Recipe,
     Sensed,
-    Shaken,
     Sight,
     Spectrum,
     Station,
@@ -30,6 +29,7 @@ from gimbal_pin.pointing import (
     leveled,
     point,
     rehearsed,
+    shake,
     shaken_log,
     unbalanced,
 )
@@ -51,7 +51,7 @@ def made() -> Controller:
 def measured(seconds: float) -> list[Measurement]:
     """What the sensors say of a camera that is held exactly on profile S."""
     rig = bundled("thesis")
-    ground = Shaken(Sight(rig).centre, seconds)(0)
+    ground = shake(rig, seconds, 0)
     held, t = holding(Sight(rig), WANTED, ground.part(slice(0, None, 2))), np.asarray(ground.t[::2])
     sensed = Sensed(nominal(rig), ground, Station.of(rig), t, np.random.default_rng(0))
     states = zip(held.q, held.v)
@@ -90,7 +90,7 @@ def test_the_loop_of_ones_own_is_the_simulations() -> None:
         def torque(self, seen: Measurement, memory: Any) -> tuple[Array, Any]:
             return controller.step(seen), controller.memory
 
-    plant, ground = nominal(unbalanced(rig)), Shaken(Sight(rig).centre, 0.3)(0)
+    plant, ground = nominal(unbalanced(rig)), shake(rig, 0.3, 0)
     runs = [
         point(plant, who, ground, rng=np.random.default_rng(1), seconds=0.3, station=Station.exact(rig))
         for who in (Stepped(), controller.pointer)

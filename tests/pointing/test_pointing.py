@@ -40,7 +40,6 @@ from gimbal_pin.pointing import (
     Recipe,
     Row,
     SensorFault,
-    Shaken,
     Sight,
     Spectrum,
     Station,
@@ -51,6 +50,7 @@ from gimbal_pin.pointing import (
     jitter,
     parse_fault,
     point,
+    shake,
     unbalanced,
 )
 from gimbal_pin.pointing.guard import Watch
@@ -450,7 +450,7 @@ def test_jitter_is_what_is_fast_and_drift_what_is_slow() -> None:
 def test_knowing_more_holds_the_camera_stiller() -> None:
     """PID, moving base, friction, prediction: each less than the one before. One seed is one run."""
     rig = rig_of("handheld")
-    plant, ground = nominal(unbalanced(rig)), Shaken(Sight(rig).centre, 0.9)(0)
+    plant, ground = nominal(unbalanced(rig)), shake(rig, 0.9, 0)
     known = recipe(plant)
     pid, ours = known.pointer("pid"), known.pointer()
     blind = replace(ours, navigator=replace(pid.navigator, accelerates=True))
@@ -467,7 +467,7 @@ def test_knowing_more_holds_the_camera_stiller() -> None:
 def test_both_controllers_meet_the_same_motions() -> None:
     rig = rig_of("turret")
     plant, station = nominal(rig), Station.of(rig)
-    rows = compete(Course(plant, Shaken(Sight(rig).centre, 0.2), 0.2, station), recipe(plant), 2)
+    rows = compete(Course(plant, 0.2, station), recipe(plant), 2)
     assert [row.controller for row in rows] == ["pid", "computed-torque"]
     for runs in zip(*(row.runs for row in rows)):
         np.testing.assert_array_equal(*(run.base for run in runs))
@@ -478,7 +478,7 @@ def test_nothing_moves_what_is_known_exactly() -> None:
     """Exact sensors, a known model without friction, the motion foreknown: what is left is the sampling."""
     rig = rig_of("thesis")
     plant = replace(nominal(rig), terms=())
-    ground = Shaken(Sight(rig).centre, 1.0, size=0.2)(0)
+    ground = shake(rig, 1.0, 0, size=0.2)
     told = foretell(recipe(plant, noise=Noise()), ground)
     run = point(plant, told, ground, rng=np.random.default_rng(0), seconds=0.8, station=Station.exact(rig))
     assert np.abs(np.rad2deg(run.error[400:])).max() < 2e-3 and not run.events
@@ -502,7 +502,7 @@ def test_failing_sensors_leave_bounded_torque_and_an_event(case: str) -> None:
     fault, word, allowed = FAULTS[case]
     rig = rig_of("thesis")
     plant = nominal(rig)
-    course = Course(plant, Shaken(Sight(rig).centre, 0.4), 0.4, Station.of(rig, (fault,)))
+    course = Course(plant, 0.4, Station.of(rig, (fault,)))
     run = course.run(recipe(plant), "computed-torque", 0)
     assert np.isfinite(run.tau).all() and np.isfinite(run.error).all()
     assert (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
@@ -513,7 +513,7 @@ def test_failing_sensors_leave_bounded_torque_and_an_event(case: str) -> None:
 def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torque() -> None:
     rig = rig_of("thesis")
     plant, wanted = nominal(rig), attitude(0.2, 0.1, radians(88))
-    course = Course(plant, Shaken(Sight(rig).centre, 0.4), 0.4, Station.of(rig))
+    course = Course(plant, 0.4, Station.of(rig))
     run = course.run(recipe(plant, wanted), "computed-torque", 0)
     assert np.isfinite(run.tau).all() and (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
     assert any("singular" in event and "yaw and tilt would have to turn" in event for event in run.events)
@@ -563,7 +563,7 @@ def test_what_cannot_be_run_is_refused() -> None:
     plant = nominal(rig)
     with pytest.raises(UsageError, match="unknown"):
         recipe(plant).pointer("magic")
-    ground = Shaken(Sight(rig).centre, 0.2)(0)
+    ground = shake(rig, 0.2, 0)
     pointer = recipe(plant).pointer("pid")
     with pytest.raises(UsageError, match="no attitude"):
         point(plant, pointer, replace(ground, quat=None), rng=np.random.default_rng(0), seconds=0.1)
