@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from gimbal_pin.control import COMPILED
-from gimbal_pin.pointing import Course, Recipe, compete
+from gimbal_pin.pointing import Course, Recipe, run_controllers
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.sight import unable
@@ -63,7 +63,7 @@ def jitters(twin: Twin) -> tuple[float, float]:
     sensors = (station.noise, float(station.step.max()))
     recipe = Recipe(model, WANTED, spectrum, *sensors, law=twin.stored.law, machine=twin.library, learns=False)
     course = Course(model, SECONDS, station)
-    found = {row.controller: row.jitter_rms for row in compete(course, recipe, SEEDS)}
+    found = {row.controller: row.jitter_rms for row in run_controllers(course, recipe, SEEDS)}
     return found[recipe.kind], found[COMPILED]
 
 

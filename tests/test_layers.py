@@ -47,9 +47,9 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 
 CEILINGS = {
     "names at the top of more than one module": 223,
-    "percent of functions that are one word": 33,
-    "upper-case constants": 921,
-    "distinct deep names imported by the tests": 124,
+    "percent of functions that are one word": 32,
+    "upper-case constants": 920,
+    "distinct deep names imported by the tests": 123,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

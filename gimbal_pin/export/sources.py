@@ -25,7 +25,7 @@ from gimbal_pin.export.symbolic import Chain, checked, table, terms
 from gimbal_pin.log.io.files import atomic_write, write_run
 from gimbal_pin.log.log import Imu
 from gimbal_pin.pointing import guard
-from gimbal_pin.pointing.bench import WANTED, rehearsed
+from gimbal_pin.pointing.bench import WANTED, rehearse_platform
 from gimbal_pin.pointing.forecast import FALL, RISE, TAPS, Spectrum
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
@@ -101,7 +101,7 @@ def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
         imu: Time, s, and readings of the base's IMU, which say how the platform moves; None: as if shaken by hand.
     """
     rig, wish = stored.model.rig, stored.wish
-    t, readings = rehearsed(rig) if imu is None else imu
+    t, readings = rehearse_platform(rig) if imu is None else imu
     spectrum = Spectrum.of(readings, float(np.median(np.diff(t))))
     station = Station.of(rig)
     step = float(station.step.max())

@@ -18,11 +18,11 @@ from gimbal_pin.errors import GimbalPinError, UsageError
 from gimbal_pin.fleet.engine import Value
 from gimbal_pin.fleet.variation import Unit, Values, Variation
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.bench import WANTED, learn_recipe, shake
+from gimbal_pin.pointing.bench import WANTED, draw_profile, learn_recipe
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.recipe import Recipe
-from gimbal_pin.pointing.run import point
+from gimbal_pin.pointing.run import simulate_holding
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.reading import parse_decimal
@@ -176,9 +176,9 @@ class Study:
             station = replace(station, noise=Noise(density, station.noise.accelerometer))
         if (step := values.get("encoder_step")) is not None:
             station = replace(station, step=np.full(rig.n, step))
-        ground = shake(rig, self.seconds, seed, holder.dt)
+        ground = draw_profile(rig, self.seconds, seed, holder.dt)
         noise, late = np.random.default_rng([seed, 2]), self.wish.samples
-        run = point(plant, holder, ground, rng=noise, seconds=self.seconds, station=station, delay=late)
+        run = simulate_holding(plant, holder, ground, rng=noise, seconds=self.seconds, station=station, delay=late)
         shares = compute_torque_shares(rig, np.asarray(run.tau)[run.counted])
         return {**dict(zip(PLATFORM, (*run.jitter, max(shares.values())))), **shares}
 

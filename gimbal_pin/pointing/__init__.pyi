@@ -1,9 +1,9 @@
 from .bench import WANTED as WANTED
+from .bench import draw_profile as draw_profile
 from .bench import learn_recipe as learn_recipe
-from .bench import rehearsed as rehearsed
-from .bench import shake as shake
-from .bench import shaken_log as shaken_log
-from .bench import unbalanced as unbalanced
+from .bench import rehearse_platform as rehearse_platform
+from .bench import simulate_shaken_log as simulate_shaken_log
+from .bench import unbalance_payload as unbalance_payload
 from .controller import Controller as Controller
 from .controller import leveled as leveled
 from .forecast import Forecast as Forecast
@@ -24,8 +24,8 @@ from .result import Verified as Verified
 from .result import jitter as jitter
 from .run import Course as Course
 from .run import Sensed as Sensed
-from .run import compete as compete
-from .run import point as point
+from .run import run_controllers as run_controllers
+from .run import simulate_holding as simulate_holding
 from .sight import Sight as Sight
 from .sight import gyros_between as gyros_between
 from .sight import unable as unable

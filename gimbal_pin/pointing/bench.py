@@ -37,7 +37,7 @@ REHEARSAL = 20.0
 """Length of a motion that only says how a platform moves, s."""
 
 
-def unbalanced(rig: Rig, off: float = OFF) -> Rig:
+def unbalance_payload(rig: Rig, off: float = OFF) -> Rig:
     """Return the rig with its payload slid so that its centre of mass is `off` m from the last axis, along `WAY`."""
     body, inertia, frame = get_payload(rig)
     axis = find_joint_axis(rig, body)
@@ -47,7 +47,7 @@ def unbalanced(rig: Rig, off: float = OFF) -> Rig:
     return PayloadShift(*(frame.rotation.T @ change).tolist()).apply(rig)
 
 
-def shake(rig: Rig, seconds: float, seed: int, dt: float = 0.001, size: float = 1.0) -> Platform:
+def draw_profile(rig: Rig, seconds: float, seed: int, dt: float = 0.001, size: float = 1.0) -> Platform:
     """Return profile S about the point where a rig's axes meet, sampled at half the control interval.
 
     A profile says how a platform turns and shakes, not about which point. About a base link 0.4 m from the axes its
@@ -64,7 +64,7 @@ def shake(rig: Rig, seconds: float, seed: int, dt: float = 0.001, size: float = 
     return profile_s(t, np.random.default_rng(seed), size).about(Sight(rig).centre)
 
 
-def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0) -> Log:
+def simulate_shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0) -> Log:
     """Simulate a log of the plant on a platform shaken by hand: profile S at half its size, with sensor noise.
 
     Args:
@@ -73,7 +73,7 @@ def shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: float = 60.0
         seconds: Length, s.
     """
     rig, rng = plant.rig, np.random.default_rng(LEARNED)
-    ground = shake(rig, seconds, LEARNED, size=HALF)
+    ground = draw_profile(rig, seconds, LEARNED, size=HALF)
     return bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive, name="shaken")
 
 
@@ -91,10 +91,10 @@ def learn_recipe(
         delay: Samples of 1 ms from a measurement to its torque.
     """
     if log is None:
-        (t, imu), name = rehearsed(rig), "profile S"
+        (t, imu), name = rehearse_platform(rig), "profile S"
     else:
         log = log.ordered(rig)
-        t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearsed(rig)
+        t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearse_platform(rig)
         model, name = model or identify(rig, [log], holdout="none").model, log.name
     assert model is not None, "without a log the model is given"
     spectrum = Spectrum.of(imu, float(np.median(np.diff(t))), name)
@@ -102,12 +102,12 @@ def learn_recipe(
     return Recipe(model, wanted, spectrum, station.noise, float(station.step.max()), trusted, delay=delay)
 
 
-def rehearsed(rig: Rig) -> tuple[Array, Imu]:
+def rehearse_platform(rig: Rig) -> tuple[Array, Imu]:
     """Return time, s, and what the IMU of a rig's base reports on profile S at half its size, as if shaken by hand.
 
     It tells how a platform moves where the log that the model comes from does not.
     """
     dt = 0.001
-    motion = shake(rig, REHEARSAL, LEARNED, dt, HALF)
+    motion = draw_profile(rig, REHEARSAL, LEARNED, dt, HALF)
     own = Imu(motion.w[::2], motion.f[::2], None if motion.quat is None else motion.quat[::2])
     return motion.t[::2], add_imu_noise(own, Noise(GYRO, ACCELEROMETER), dt, np.random.default_rng(LEARNED))

@@ -22,7 +22,7 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import shake
+from gimbal_pin.pointing.bench import draw_profile
 from gimbal_pin.pointing.measurement import Measurement, Station
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.recipe import Recipe
@@ -53,7 +53,7 @@ class Sensed:
         return arrived
 
 
-class Behind:
+class SensedHolder:
     """A holder behind its sensors: a `simulation.Controller` that is shown true angles and rates.
 
     Attributes:
@@ -89,7 +89,7 @@ class Behind:
         return State(q, view.against @ view.R.T @ self.sensed.w[0])
 
 
-def point(
+def simulate_holding(
     plant: Model,
     holder: Holder,
     platform: Platform,
@@ -124,7 +124,7 @@ def point(
         raise UsageError("platform", "has no attitude", "give one with the motion: the camera's error needs it")
     quat = np.asarray(base.quat[::2])
     attitudes = Rotation.from_quat(quat, scalar_first=True).as_matrix()
-    behind = Behind(holder, Sensed(plant, base, station or Station.of(rig), t, rng), attitudes)
+    behind = SensedHolder(holder, Sensed(plant, base, station or Station.of(rig), t, rng), attitudes)
     log = simulate(
         plant, behind, Motion(t, *np.zeros((3, len(t), rig.n))), rng=rng, sensors=Sensors.exact(rig.n), delay=delay,
         drive=drive, start=behind.at_rest, platform=base, name=name,
@@ -164,15 +164,15 @@ class Course:
         """Run one controller, by name, with one seed."""
         platform = self.recorded
         if platform is None:
-            platform = shake(self.plant.rig, self.seconds, seed, recipe.dt, self.size)
-        run = point(
+            platform = draw_profile(self.plant.rig, self.seconds, seed, recipe.dt, self.size)
+        run = simulate_holding(
             self.plant, recipe.holder(name), platform, rng=np.random.default_rng([seed, 1]), seconds=self.seconds,
             station=self.station, delay=self.delay, drive=self.drive, name=name,
         )  # fmt: skip
         return replace(run, platform="S" if self.recorded is None else "log", seed=seed)
 
 
-def compete(course: Course, recipe: Recipe, seeds: int, jobs: int = 1) -> tuple[Row, ...]:
+def run_controllers(course: Course, recipe: Recipe, seeds: int, jobs: int = 1) -> tuple[Row, ...]:
     """Run every controller of a recipe with every seed, in so many processes, under a progress bar."""
     plan = [(name, seed) for seed in range(seeds) for name in recipe.names]
     with ExitStack() as stack:

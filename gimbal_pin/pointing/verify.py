@@ -16,11 +16,11 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Log
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import LEARNED, WANTED, learn_recipe, shaken_log, unbalanced
+from gimbal_pin.pointing.bench import LEARNED, WANTED, learn_recipe, simulate_shaken_log, unbalance_payload
 from gimbal_pin.pointing.measurement import Fault, Station
 from gimbal_pin.pointing.recipe import Machine
 from gimbal_pin.pointing.result import Verified
-from gimbal_pin.pointing.run import Course, compete
+from gimbal_pin.pointing.run import Course, run_controllers
 from gimbal_pin.pointing.sight import Sight, unable
 from gimbal_pin.rig.rig import Rig
 
@@ -69,16 +69,16 @@ def verify(
     if log is not None and plant is None:
         known = known or identify(rig, [log], holdout="none").model
         plant = draw_model(known, np.random.default_rng(LEARNED))
-    stood = nominal(unbalanced(rig)) if plant is None else plant
+    stood = nominal(unbalance_payload(rig)) if plant is None else plant
     true, drive = plant_with(stood, [parse_effect(text, rig) for text in causes])
     station = Station.of(rig, faults)
-    taught = shaken_log(true, drive) if log is None else log
+    taught = simulate_shaken_log(true, drive) if log is None else log
     recipe = learn_recipe(rig, taught, station, known, delay=delay)
     # What was exported does not learn in flight, nor does what it is compared with.
     recipe = replace(recipe, law=law, machine=machine, learns=machine is None)
     if recorded is not None:  # taken for that of the point where the axes meet, as profile S is
         recorded = recorded.about(Sight(rig).centre)
         seconds = min(seconds, float(np.floor(1000 * (recorded.t[-1] - recorded.t[0]) - 1)) / 1000)
-    rows = compete(Course(true, seconds, station, drive, delay, recorded, size), recipe, seeds, jobs)
+    rows = run_controllers(Course(true, seconds, station, drive, delay, recorded, size), recipe, seeds, jobs)
     loops = {name: recipe.margins(name) for name in recipe.names}
     return Verified(rig.name, rig.payload, rows, loops, bool(faults))

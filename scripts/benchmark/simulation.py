@@ -20,10 +20,10 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.profile import profile_s
-from gimbal_pin.pointing.bench import learn_recipe, shake
+from gimbal_pin.pointing.bench import draw_profile, learn_recipe
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.result import Pointing
-from gimbal_pin.pointing.run import point
+from gimbal_pin.pointing.run import simulate_holding
 from gimbal_pin.rig.rig import Rig
 from tests.mujoco_peer import rigid_bodies
 
@@ -90,10 +90,10 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
     """
     rig, seconds = model.rig, 2.0
     pointer = learn_recipe(rig, None, Station.of(rig), model).pointer()
-    ground = shake(rig, seconds, 0)
+    ground = draw_profile(rig, seconds, 0)
 
     def pointed() -> Pointing:
-        return point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds, drive=drive)
+        return simulate_holding(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds, drive=drive)
 
     wall, processor = wall_and_cpu(pointed, ROUNDS, "camera held on a moving base")
     name = "camera held still, moving base, sensors, effects: simulated time / "

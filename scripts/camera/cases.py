@@ -33,14 +33,14 @@ from gimbal_pin.effects.rig_effect import get_payload
 from gimbal_pin.log.log import Array, Imu, Motion
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, make_propeller_band, sum_bands
-from gimbal_pin.pointing.bench import WANTED, unbalanced
+from gimbal_pin.pointing.bench import WANTED, unbalance_payload
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Fault, Measurement, Station
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.result import SETTLING, jitter
 from gimbal_pin.pointing.result import summed as counted
-from gimbal_pin.pointing.run import Behind, Sensed, errors, point
+from gimbal_pin.pointing.run import Sensed, SensedHolder, errors, simulate_holding
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.rig import Rig
@@ -221,7 +221,7 @@ def on_mount(
     sensed.system, sensed.attitudes = Mounted(plant, base, case.base), []
     attitudes = Rotation.from_quat(base.quat[::2], scalar_first=True).as_matrix()
     motors = Drive(plant.drive, plant.rig, DT, plant)
-    behind, n = Behind(pointer, sensed, attitudes), plant.rig.n
+    behind, n = SensedHolder(pointer, sensed, attitudes), plant.rig.n
     zero = np.zeros((len(t), n))
     *_, q, _ = run_loop(
         sensed.system, motors, behind, Motion(t, zero, zero, zero), behind.at_rest, Sensors.exact(n), zero, 1, 1,
@@ -245,7 +245,7 @@ def run(case: Case, rig: Rig, seed: int, seconds: float, names: Sequence[str]) -
         if case.base:
             out[name] = on_mount(plant, pointer, ground, station, case, seed, seconds)
             continue
-        held = point(
+        held = simulate_holding(
             plant, pointer, ground, rng=np.random.default_rng([seed, 1]), seconds=seconds, station=station,
             delay=1 + case.late, name=name,
         )  # fmt: skip
@@ -307,7 +307,7 @@ def main(
     print(f"{'rig':20}{'case':20}{head}   ratio  to fastest  events of ours")
     for rig_name in rigs:
         bare, _, payload_name = rig_name.partition(":")
-        rig = unbalanced(Rig.load(bare, payload_name or None))
+        rig = unbalance_payload(Rig.load(bare, payload_name or None))
         for name in cases:
             ran = [run(CASES[name], rig, seed, seconds, names) for seed in many]
             size = {who: degrees(rms([jitter(one[who].sight, DT)[0] for one in ran])) for who in names}

@@ -25,13 +25,13 @@ from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import learn_recipe, shake, shaken_log, unbalanced
+from gimbal_pin.pointing.bench import draw_profile, learn_recipe, simulate_shaken_log, unbalance_payload
 from gimbal_pin.pointing.measurement import Measurement, Station
 from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.pointing.pointer import Holder, Pointer
 from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.result import Row
-from gimbal_pin.pointing.run import point
+from gimbal_pin.pointing.run import simulate_holding
 from gimbal_pin.rig.rig import Rig
 
 
@@ -136,15 +136,15 @@ def main(
         seconds: Length of a run, s.
     """
     loaded = Rig.load(rig, payload)
-    plant, station = nominal(unbalanced(loaded)), Station.of(loaded)
-    recipe = learn_recipe(loaded, shaken_log(plant), station)
+    plant, station = nominal(unbalance_payload(loaded)), Station.of(loaded)
+    recipe = learn_recipe(loaded, simulate_shaken_log(plant), station)
     runs: dict[str, list[Any]] = {}
     for seed in range(seeds):
-        platform = shake(loaded, seconds, seed)
+        platform = draw_profile(loaded, seconds, seed)
         for name, make in make_controllers(recipe, platform).items():
             if name in (names or (name,)):
                 rng = np.random.default_rng([seed, 1])
-                run = point(plant, make(), platform, rng=rng, seconds=seconds, station=station, name=name)
+                run = simulate_holding(plant, make(), platform, rng=rng, seconds=seconds, station=station, name=name)
                 runs.setdefault(name, []).append(run)
     rows = [Row(name, tuple(own)) for name, own in runs.items()]
     whole = next((row.jitter_rms for row in rows if row.controller == BASELINE), rows[0].jitter_rms)

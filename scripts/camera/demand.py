@@ -16,7 +16,7 @@ from gimbal_pin.control.laws.uncertainty import inertia
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import WANTED, unbalanced
+from gimbal_pin.pointing.bench import WANTED, unbalance_payload
 from gimbal_pin.pointing.result import SETTLING
 from gimbal_pin.pointing.sight import Sight, holding
 from gimbal_pin.rig.rig import Rig
@@ -147,7 +147,7 @@ def main(rig: str, log: Path, maps: tuple[str, ...] = (), payload: str | None = 
     """
     loaded = Rig.load(rig, payload)
     motion = read_platform(loaded, "none", log, maps)
-    found = Demand.of(nominal(unbalanced(loaded)), WANTED, motion.about(Sight(loaded).centre))
+    found = Demand.of(nominal(unbalance_payload(loaded)), WANTED, motion.about(Sight(loaded).centre))
     for joint, limit in zip(found.joints, found.tau_max.tolist()):
         print(f"{joint}: up to {found.peak[joint]:.3g} N m of {limit:g}")
     print("beyond it:", ", ".join(f"{first:.2f} to {last:.2f} s" for first, last in found.moments) or "never")

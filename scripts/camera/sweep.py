@@ -17,11 +17,11 @@ from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.pointing.bench import learn_recipe, shake, shaken_log, unbalanced
+from gimbal_pin.pointing.bench import draw_profile, learn_recipe, simulate_shaken_log, unbalance_payload
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.recipe import SAMPLES, Recipe
-from gimbal_pin.pointing.run import point
+from gimbal_pin.pointing.run import simulate_holding
 from gimbal_pin.pointing.sight import Sight, holding
 from gimbal_pin.rig.rig import Rig
 
@@ -113,7 +113,7 @@ def sweep(plant: Model, platform: Platform, recipe: Recipe) -> Sweep:
 def held_jitter(plant: Model, platform: Platform, pointer: Pointer) -> float:
     """Jitter of a run, rad rms; inf for a loop that diverges."""
     try:
-        return point(plant, pointer, platform, rng=np.random.default_rng(1), seconds=SECONDS).jitter[0]
+        return simulate_holding(plant, pointer, platform, rng=np.random.default_rng(1), seconds=SECONDS).jitter[0]
     except UsageError:
         return inf
 
@@ -131,9 +131,9 @@ def main(rig: str, payload: str | None = None) -> None:
         payload: Its payload.
     """
     loaded = Rig.load(rig, payload)
-    plant = nominal(unbalanced(loaded))
-    recipe = learn_recipe(loaded, shaken_log(plant), Station.of(loaded))
-    found = sweep(plant, shake(loaded, SECONDS, 0), recipe)
+    plant = nominal(unbalance_payload(loaded))
+    recipe = learn_recipe(loaded, simulate_shaken_log(plant), Station.of(loaded))
+    found = sweep(plant, draw_profile(loaded, SECONDS, 0), recipe)
     print(f"PID: {degrees(found.pid):.5f} deg rms")
     for share, size in sorted(found.scaled.items()):
         print(f"masses and inertias {100 * share:+.0f} %: {degrees(size):.5f} deg rms")

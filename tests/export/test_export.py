@@ -16,7 +16,18 @@ from gimbal_pin.errors import ModelError
 from gimbal_pin.export import Chain, Library
 from gimbal_pin.export.symbolic import checked, table, terms
 from gimbal_pin.log import write_yaml
-from gimbal_pin.pointing import WANTED, Course, Measurement, Recipe, Sight, Station, compete, parse_fault, point, shake
+from gimbal_pin.pointing import (
+    WANTED,
+    Course,
+    Measurement,
+    Recipe,
+    Sight,
+    Station,
+    draw_profile,
+    parse_fault,
+    run_controllers,
+    simulate_holding,
+)
 from gimbal_pin.rig import Rig
 from tests.command_line import Run, refused, result
 from tests.effects.test_effects import TORQUES, planted
@@ -148,8 +159,8 @@ def test_the_same_sensors_give_the_same_torques(plain: Twin, faults: list[str]) 
     """Sample by sample from profile S with failing sensors, nothing fed back: what differs is rounding, integrated."""
     model, side = plain.stored.model, Side(plain)
     station = Station.of(model.rig, tuple(map(parse_fault, faults)))
-    ground = shake(model.rig, 0.6, 0)
-    point(model, side, ground, rng=np.random.default_rng(0), seconds=0.6, station=station)  # type: ignore[arg-type]
+    ground = draw_profile(model.rig, 0.6, 0)
+    simulate_holding(model, side, ground, rng=np.random.default_rng(0), seconds=0.6, station=station)  # type: ignore[arg-type]
     assert max(side.gaps) < 2e-3 and float(np.median(side.gaps)) < 2e-4
 
 
@@ -321,7 +332,7 @@ def test_the_compiled_controller_holds_the_camera_as_pythons(plain: Twin) -> Non
     recipe = Recipe(
         model, WANTED, spectrum, station.noise, float(station.step.max()), law=law, machine=plain.library, learns=False
     )
-    found = {row.controller: row.jitter_rms for row in compete(Course(model, 2.6, station), recipe, 1)}
+    found = {row.controller: row.jitter_rms for row in run_controllers(Course(model, 2.6, station), recipe, 1)}
     assert found["compiled"] == pytest.approx(found["computed-torque"], rel=0.02)
 
 

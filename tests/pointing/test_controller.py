@@ -26,12 +26,12 @@ from gimbal_pin.pointing import (
     Spectrum,
     Station,
     attitude,
+    draw_profile,
     leveled,
-    point,
-    rehearsed,
-    shake,
-    shaken_log,
-    unbalanced,
+    rehearse_platform,
+    simulate_holding,
+    simulate_shaken_log,
+    unbalance_payload,
 )
 from gimbal_pin.pointing.sight import holding
 from gimbal_pin.rig import Rig
@@ -44,14 +44,16 @@ DT, URDF = 1e-3, Path(__file__).parents[2] / "urdf"
 def made() -> Controller:
     rig = bundled("thesis")
     station = Station.of(rig)
-    spectrum = Spectrum.of(rehearsed(rig)[1], DT)
-    return Controller(Recipe(nominal(unbalanced(rig)), WANTED, spectrum, station.noise, float(station.step.max())))
+    spectrum = Spectrum.of(rehearse_platform(rig)[1], DT)
+    return Controller(
+        Recipe(nominal(unbalance_payload(rig)), WANTED, spectrum, station.noise, float(station.step.max()))
+    )
 
 
 def measured(seconds: float) -> list[Measurement]:
     """What the sensors say of a camera that is held exactly on profile S."""
     rig = bundled("thesis")
-    ground = shake(rig, seconds, 0)
+    ground = draw_profile(rig, seconds, 0)
     held, t = holding(Sight(rig), WANTED, ground.part(slice(0, None, 2))), np.asarray(ground.t[::2])
     sensed = Sensed(nominal(rig), ground, Station.of(rig), t, np.random.default_rng(0))
     states = zip(held.q, held.v)
@@ -90,9 +92,9 @@ def test_the_loop_of_ones_own_is_the_simulations() -> None:
         def torque(self, seen: Measurement, memory: Any) -> tuple[Array, Any]:
             return controller.step(seen), controller.memory
 
-    plant, ground = nominal(unbalanced(rig)), shake(rig, 0.3, 0)
+    plant, ground = nominal(unbalance_payload(rig)), draw_profile(rig, 0.3, 0)
     runs = [
-        point(plant, who, ground, rng=np.random.default_rng(1), seconds=0.3, station=Station.exact(rig))
+        simulate_holding(plant, who, ground, rng=np.random.default_rng(1), seconds=0.3, station=Station.exact(rig))
         for who in (Stepped(), controller.pointer)
     ]
     np.testing.assert_allclose(runs[0].error, runs[1].error, atol=1e-9)
@@ -100,7 +102,7 @@ def test_the_loop_of_ones_own_is_the_simulations() -> None:
 
 def test_a_controller_is_learned_from_a_shaken_log() -> None:
     rig = bundled("turret")
-    log = shaken_log(nominal(rig), seconds=4.0)
+    log = simulate_shaken_log(nominal(rig), seconds=4.0)
     controller = Controller.learn(rig, log, attitude(0.1, 0.2))
     still = Measurement(0.0, np.array([0.1, 0.2]), np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 9.81]))
     torque = [controller.step(still._replace(t=k * DT)) for k in range(5)][-1]
@@ -169,7 +171,7 @@ class Bench:
 @cache
 def exact(name: str, keeps: bool = False) -> Controller:
     rig = bundled(name)
-    spectrum = Spectrum.of(rehearsed(rig)[1], DT)
+    spectrum = Spectrum.of(rehearse_platform(rig)[1], DT)
     return Controller(Recipe(nominal(rig), WANTED, spectrum, Station.exact(rig).noise, 0.0), keeps)
 
 
@@ -216,7 +218,7 @@ def test_a_camera_may_look_along_any_axis(tmp_path: Path) -> None:
         text = (URDF / "thesis.yaml").read_text() + f"optical_axis: {axis}\nurdf: {URDF / 'thesis.urdf'}\n"
         (tmp_path / "own.yaml").write_text(text)
         rig = Rig.load(tmp_path / "own.yaml")
-        controller = Controller.learn(rig, shaken_log(nominal(rig), seconds=4.0))
+        controller = Controller.learn(rig, simulate_shaken_log(nominal(rig), seconds=4.0))
         torques.append(Bench(controller, np.array([0.5, -0.3, 0.4]), 0.2).run(0.2)[2])
     np.testing.assert_allclose(torques[1:], [torques[0]] * 2, atol=1e-3)
 

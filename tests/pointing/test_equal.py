@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from gimbal_pin.control import Equal
 from gimbal_pin.dynamics import Model, nominal
 from gimbal_pin.effects import Delay
-from gimbal_pin.pointing import WANTED, Pointing, Recipe, Row, Spectrum, Station, rehearsed, unbalanced
+from gimbal_pin.pointing import WANTED, Pointing, Recipe, Row, Spectrum, Station, rehearse_platform, unbalance_payload
 from gimbal_pin.rig import Rig
 
 DT = 1e-3
@@ -22,13 +22,13 @@ DT = 1e-3
 
 @cache
 def plant() -> Model:
-    return nominal(unbalanced(Rig.load("thesis")))
+    return nominal(unbalance_payload(Rig.load("thesis")))
 
 
 def recipe(seconds: float) -> Recipe:
     """Of a plant whose drive of yaw acts so much later."""
     model = replace(plant(), drive=(Delay("yaw", seconds),) if seconds else ())
-    spectrum = Spectrum.of(rehearsed(model.rig)[1], DT)
+    spectrum = Spectrum.of(rehearse_platform(model.rig)[1], DT)
     return Recipe(model, WANTED, spectrum, Station.of(model.rig).noise, 2 * pi / 2**16)
 
 

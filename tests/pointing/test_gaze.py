@@ -27,7 +27,7 @@ from gimbal_pin.pointing import (
     unable,
     verify,
 )
-from gimbal_pin.report import figures, outlook, render
+from gimbal_pin.report import Document, figures, outlook
 from gimbal_pin.report import text as terminal
 from gimbal_pin.report.sections.camera import headline, numbers, pointing
 from gimbal_pin.report.view import afar, gaze
@@ -64,7 +64,7 @@ def verified() -> Verified:
 
 @cache
 def page() -> str:
-    return render("thesis", [pointing(verified(), "A note.")])
+    return Document("thesis", "", [pointing(verified(), "A note.")]).to_html()
 
 
 def placed(points: Array, turned: Array) -> Array:
@@ -147,7 +147,7 @@ def test_who_is_long_at_the_torque_limit_of_which_joints_is_told() -> None:
     (line,) = [line for line in said.splitlines() if line.startswith("PID ")]
     assert line.endswith("yaw 60 %, roll 20 %") and said.count("yaw 60 %") == 1
     assert PUSHED not in terminal.verified(verified())
-    page = parsed(render("", [pointing(pushed)])).text_content()
+    page = parsed(Document("", "", [pointing(pushed)]).to_html()).text_content()
     assert PUSHED in said and PUSHED in page and "yaw 60 %, roll 20 %" in page
 
 

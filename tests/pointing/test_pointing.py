@@ -44,14 +44,14 @@ from gimbal_pin.pointing import (
     Spectrum,
     Station,
     attitude,
-    compete,
+    draw_profile,
     find_trusted_joints,
     gyros_between,
     jitter,
     parse_fault,
-    point,
-    shake,
-    unbalanced,
+    run_controllers,
+    simulate_holding,
+    unbalance_payload,
 )
 from gimbal_pin.pointing.guard import Watch
 from gimbal_pin.pointing.navigator import Fused
@@ -450,14 +450,14 @@ def test_jitter_is_what_is_fast_and_drift_what_is_slow() -> None:
 def test_knowing_more_holds_the_camera_stiller() -> None:
     """PID, moving base, friction, prediction: each less than the one before. One seed is one run."""
     rig = rig_of("handheld")
-    plant, ground = nominal(unbalanced(rig)), shake(rig, 0.9, 0)
+    plant, ground = nominal(unbalance_payload(rig)), draw_profile(rig, 0.9, 0)
     known = recipe(plant)
     pid, ours = known.pointer("pid"), known.pointer()
     blind = replace(ours, navigator=replace(pid.navigator, accelerates=True))
     bare = replace(blind, law=replace(blind.law, model=replace(plant, terms=())))  # type: ignore[type-var]
 
     def held(pointer: Pointer, seconds: float = 0.9) -> Pointing:
-        return point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds)
+        return simulate_holding(plant, pointer, ground, rng=np.random.default_rng(0), seconds=seconds)
 
     still = [held(pointer).jitter[0] for pointer in (pid, bare, blind, ours)]
     assert still[0] > still[1] > 3 * still[2] > 3 * still[3]
@@ -467,7 +467,7 @@ def test_knowing_more_holds_the_camera_stiller() -> None:
 def test_both_controllers_meet_the_same_motions() -> None:
     rig = rig_of("turret")
     plant, station = nominal(rig), Station.of(rig)
-    rows = compete(Course(plant, 0.2, station), recipe(plant), 2)
+    rows = run_controllers(Course(plant, 0.2, station), recipe(plant), 2)
     assert [row.controller for row in rows] == ["pid", "computed-torque"]
     for runs in zip(*(row.runs for row in rows)):
         np.testing.assert_array_equal(*(run.base for run in runs))
@@ -478,9 +478,9 @@ def test_nothing_moves_what_is_known_exactly() -> None:
     """Exact sensors, a known model without friction, the motion foreknown: what is left is the sampling."""
     rig = rig_of("thesis")
     plant = replace(nominal(rig), terms=())
-    ground = shake(rig, 1.0, 0, size=0.2)
+    ground = draw_profile(rig, 1.0, 0, size=0.2)
     told = foretell(recipe(plant, noise=Noise()), ground)
-    run = point(plant, told, ground, rng=np.random.default_rng(0), seconds=0.8, station=Station.exact(rig))
+    run = simulate_holding(plant, told, ground, rng=np.random.default_rng(0), seconds=0.8, station=Station.exact(rig))
     assert np.abs(np.rad2deg(run.error[400:])).max() < 2e-3 and not run.events
 
 
@@ -563,12 +563,12 @@ def test_what_cannot_be_run_is_refused() -> None:
     plant = nominal(rig)
     with pytest.raises(UsageError, match="unknown"):
         recipe(plant).pointer("magic")
-    ground = shake(rig, 0.2, 0)
+    ground = draw_profile(rig, 0.2, 0)
     pointer = recipe(plant).pointer("pid")
     with pytest.raises(UsageError, match="no attitude"):
-        point(plant, pointer, replace(ground, quat=None), rng=np.random.default_rng(0), seconds=0.1)
+        simulate_holding(plant, pointer, replace(ground, quat=None), rng=np.random.default_rng(0), seconds=0.1)
     with pytest.raises(UsageError, match="lasts"):
-        point(plant, pointer, ground, rng=np.random.default_rng(0), seconds=1.0)
+        simulate_holding(plant, pointer, ground, rng=np.random.default_rng(0), seconds=1.0)
 
 
 def test_a_run_knows_its_torque_and_its_limits() -> None:

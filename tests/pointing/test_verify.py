@@ -8,7 +8,7 @@ import pytest
 from gimbal_pin.dynamics import Model, name_columns, nominal, reduce_parameters
 from gimbal_pin.identification import compare_payload, identify
 from gimbal_pin.log import Log
-from gimbal_pin.pointing import shaken_log, unbalanced
+from gimbal_pin.pointing import simulate_shaken_log, unbalance_payload
 from gimbal_pin.report import text
 from gimbal_pin.rig import Rig
 
@@ -19,8 +19,8 @@ DT = 1e-3
 def shaken() -> tuple[Rig, Model, Log]:
     """A rig, its plant, and 12 s of it on a base that is shaken by hand."""
     rig = Rig.load("thesis")
-    plant = nominal(unbalanced(rig))
-    return rig, plant, shaken_log(plant, seconds=12.0)
+    plant = nominal(unbalance_payload(rig))
+    return rig, plant, simulate_shaken_log(plant, seconds=12.0)
 
 
 def test_a_shaken_log_is_used_as_far_as_it_tells(shaken: tuple[Rig, Model, Log]) -> None:

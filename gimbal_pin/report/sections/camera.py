@@ -50,9 +50,8 @@ def pointing(found: Verified, note: str = "") -> Section:
 
 def headline(found: Verified) -> str:
     """Say how still the camera stands with computed torque, and with the PID."""
-    names, still = (OURS, BASELINE), found.jitter
-    said = ", ".join(f"{controller_name(name)}{' leaves' * (name == OURS)} {angle(still[name])}" for name in names)
-    said = said.replace(angle(still[OURS]), f"{angle(still[OURS])} rms of jitter", 1)
+    (ours, best), (pid, other) = ((controller_name(name), angle(found.jitter[name])) for name in (OURS, BASELINE))
+    said = f"{ours} leaves {best} rms of jitter, {pid} {other}"
     times = f": {figures(found.gain, 2)} times as much" if found.gain > 1 else ""
     margins = "" if found.is_equal else ", each with margins of its own"
     failed = " Sensors were failed on purpose while it ran." if found.failed else ""
