@@ -5,10 +5,11 @@ from .bench import rehearse_platform as rehearse_platform
 from .bench import simulate_shaken_log as simulate_shaken_log
 from .bench import unbalance_payload as unbalance_payload
 from .controller import Controller as Controller
-from .controller import leveled as leveled
 from .forecast import Forecast as Forecast
 from .forecast import Spectrum as Spectrum
 from .guard import Guard as Guard
+from .level import Level as Level
+from .level import leveled as leveled
 from .measurement import Measurement as Measurement
 from .measurement import SensorFault as SensorFault
 from .measurement import Station as Station

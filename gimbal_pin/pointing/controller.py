@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import atan2, hypot
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +17,8 @@ from gimbal_pin.log.io.files import write_json
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.pointing.bench import learn_recipe
 from gimbal_pin.pointing.forecast import Spectrum
+from gimbal_pin.pointing.level import Level, leveled
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Measurement, Station
-from gimbal_pin.pointing.navigator import attitude
 from gimbal_pin.pointing.pointer import Held
 from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.sight import Sight, unable
@@ -65,7 +64,9 @@ class Controller:
         """
         if reason := unable(recipe.model.rig, recipe.wanted):
             raise UsageError(f"rig {recipe.model.rig.name}", f"cannot hold its camera: {reason}", "change that")
-        self.recipe, self.pointer, self.keeps = recipe, recipe.pointer(), keeps
+        made = recipe.pointer()
+        self.pointer = replace(made, navigator=replace(made.navigator, level=Level(made.dt)))
+        self.recipe, self.keeps = recipe, keeps
         self.memory: Held | None = None
         zero, links = np.zeros(3), len(self.pointer.navigator.sight.moved)
         for k in range(WARM_UP):
@@ -108,13 +109,14 @@ class Controller:
 
         Args:
             measurement: The first one.
-            platform: Attitude of the base link in the world, (3, 3); None: heading zero, level by its accelerometer,
-                which takes the platform to be at rest.
+            platform: Attitude of the base link in the world, (3, 3); None: heading zero, level by its accelerometer:
+                by one sample at first, and then by the mean of all in the gyros' world, see `Level`.
         """
         base = leveled(measurement.f) if platform is None else platform
         q = measurement.q if np.isfinite(measurement.q).all() else np.zeros(len(measurement.q))
         camera = base @ self.pointer.navigator.sight.attitude(q)
-        self.memory = self.pointer.start(measurement, camera, base)
+        begun, upright = self.pointer.start(measurement, camera, base), Level(self.dt).start(sure=platform is not None)
+        self.memory = begun._replace(known=begun.known._replace(upright=upright))
         return self.hold(camera) if self.keeps else self.memory
 
     def attitude(self) -> Array:
@@ -249,11 +251,3 @@ def rotation(entries: Sequence[float] | Array, place: str, error: type[GimbalPin
     if not (np.allclose(R @ R.T, np.eye(3), atol=1e-9) and np.linalg.det(R) > 0):
         raise error(place, "is no rotation matrix", "give its nine entries, row by row")
     return R
-
-
-def leveled(f: Array) -> Array:
-    """Attitude with heading zero in which a specific force points up, (3, 3); level where there is none."""
-    x, y, z = np.asarray(f, float).tolist()
-    if not 0 < hypot(x, y, z) < np.inf:
-        return np.eye(3)
-    return attitude(0.0, atan2(-x, hypot(y, z)), atan2(y, z))

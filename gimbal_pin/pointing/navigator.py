@@ -14,6 +14,7 @@ import pinocchio as pin
 from gimbal_pin.control.laws.base import Ahead, Aim
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.forecast import Forecast, Past
+from gimbal_pin.pointing.level import Level, Upright
 from gimbal_pin.pointing.measurement import Measurement
 from gimbal_pin.pointing.result import SLOW
 from gimbal_pin.pointing.sight import Sight, View
@@ -135,6 +136,7 @@ class Known(NamedTuple):
         wanted: The attitude that is kept, or turned to, in the world, (3, 3).
         fused: What fusion remembers; None without it.
         turn: The way to that attitude; None: it is kept.
+        upright: What levelling remembers; None without it.
     """
 
     R: Array
@@ -145,6 +147,7 @@ class Known(NamedTuple):
     wanted: Array
     fused: Fused | None = None
     turn: Turn | None = None
+    upright: Upright | None = None
 
     @property
     def ended(self) -> bool:
@@ -186,6 +189,7 @@ class Navigator:
         accelerates: False takes no wanted acceleration from inverse kinematics.
         oracle: The platform's true motion ahead is known, not predicted, for every lead.
         fusion: Brings the other gyros in; None: the camera's attitude comes from its own alone.
+        level: Keeps the world of the gyros level by the accelerometer; None: nothing does.
     """
 
     sight: Sight
@@ -197,6 +201,7 @@ class Navigator:
     accelerates: bool = True
     oracle: bool = False
     fusion: Fusion | None = None
+    level: Level | None = None
 
     __repr__ = brief
 
@@ -205,13 +210,15 @@ class Navigator:
         own, turning = (base, seen.w) if self.by_platform else (camera, seen.gyro)
         fused = None if self.fusion is None else begun(base, self.sight.between(seen.q), seen)
         past = self.forecast.start(seen.w, seen.f)
-        known = Known(own, turning, past, seen.t, np.zeros(len(seen.q)), self.wanted, fused)
+        upright = None if self.level is None else self.level.start(sure=True)
+        known = Known(own, turning, past, seen.t, np.zeros(len(seen.q)), self.wanted, fused, None, upright)
         return self.aimed(known, seen.q, base, self.wanted)
 
     def camera(self, known: Known, q: Array) -> Array:
         """Attitude of the camera in the world at the last sample, whose angles are q, (3, 3)."""
         own = known.R.dot(self.sight.attitude(q)) if self.by_platform else known.R
-        return own if known.fused is None else np.asarray(own.dot(exp3(known.fused.turn)))
+        own = own if known.fused is None else own.dot(exp3(known.fused.turn))
+        return np.asarray(own if known.upright is None else known.upright.turn.dot(own))
 
     def aimed(self, known: Known, q: Array, base: Array, wanted: Array) -> Known:
         """Memory with another wanted attitude, turned to from the angles q on a base of that attitude, (3, 3)."""
@@ -233,9 +240,13 @@ class Navigator:
         against, carries = view.against, seen.w.dot(view.R)
         v = against.dot(carries - seen.gyro)
         R, actual, rate, fused = self.attitude(R, view, seen, known.fused, elapsed, doubtful)
+        upright = known.upright
+        if self.level is not None and upright is not None:
+            upright = self.level.step(upright, actual.dot(self.sight.attitude(seen.q).T.dot(seen.f)))
+            actual = upright.turn.dot(actual)
         gaze = self.gaze(known, seen.t)
         past = self.forecast.step(known.past, seen.t, seen.w, seen.f)
-        after = Known(R, turning, past, seen.t, v, known.wanted, fused, gaze and known.turn)
+        after = Known(R, turning, past, seen.t, v, known.wanted, fused, gaze and known.turn, upright)
         error = against.dot(log3((known.wanted if gaze is None else gaze.R).T.dot(actual)))
         ahead = self.ahead(seen, view, after)
         wished = carries + rate if gaze is None else carries + rate - gaze.w

@@ -19,6 +19,7 @@ from gimbal_pin.log import Array, Platform
 from gimbal_pin.pointing import (
     WANTED,
     Controller,
+    Level,
     Measurement,
     Recipe,
     Sensed,
@@ -117,6 +118,30 @@ def test_gravity_says_where_up_is(roll: float, pitch: float) -> None:
     R = attitude(0.0, pitch, roll)
     np.testing.assert_allclose(leveled(R.T @ [0, 0, 9.81]), R, atol=1e-12)
     assert (leveled(np.full(3, np.nan)) == np.eye(3)).all() and (leveled(np.zeros(3)) == np.eye(3)).all()
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.integers(0, 100), st.booleans())
+def test_a_world_that_moves_is_leveled(roll: float, pitch: float, seed: int, sure: bool) -> None:
+    """Sines of 1 m/s² at 0.2 to 2 Hz on top of gravity: one that is sure stays as it is, another becomes level."""
+    level, rng, dt = Level(0.01), np.random.default_rng(seed), 0.01
+    tilt, t = np.eye(3) if sure else attitude(0.0, pitch, roll), dt * np.arange(6000)
+    f, w, phase = np.geomspace(0.2, 2, 20), rng.standard_normal((20, 3)), rng.uniform(0, 2 * np.pi, 20)
+    forces = tilt.T @ [0, 0, 9.81] + np.cos(2 * np.pi * t[:, None] * f + phase) @ w / np.sqrt(10)
+    memory, off = level.start(sure), []
+    for force in forces:
+        memory = level.step(memory, force)
+        off.append(np.degrees(np.arccos(np.clip((memory.turn @ tilt.T)[2, 2], -1, 1))))
+    assert off[-1] < 0.1 and (not sure or max(off) < 0.1)
+
+
+def test_a_camera_that_starts_on_one_sample_becomes_level() -> None:
+    """The first sample has the base lean by 3°; it does not, and stands."""
+    controller = exact("thesis")
+    bench, sight = Bench(controller, controller.recipe.looking, 3.0), controller.pointer.navigator.sight
+    lean = attitude(0.0, 0.0, np.radians(3.0)) @ [0, 0, 9.81]
+    controller.start(Measurement(0.0, bench.state.q, np.zeros(3), np.zeros(3), lean))
+    bench.run(2.5)
+    np.testing.assert_allclose(sight.attitude(bench.state.q)[2], WANTED[2], atol=np.radians(0.02))
 
 
 @pytest.mark.parametrize(
