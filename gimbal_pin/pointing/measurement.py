@@ -10,7 +10,6 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from gimbal_pin.control.laws.base import Carried
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.config import Noise
@@ -38,7 +37,6 @@ class Measurement(NamedTuple):
         w: Rate of the platform's gyro, in the base link's frame, rad/s, (3,).
         f: Specific force of the platform, m/s², (3,).
         links: Rates of the gyros on links between the two, each in its link's frame, rad/s, (3 L,).
-        true: The platform's true motion where each drive's torque will act, see `Navigator`; for the oracle alone.
     """
 
     t: float
@@ -47,7 +45,6 @@ class Measurement(NamedTuple):
     w: Array
     f: Array
     links: Array = NO_GYROS
-    true: tuple[Carried, ...] | None = None
 
 
 class Fault(Protocol):

@@ -128,7 +128,7 @@ class Known(NamedTuple):
     """What navigation remembers.
 
     Attributes:
-        R: Attitude in the world of the camera, or of the platform where that is what is integrated, (3, 3).
+        R: The camera's attitude in the world, integrated from its gyro, (3, 3).
         turning: The rate that was integrated last, rad/s, (3,).
         past: What the forecast remembers.
         t: Time of the sample, s.
@@ -185,9 +185,7 @@ class Navigator:
         dt: Sampling interval, s.
         forecast: The platform's motion, ahead by as much as each distinct drive of the law is late; or now.
         pace: How fast the camera is turned to where it shall look.
-        by_platform: The platform's gyro tells the attitude, with the encoders between, not the camera's own.
         accelerates: False takes no wanted acceleration from inverse kinematics.
-        oracle: The platform's true motion ahead is known, not predicted, for every lead.
         fusion: Brings the other gyros in; None: the camera's attitude comes from its own alone.
         level: Keeps the world of the gyros level by the accelerometer; None: nothing does.
     """
@@ -197,9 +195,7 @@ class Navigator:
     dt: float
     forecast: Forecast
     pace: Pace
-    by_platform: bool = False
     accelerates: bool = True
-    oracle: bool = False
     fusion: Fusion | None = None
     level: Level | None = None
 
@@ -207,17 +203,15 @@ class Navigator:
 
     def start(self, seen: Measurement, camera: Array, base: Array) -> Known:
         """Memory at the first sample, where the attitudes in the world of camera and base link are known, (3, 3)."""
-        own, turning = (base, seen.w) if self.by_platform else (camera, seen.gyro)
         fused = None if self.fusion is None else begun(base, self.sight.between(seen.q), seen)
         past = self.forecast.start(seen.w, seen.f)
         upright = None if self.level is None else self.level.start(sure=True)
-        known = Known(own, turning, past, seen.t, np.zeros(len(seen.q)), self.wanted, fused, None, upright)
+        known = Known(camera, seen.gyro, past, seen.t, np.zeros(len(seen.q)), self.wanted, fused, None, upright)
         return self.aimed(known, seen.q, base, self.wanted)
 
     def camera(self, known: Known, q: Array) -> Array:
         """Attitude of the camera in the world at the last sample, whose angles are q, (3, 3)."""
-        own = known.R.dot(self.sight.attitude(q)) if self.by_platform else known.R
-        own = own if known.fused is None else own.dot(exp3(known.fused.turn))
+        own = known.R if known.fused is None else known.R.dot(exp3(known.fused.turn))
         return np.asarray(own if known.upright is None else known.upright.turn.dot(own))
 
     def aimed(self, known: Known, q: Array, base: Array, wanted: Array) -> Known:
@@ -234,19 +228,18 @@ class Navigator:
         The Jacobian is that of the first moment ahead, which errors do not mind: it is worked out but once.
         """
         elapsed, lead = seen.t - known.t, self.forecast.leads[0]
-        turning = seen.w if self.by_platform else seen.gyro
-        R = known.R.dot(exp3((known.turning + turning) * (elapsed / 2)))
+        R = known.R.dot(exp3((known.turning + seen.gyro) * (elapsed / 2)))
         view = self.sight.view(seen.q + lead * known.v if lead else seen.q)
         against, carries = view.against, seen.w.dot(view.R)
         v = against.dot(carries - seen.gyro)
-        R, actual, rate, fused = self.attitude(R, view, seen, known.fused, elapsed, doubtful)
+        R, actual, rate, fused = self.attitude(R, seen, known.fused, elapsed, doubtful)
         upright = known.upright
         if self.level is not None and upright is not None:
             upright = self.level.step(upright, actual.dot(self.sight.attitude(seen.q).T.dot(seen.f)))
             actual = upright.turn.dot(actual)
         gaze = self.gaze(known, seen.t)
         past = self.forecast.step(known.past, seen.t, seen.w, seen.f)
-        after = Known(R, turning, past, seen.t, v, known.wanted, fused, gaze and known.turn, upright)
+        after = Known(R, seen.gyro, past, seen.t, v, known.wanted, fused, gaze and known.turn, upright)
         error = against.dot(log3((known.wanted if gaze is None else gaze.R).T.dot(actual)))
         ahead = self.ahead(seen, view, after)
         wished = carries + rate if gaze is None else carries + rate - gaze.w
@@ -254,7 +247,7 @@ class Navigator:
         return Fix(seen.q, v, aim, view.steep), after
 
     def attitude(
-        self, R: Array, view: View, seen: Measurement, fused: Fused | None, elapsed: float, doubtful: frozenset[str]
+        self, R: Array, seen: Measurement, fused: Fused | None, elapsed: float, doubtful: frozenset[str]
     ) -> tuple[Array, Array, Array | float, Fused | None]:
         """Return what is integrated on, the camera's attitude, what to add to its rate, and fusion's memory.
 
@@ -262,7 +255,7 @@ class Navigator:
         encoders between; without the platform's it is the other way round; and fusion begins anew.
         """
         if self.fusion is None or fused is None:
-            return R, R.dot(view.R) if self.by_platform else R, 0.0, None
+            return R, R, 0.0, None
         fused, between = fused.on(gyros(seen), elapsed), self.sight.between(seen.q)
         if not doubtful:
             fused = self.fusion.compared(fused, R, between)
@@ -276,7 +269,7 @@ class Navigator:
 
     def ahead(self, seen: Measurement, view: View, known: Known) -> tuple[Ahead, ...]:
         """Return rates and accelerations of the joints that are asked for at every lead; `view`: at the first."""
-        bases, v = self.forecast.ahead(known.past) if not self.oracle or seen.true is None else seen.true, known.v
+        bases, v = self.forecast.ahead(known.past), known.v
         out = []
         for k, (lead, base) in enumerate(zip(self.forecast.leads, bases)):
             q = seen.q + lead * v

@@ -1,4 +1,4 @@
-"""Studies of the camera that is held still: other platforms, eleven controllers, wrong models, weak motors."""
+"""Studies of the camera that is held still: other platforms, ten controllers, wrong models, weak motors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each thing that a controller knows takes off the PID's jitter: eleven controllers of equal margins.
+"""What each thing that a controller knows takes off the PID's jitter: ten controllers of equal margins.
 
 Each from "without-hidden" to "computed-torque" knows all that the one before it does; the last two stand on top of
 that.
@@ -23,11 +23,10 @@ from gimbal_pin.control.laws.equal import DAMPING, INTEGRAL, Equal, bandwidth
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
-from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.bench import draw_profile, learn_recipe, simulate_shaken_log, unbalance_payload
-from gimbal_pin.pointing.measurement import Measurement, Station
-from gimbal_pin.pointing.navigator import Navigator
+from gimbal_pin.pointing.forecast import Forecast, Past
+from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Holder, Pointer
 from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.result import Row
@@ -36,39 +35,27 @@ from gimbal_pin.rig.rig import Rig
 
 
 @dataclass(frozen=True, eq=False)
-class Foretold:
-    """A controller that is told the platform's true motion where each drive's torque will act: no forecast beats it."""
+class Foreknowledge(Forecast):
+    """The platform's true motion where each drive's torque will act, in place of a forecast: none beats it."""
 
-    pointer: Pointer
-    platform: Platform
+    platform: Platform | None = None
 
-    @property
-    def navigator(self) -> Navigator:
-        """Tells what is wanted."""
-        return self.pointer.navigator
-
-    @property
-    def dt(self) -> float:
-        """Sampling interval, s."""
-        return self.pointer.dt
-
-    def start(self, seen: Measurement, camera: Array, base: Array) -> Any:
-        """Return the memory at the first sample."""
-        return self.pointer.start(seen, camera, base)
-
-    def torque(self, seen: Measurement, memory: Any) -> tuple[Array, Any]:
-        """Return torque, N m, and the next memory, by the mean of the motion over each hold (Simpson's rule)."""
-        true = []
-        for lead in self.navigator.forecast.leads:
-            now = self.platform.at(np.clip(seen.t + lead + self.dt / 2 * np.arange(-1, 2), 0.0, self.platform.t[-1]))
+    def ahead(self, past: Past) -> tuple[Carried, ...]:
+        """Return the mean of the motion over the hold of each lead (Simpson's rule)."""
+        assert self.platform is not None
+        true, t = [], (past.samples - 1) * self.dt
+        for lead in self.leads:
+            now = self.platform.at(np.clip(t + lead + self.dt / 2 * np.arange(-1, 2), 0.0, self.platform.t[-1]))
             true.append(Carried(*(np.array([1, 4, 1]) / 6 @ x for x in (now.f, now.w, now.dw))))
-        return self.pointer.torque(seen._replace(true=tuple(true)), memory)
+        return tuple(true)
 
 
-def foretell(recipe: Recipe, platform: Platform) -> Foretold:
+def foretell(recipe: Recipe, platform: Platform) -> Pointer:
     """Return computed torque to which a motion is foreknown."""
     ours = recipe.pointer()
-    return Foretold(replace(ours, navigator=replace(ours.navigator, oracle=True)), platform)
+    own = ours.navigator.forecast
+    known = Foreknowledge(own.spectrum, own.gains, own.dt, own.leads, False, platform)
+    return replace(ours, navigator=replace(ours.navigator, forecast=known))
 
 
 def without_hidden(model: Model) -> Model:
@@ -109,7 +96,6 @@ def make_controllers(recipe: Recipe, platform: Platform) -> dict[str, Callable[[
 
     foresees = replace(seeing.navigator, fusion=None)
     return {
-        "pid-joint": lambda: replace(pid, navigator=replace(pid.navigator, by_platform=True)),
         BASELINE: lambda: pid,
         "fixed-base": lambda: replace(pid, law=fixed),
         "without-hidden": lambda: replace(pid, navigator=blind, law=replace(bare, model=without_hidden(bare.model))),
