@@ -10,6 +10,7 @@ from gimbal_pin.cli.inputs import load_logs, load_rig, read_payload
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
+    from gimbal_pin.effects import Effect
     from gimbal_pin.identification import Several
 
 
@@ -37,11 +38,14 @@ def read_cameras(
 
     if known is not None:
         loaded, read = load_logs(rig, payload, logs, mapping)
-        return partial(identify_new, loaded, read, read_known(known, load_rig(rig, read_payload(known))))
+        first = load_rig(rig, read_payload(known, payload, *list_tags(logs)))
+        return partial(identify_new, loaded, read, read_known(known, first))
     tags = [tag for tag in list_tags(logs) if tag is not None]
     if payload is not None or None in list_tags(logs):
         raise UsageError("logs", "are only partly tagged with a payload", "tag each of them: LOG@PAYLOAD, no --payload")
     pairs = {tag: load_logs(rig, None, [log for log in logs if log.endswith(f"@{tag}")], mapping) for tag in tags}
     rigs, each = {tag: pair[0] for tag, pair in pairs.items()}, {tag: pair[1] for tag, pair in pairs.items()}
-    causes = () if extended is None else refittable_effects(read_model(extended, load_rig(rig, read_payload(extended))))
+    causes: tuple[Effect, ...] = ()
+    if extended is not None:
+        causes = refittable_effects(read_model(extended, load_rig(rig, read_payload(extended, *tags))))
     return partial(identify_several, rigs, each, causes)

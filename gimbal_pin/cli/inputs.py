@@ -131,8 +131,11 @@ def read_plant(name: Path | None, rig: Rig) -> Model:
     return nominal(rig) if name is None else read_model(name, rig)
 
 
-def read_payload(name: str | Path | None) -> str | None:
-    """Return the payload that a model's or controller's YAML was made for, or None if it does not say."""
+def read_payload(name: str | Path | None, *given: str | None) -> str | None:
+    """Return the payload that a model's or controller's YAML was made for, or None if it does not say.
+
+    Of one that is not bundled the file: one of those `given`, or one beside the YAML, that is named so.
+    """
     if name is None:
         return None
     from gimbal_pin.errors import ModelError
@@ -141,7 +144,10 @@ def read_payload(name: str | Path | None) -> str | None:
 
     data = read_yaml(name, ModelError)
     payload = data.get("payload") if isinstance(data, dict) else None
-    return payload if payload in bundled_payloads() else None
+    if payload in bundled_payloads() or not isinstance(payload, str):
+        return payload if isinstance(payload, str) else None
+    files = [Path(each) for each in given if each is not None] + [Path(name).with_name(f"{Path(payload).name}.urdf")]
+    return next((str(file) for file in files if file.stem == payload and file.is_file()), None)
 
 
 def read_controller(name: str | Path, rig: Rig) -> Stored:

@@ -19,7 +19,7 @@ from gimbal_pin.identification.payloads import Carried, get_stated_payload
 from gimbal_pin.log import Array, Log, read_log, write_log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import text
-from gimbal_pin.rig import Rig
+from gimbal_pin.rig import Rig, find_payload
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, refused, result
 
@@ -179,6 +179,21 @@ def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_pat
     scale = np.abs(given_beta(true, reduction)) + 1e-2
     assert np.all(np.abs(given_beta(written, reduction) - given_beta(true, reduction)) < 0.05 * scale)
     refused(run("identify", "turret", *tagged[:2], *exact, "--urdf", urdf), 2, "--urdf")
+
+
+def test_the_first_camera_of_a_known_gimbal_may_be_a_file_that_no_yaml_names(run: Run, tmp_path: Path) -> None:
+    """By its file beside the model, or given for the new log, the same is found as where the rig's YAML names it."""
+    for name, payload in (("first", "mirrorless"), ("second", "cinema")):
+        (tmp_path / f"{name}.urdf").write_text(Path(find_payload(payload)).read_text())
+        write_log(log_of(Rig.load("turret", payload), 0, 16.0), tmp_path / f"{name}.csv")
+    first, second, model = (tmp_path / name for name in ("first.csv", "second.csv", "model.yaml"))
+    result(run, "identify", "turret", first, "--payload", tmp_path / "first.urdf", "-o", model)
+    found = result(run, "identify", "turret", f"{second}@{tmp_path}/second.urdf", "--known", model)
+    own = next(iter(found["payloads"].values()))
+    shown = [x for x in own["given_model"]["camera"]["com_mm"] if x is not None]
+    assert len(shown) == 2 and shown == pytest.approx([0.0, 0.0], abs=0.1)
+    (tmp_path / "first.urdf").unlink()
+    refused(run("identify", "turret", f"{second}@{tmp_path}/second.urdf", "--known", model), 2, "payload first")
 
 
 def test_a_model_of_several_payloads_is_read_for_the_mounted_one(tmp_path: Path) -> None:
