@@ -183,7 +183,7 @@ def state_bytes(n: int, links: int, due: int) -> int:
     `due`: samples after which a forecast comes due.
     """
     sensors = 10 + n + 3 * max(links, 1)
-    guarded, gyros = 2 * sensors + 15 + 4 * n, links + 1
+    guarded, gyros = 2 * sensors + 20 + 4 * n, links + 1
     after = 22 + 4 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 5
     return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
 
@@ -231,7 +231,7 @@ def parameters(
     law, model, navigator = stored.law, stored.model, pointer.navigator
     n, dt, forecast = model.rig.n, stored.law.dt, navigator.forecast
     friction, back = Resistance(model.by_joint), pointer.fallback
-    holding, pace = pointer.law, pointer.navigator.pace
+    holding, pace, checks = pointer.law, pointer.navigator.pace, pointer.guard
     assert isinstance(holding, (JointPid, CarriedTorque))
     computed = isinstance(law, ComputedTorque)
     robust = law.robust if isinstance(law, ComputedTorque) else None
@@ -273,7 +273,7 @@ def parameters(
             "ramp": pace.ramp,
         },
         "limits": {
-            "noisy": pointer.guard.noisy,
+            "noisy": checks.noisy,
             "held": guard.HELD,
             "repeats": guard.REPEATS,
             "back": guard.BACK,
@@ -282,6 +282,10 @@ def parameters(
             "fastest": guard.FASTEST,
             "farthest": guard.FARTHEST,
             "strongest": guard.STRONGEST,
+            "times": checks.times,
+            "kept": 1 - dt / checks.lasting,
+            "first": checks.first,
+            "least": list(checks.least),
             "smoothing": guard.SMOOTHING,
             "steep": STEEP,
             "damping": DAMPING,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
+from math import dist, hypot, isfinite
 from operator import eq
 from typing import NamedTuple
 
@@ -57,6 +58,7 @@ class Watch(NamedTuple):
         healthy: Good samples in a row since it was lost, per channel; None for a channel that is not lost.
         moved: What the gyros say that each joint has moved since its angle last changed, rad, (n,).
         rates: Joint rates, rad/s, (n,): from the encoders where something fails, else the gyros'.
+        swings: Largest changes from sample to sample of late, per channel, rad, rad/s or m/s².
         clock: What to add to a stamp for an even clock, s.
         events: What happened, in sentences.
     """
@@ -68,6 +70,7 @@ class Watch(NamedTuple):
     healthy: tuple[int | None, ...]
     moved: Array
     rates: Array
+    swings: tuple[float, ...]
     clock: float = 0.0
     events: tuple[str, ...] = ()
 
@@ -93,24 +96,35 @@ class Watch(NamedTuple):
 
 @dataclass(frozen=True)
 class Guard:
-    """Checks every reading: finite, plausible, not frozen, in time.
+    """Checks every reading: finite, plausible, no spike, not frozen, in time.
 
     A reading that fails is replaced by the last good one, for at most `HELD` samples (encoders go on with the joint
     rates); then the sensor counts as lost, until `BACK` samples were good in a row.
 
+    A spike is a change `times` as large as any of late. The sample after one is believed whatever it says: a blow to
+    the platform is held up by a sample, and from then on its changes are those of late.
+
     Attributes:
         dt: Sampling interval, s.
         noisy: Whether the gyros and the accelerometer have noise: readings that repeat are then frozen.
+        times: How many times as large as those of late a change is a spike.
+        lasting: Time constant with which the changes of late are forgotten, s.
+        least: Changes that are none, per channel, rad, rad/s or m/s²: they move no camera.
+        first: Changes of late before there were any, in `least`.
     """
 
     dt: float
     noisy: bool = True
+    times: float = 2.0
+    lasting: float = 1.0
+    least: tuple[float, ...] = (0.01, 0.03, 0.03, 3.0, 0.03)
+    first: float = 3.0
 
     def start(self, seen: Measurement) -> Watch:
         """Memory at the first sample; readings that fail there count as zero."""
         zero = {name: np.zeros_like(getattr(seen, name)) for name in CHANNELS if not self.plausible(name, seen)}
         good, still = seen._replace(t=seen.t - self.dt, **zero), np.zeros(len(seen.q))
-        return Watch(seen, good, NONE, NONE, KEPT, still, still)
+        return Watch(seen, good, NONE, NONE, KEPT, still, still, tuple([self.first * most for most in self.least]))
 
     def step(self, seen: Measurement, watch: Watch, v: Array, steep: bool = False) -> tuple[Measurement, Watch]:
         """Return the sample as it may be used, and the next memory.
@@ -124,10 +138,29 @@ class Guard:
         t, watch = self.timed(seen.t, watch)
         same = seen.q == watch.raw.q
         moved = (watch.moved + (t - watch.good.t) * v) * (same.all() if steep else same)
-        if watch.calm and self.sound(seen, watch.raw, moved):
+        changes = self.changes(t, seen, watch.good)
+        steady = [change <= bound for change, bound in zip(changes, self.bounds(watch))]
+        if watch.calm and all(steady) and self.sound(seen, watch.raw, moved):
             good = seen if t == seen.t else Measurement(t, *seen[1:])
-            return good, Watch(seen, good, NONE, NONE, KEPT, moved, v, watch.clock, watch.events)
+            swings = self.swung(watch.swings, changes)
+            return good, Watch(seen, good, NONE, NONE, KEPT, moved, v, swings, watch.clock, watch.events)
         return self.sifted(t, seen, watch, v, moved)
+
+    def changes(self, t: float, seen: Measurement, good: Measurement) -> list[float]:
+        """Changes of every channel since the last sample; none where samples are missing between."""
+        if t - good.t > 1.5 * self.dt:
+            return [0.0] * len(CHANNELS)
+        # Unlike numpy's these do not warn of numbers whose squares are none.
+        return [dist(now.tolist(), old.tolist()) for now, old in zip(seen[1:6], good[1:6])]
+
+    def bounds(self, watch: Watch) -> list[float]:
+        """Largest changes that are no spikes."""
+        return [max(self.times * swing, most) for swing, most in zip(watch.swings, self.least)]
+
+    def swung(self, swings: Sequence[float], changes: Sequence[float]) -> tuple[float, ...]:
+        """Changes of late with those of a sample."""
+        kept = 1 - self.dt / self.lasting
+        return tuple([max(kept * old, new) for old, new in zip(swings, changes)])
 
     def sound(self, seen: Measurement, before: Measurement, moved: Array) -> bool:
         """Whether all readings are plausible, none is frozen, and none repeats: the quick way through.
@@ -135,9 +168,9 @@ class Guard:
         Sizes are looked at instead of entries, which is stricter; whatever is not quite sound is sifted.
         """
         gyro, w, f, links = seen.gyro, seen.w, seen.f, seen.links
-        slow = gyro.dot(gyro) + w.dot(w) + links.dot(links) < FASTEST**2
-        near = seen.q.dot(seen.q) < FARTHEST**2 and f.dot(f) < STRONGEST**2
-        if not (slow and near and moved.dot(moved) < MOVED**2):
+        slow = hypot(*gyro.tolist(), *w.tolist(), *links.tolist()) < FASTEST
+        near = hypot(*seen.q.tolist()) < FARTHEST and hypot(*f.tolist()) < STRONGEST
+        if not (slow and near and hypot(*moved.tolist()) < MOVED):
             return False
         return not self.noisy or not (
             gyro.item(0) == before.gyro.item(0)
@@ -157,8 +190,9 @@ class Guard:
         elapsed = t - watch.good.t
         replaced = {}
         failing, repeating, healthy = list(watch.failing), list(watch.repeating), list(watch.healthy)
+        changes, bounds = self.changes(t, seen, watch.good), self.bounds(watch)
         for i, name in enumerate(CHANNELS):
-            fine = self.plausible(name, seen)
+            fine = self.plausible(name, seen) and (failing[i] > 0 or changes[i] <= bounds[i])
             if name == "q":
                 fine = fine and (any(failing[1:3]) or float(np.abs(moved).max()) < MOVED)
             elif self.noisy:
@@ -168,6 +202,7 @@ class Guard:
                 fine = fine and repeating[i] < REPEATS
             failing[i] = 0 if fine else failing[i] + 1
             if not fine:
+                changes[i] = 0.0
                 held = getattr(watch.good, name)
                 replaced[name] = (
                     held if name != "q" else held + (moved if failing[i] == 1 and moved.any() else elapsed * v)
@@ -175,9 +210,8 @@ class Guard:
             healthy[i], watch = self.judged(t, name, failing[i], healthy[i], watch)
         good = seen._replace(t=t, **replaced)
         rates = self.smoothed(good, watch)
-        return good, Watch(
-            seen, good, tuple(failing), tuple(repeating), tuple(healthy), moved, rates, watch.clock, watch.events
-        )
+        counts, swings = (tuple(failing), tuple(repeating), tuple(healthy)), self.swung(watch.swings, changes)
+        return good, Watch(seen, good, *counts, moved, rates, swings, watch.clock, watch.events)
 
     def timed(self, stamp: float, watch: Watch) -> tuple[float, Watch]:
         """Return an even time for a stamp, s: a gap is real, a jump is the clock's."""

@@ -260,7 +260,7 @@ class Navigator:
         if not doubtful:
             fused = self.fusion.compared(fused, R, between)
             return R, R.dot(exp3(fused.turn)), fused.rate, fused
-        base = fused.attitudes[0]
+        R, base = R.dot(exp3(fused.turn)), fused.attitudes[0]
         if "gyro" in doubtful and not doubtful & {"w", "q"}:
             R = base @ between[0]
         elif "w" in doubtful and "q" not in doubtful:

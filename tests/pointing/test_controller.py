@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -139,7 +139,7 @@ def test_a_camera_that_starts_on_one_sample_becomes_level() -> None:
     controller = exact("thesis")
     bench, sight = Bench(controller, controller.recipe.looking, 3.0), controller.pointer.navigator.sight
     lean = attitude(0.0, 0.0, np.radians(3.0)) @ [0, 0, 9.81]
-    controller.start(Measurement(0.0, bench.state.q, np.zeros(3), np.zeros(3), lean))
+    controller.start(Measurement(0.0, bench.state.q, np.zeros(3), np.zeros(3), lean, np.zeros(3)))
     bench.run(2.5)
     np.testing.assert_allclose(sight.attitude(bench.state.q)[2], WANTED[2], atol=np.radians(0.02))
 
@@ -246,6 +246,34 @@ def test_a_camera_may_look_along_any_axis(tmp_path: Path) -> None:
         controller = Controller.learn(rig, simulate_shaken_log(nominal(rig), seconds=4.0))
         torques.append(Bench(controller, np.array([0.5, -0.3, 0.4]), 0.2).run(0.2)[2])
     np.testing.assert_allclose(torques[1:], [torques[0]] * 2, atol=1e-3)
+
+
+@dataclass(frozen=True)
+class Spike:
+    """One reading that is wrong by so much, 0.8 s after the start."""
+
+    name: str
+    size: float
+
+    def apply(self, seen: Measurement, before: Measurement | None) -> Measurement | None:
+        if abs(seen.t - 0.8) > DT / 2:
+            return seen
+        return seen._replace(**{self.name: getattr(seen, self.name) + np.array([self.size, 0, 0])})
+
+
+@pytest.mark.parametrize("name", ["q", "gyro", "w", "f", "links"])
+def test_a_single_wrong_reading_moves_no_camera(name: str) -> None:
+    """Of any size: the largest error of the line of sight on profile S is not doubled, and nothing is given up."""
+    pointer, rig = made().pointer, bundled("thesis")
+    ground, peaks = draw_profile(rig, 1.0, 3), list[float]()
+    for size in (0.0, 0.1, 10.0, 1e6, 1e155):
+        station = replace(Station.of(rig), faults=(Spike(name, size),))
+        run = simulate_holding(
+            made().recipe.model, pointer, ground, rng=np.random.default_rng(1), seconds=1.0, station=station
+        )
+        peaks.append(np.hypot(*run.error[500:, 1:].T).max())
+        assert not any("given up" in event or "differ" in event for event in run.events)
+    assert max(peaks) < 2 * peaks[0]
 
 
 READING = st.sampled_from([0.0, 1.0, np.nan, np.inf, -1e9])

@@ -82,6 +82,16 @@ struct gimbal_pace {
     float ramp;                                   /* time in which a turn becomes fast at least, s */
 };
 
+/* Channels of the sensors, in the order in which they are checked. */
+enum gimbal_channel {
+    GIMBAL_ENCODERS,
+    GIMBAL_CAMERA_GYRO,
+    GIMBAL_BASE_GYRO,
+    GIMBAL_BASE_FORCE,
+    GIMBAL_LINK_GYROS,
+    GIMBAL_CHANNELS
+};
+
 /* When a sensor counts as failing. */
 struct gimbal_limits {
     bool noisy;          /* gyros and accelerometer have noise: a reading that repeats itself is frozen */
@@ -93,6 +103,10 @@ struct gimbal_limits {
     float fastest;       /* no gyro reads more, rad/s */
     float farthest;      /* no encoder reads more, rad, and no joint's rate is more, rad/s */
     float strongest;     /* no accelerometer reads more, m/s^2 */
+    float times;         /* a change so many times as large as any of late is a spike */
+    float kept;          /* share of a change of late that is left a sample later */
+    float first;         /* changes of late before there were any, in `least` */
+    float least[GIMBAL_CHANNELS]; /* smaller changes are no spikes, rad, rad/s or m/s^2 */
     float smoothing;     /* time constant of rates from encoders, which stand in for a lost gyro, s */
     float steep;         /* largest entry of the camera's inverse Jacobian that is believed */
     float damping;       /* of the inverse beyond that */
@@ -172,16 +186,6 @@ struct gimbal_attitudes {
     float wanted[4]; /* of the camera */
 };
 
-/* Channels of the sensors, in the order in which they are checked. */
-enum gimbal_channel {
-    GIMBAL_ENCODERS,
-    GIMBAL_CAMERA_GYRO,
-    GIMBAL_BASE_GYRO,
-    GIMBAL_BASE_FORCE,
-    GIMBAL_LINK_GYROS,
-    GIMBAL_CHANNELS
-};
-
 /* What the check of the sensors remembers. */
 struct gimbal_guard {
     struct gimbal_sensors raw;       /* last sample as it came */
@@ -191,6 +195,7 @@ struct gimbal_guard {
     int healthy[GIMBAL_CHANNELS];    /* good samples in a row since a channel was given up; -1: it is not */
     float moved[GIMBAL_JOINTS];      /* by the gyros, since the encoder last changed, rad */
     float rates[GIMBAL_JOINTS];      /* joint rates, from the encoders where something fails, rad/s */
+    float swings[GIMBAL_CHANNELS];   /* largest changes from sample to sample of late, rad, rad/s or m/s^2 */
 };
 
 /* An attitude that is integrated: a unit quaternion, and what its floats cannot hold. */

@@ -54,6 +54,7 @@ void gimbal_guard_start(const struct gimbal_limits *limits, struct gimbal_guard 
         guard->failing[channel] = 0;
         guard->repeating[channel] = 0;
         guard->healthy[channel] = -1;
+        guard->swings[channel] = limits->first * limits->least[channel];
     }
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         guard->moved[j] = 0.0f;
@@ -178,15 +179,39 @@ static int judged(const struct gimbal_limits *limits, int failing, int healthy)
     return healthy + 1 >= limits->back ? -1 : healthy + 1;
 }
 
+/* Change of a channel since the last sample; none where samples are missing between. */
+static float changed(const struct gimbal_guard *guard, const struct gimbal_sensors *seen, enum gimbal_channel channel,
+                     bool late)
+{
+    struct gimbal_sensors now = *seen;
+    struct gimbal_sensors before = guard->good;
+    int count;
+    const float *x = values(&now, channel, &count);
+    const float *last = values(&before, channel, &count);
+    float sum = 0.0f;
+    for (int i = 0; i < count && !late; ++i) {
+        sum += (x[i] - last[i]) * (x[i] - last[i]);
+    }
+    return sqrtf(sum);
+}
+
+/* Whether a change is a spike: far larger than any of late. */
+static bool spikes(const struct gimbal_limits *limits, const struct gimbal_guard *guard, enum gimbal_channel channel,
+                   float change)
+{
+    return !(change <= fmaxf(limits->times * guard->swings[channel], limits->least[channel]));
+}
+
 /* Look at one channel by itself, and put in what may be used of it. */
 static void sift(const struct gimbal_limits *limits, struct gimbal_guard *guard, struct gimbal_sensors *good,
-                 enum gimbal_channel channel, float elapsed, const float v[], const float moved[])
+                 enum gimbal_channel channel, float elapsed, const float v[], const float moved[], float *change)
 {
     int count;
     float *x = values(good, channel, &count);
     const float *last = values(&guard->good, channel, &count);
     const float *raw = values(&guard->raw, channel, &count);
-    bool fine = plausible(limits, x, count, channel);
+    bool fine = plausible(limits, x, count, channel) &&
+                (guard->failing[channel] > 0 || !spikes(limits, guard, channel, *change));
     if (channel == GIMBAL_ENCODERS) {
         fine = fine && encoders_fine(limits, guard, moved);
     } else if (limits->noisy) {
@@ -194,6 +219,7 @@ static void sift(const struct gimbal_limits *limits, struct gimbal_guard *guard,
         fine = fine && guard->repeating[channel] < limits->repeats;
     }
     guard->failing[channel] = fine ? 0 : more(guard->failing[channel]);
+    *change = fine ? *change : 0.0f;
     if (!fine && channel == GIMBAL_ENCODERS) {
         bridged(guard, last, moved, elapsed, v, x);
     } else if (!fine) {
@@ -220,8 +246,15 @@ uint32_t gimbal_guard_step(const struct gimbal_limits *limits, struct gimbal_gua
 {
     const uint32_t elapsed_us = timed(limits, seen->time_us, guard->raw.time_us, dt_us);
     const float elapsed = 1e-6f * (float)elapsed_us;
+    const bool late = (float)elapsed_us > 1.5f * (float)dt_us;
     struct gimbal_sensors good = *seen;
+    float changes[GIMBAL_CHANNELS];
+    bool steady = true;
     bool all = true;
+    for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
+        changes[channel] = changed(guard, seen, (enum gimbal_channel)channel, late);
+        steady = steady && !spikes(limits, guard, (enum gimbal_channel)channel, changes[channel]);
+    }
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         all = all && seen->q[j] == guard->raw.q[j];
     }
@@ -229,15 +262,18 @@ uint32_t gimbal_guard_step(const struct gimbal_limits *limits, struct gimbal_gua
         const bool stands = steep ? all : seen->q[j] == guard->raw.q[j];
         guard->moved[j] = stands ? guard->moved[j] + elapsed * v[j] : 0.0f;
     }
-    if (gimbal_guard_calm(guard) && sound(limits, seen, &guard->raw, guard->moved)) {
+    if (gimbal_guard_calm(guard) && steady && sound(limits, seen, &guard->raw, guard->moved)) {
         for (int j = 0; j < GIMBAL_JOINTS; ++j) {
             guard->rates[j] = v[j];
         }
     } else {
         for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
-            sift(limits, guard, &good, (enum gimbal_channel)channel, elapsed, v, guard->moved);
+            sift(limits, guard, &good, (enum gimbal_channel)channel, elapsed, v, guard->moved, &changes[channel]);
         }
         smooth(limits, good.q, guard->good.q, elapsed, guard->rates);
+    }
+    for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
+        guard->swings[channel] = fmaxf(limits->kept * guard->swings[channel], changes[channel]);
     }
     guard->raw = *seen;
     guard->good = good;

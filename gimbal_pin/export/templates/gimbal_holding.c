@@ -343,6 +343,7 @@ static void unfused(struct gimbal_holding *state, const struct gimbal_sensors *s
     float found[4];
     struct gimbal_attitude base = state->others[0];
     between(seen->q, to);
+    gimbal_turn(&state->attitude, state->turn); /* what fusion knows by now is kept */
     if (gimbal_guard_doubtful(guard, GIMBAL_CAMERA_GYRO) && !base_gyro && !encoders) {
         gimbal_product(base.q, to[0], found);
         set(&state->attitude, found);
