@@ -15,7 +15,7 @@ Content = str | Markup
 """Text, or markup whose texts have been escaped; the terminal shows it without its tags."""
 WIDEST = 48
 """Widest first column in a terminal; a longer sum of parameters is wrapped."""
-LONGEST = 90
+LONGEST = 120
 """Most characters of another cell in a terminal."""
 
 
