@@ -48,7 +48,7 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 CEILINGS = {
     "names at the top of more than one module": 223,
     "percent of functions that are one word": 32,
-    "upper-case constants": 920,
+    "upper-case constants": 919,
     "distinct deep names imported by the tests": 123,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import OmitArgPrefixes, arg
+from tyro.conf import arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.cameras import list_tags, read_cameras
-from gimbal_pin.cli.following import WHOLE, Following
-from gimbal_pin.cli.inputs import choose_filter, load_logs
+from gimbal_pin.cli.following import learn
+from gimbal_pin.cli.inputs import choose_filter, load_logs, load_rig, read_payload
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present, say
 from gimbal_pin.cli.work import check_cost
@@ -21,7 +22,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.report import text
 
 if TYPE_CHECKING:
-    from gimbal_pin.identification import Identified
+    from gimbal_pin.identification import Identified, WhenTested
     from gimbal_pin.regression import Estimator
 
 
@@ -47,7 +48,11 @@ def identify(
     bootstrap: Annotated[int, opt.between("--bootstrap", 0, 100000, kind=int)] = 0,
     seed: opt.Seed = 0,
     yes: opt.Yes = False,
-    online: Annotated[Following, OmitArgPrefixes] = WHOLE,
+    follow: bool = False,
+    forget: Annotated[opt.Maybe[float], opt.between("--forget", 0.1, 1e6, "s")] = None,
+    anew: Literal["payload", "everything"] = "payload",
+    idle: Annotated[opt.Maybe[float], opt.between("--idle", 0, 1e6, "s")] = None,
+    plot: opt.Plotted = None,
     json: opt.Json = None,
 ) -> None:
     """Model with uncertainty from logs, and its fit on held-out data; LOG@PAYLOAD … of several cameras at once.
@@ -61,8 +66,14 @@ def identify(
         bias: test whether least squares is biased even where there is little noise
         trust: how far the URDF's bodies may be off, for ridge and for what the log does not show (default: 0.3)
         bootstrap: deviations by so many repetitions with blocks of residuals, not by their colour
+        follow: learn from a growing CSV file, - (standard input), or a gimbal: udp://HOST:PORT, serial:DEVICE@BAUD
+        forget: with --follow: what is older counts less (default: never)
+        anew: with --follow: what is estimated anew when the payload has changed
+        idle: with --follow: end when the file has not grown for so long (default: never)
+        plot: with --follow: write the estimates over time: .png, .svg or .pdf
     """
     from gimbal_pin.identification import (
+        Online,
         compare_payload,
         keep_held_out_accuracy,
         read_model,
@@ -73,50 +84,53 @@ def identify(
     from gimbal_pin.log.io.files import to_json
     from gimbal_pin.regression import TRUST
 
-    online.check(
-        {
-            "--extended": extended is not None,
-            "--estimator": estimator != "weighted",
-            "--holdout": holdout is not None,
-            "--bias": bias,
-            "--refit": refit,
-            "--mass": mass is not None,
-            "--trust": trust is not None,
-            "--bootstrap": bootstrap > 0,
-        }
+    whole = (
+        *(("--extended", extended), ("--estimator", estimator != "weighted"), ("--holdout", holdout), ("--bias", bias)),
+        *(("--refit", refit), ("--mass", mass), ("--trust", trust), ("--bootstrap", bootstrap)),
     )
+    growing = (("--forget", forget), ("--idle", idle is not None), ("--plot", plot), ("--anew", anew != "payload"))
+    for option, given in whole if follow else growing:
+        if given and follow:
+            mend = "it learns by weighted least squares and is tested on what comes next"
+            raise UsageError(option, "does not go with --follow", mend)
+        if given:
+            raise UsageError(option, "does not go with a log that is whole", "add --follow")
     if extended is not None and known is not None:
         raise UsageError("--extended", "is given beside --known", "give the extended model as --known: its causes stay")
-    filters, trusted = choose_filter(cutoff, alignment), trust or TRUST
+    filters, trusted, as_lines = choose_filter(cutoff, alignment), trust or TRUST, follow and json == Path("-")
     chosen = choose_estimator(estimator, trusted, bootstrap, seed)
-    if not online.follow and (known is not None or len(list_tags(logs)) > 1):
+    if not follow and (known is not None or len(list_tags(logs)) > 1):
         if known is None and urdf is not None:
             raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
         if known is None and mass is not None:
             raise UsageError("--mass", "is of one payload", "give it with that payload's logs alone")
-        fit = partial(read_cameras(rig, payload, logs, map, known, extended), estimator=chosen, filtering=filters)
-        several = fit(holdout=holdout)
-        if refit:
-            several = fit(holdout=holdout or "last-third").refitted(fit(holdout="none"))
-        several = replace(several, mass=mass)
+        estimate = partial(read_cameras(rig, payload, logs, map, known, extended), estimator=chosen, filtering=filters)
+        several = estimate(holdout=holdout or "last-third" if refit else holdout)
+        several = replace(several.refitted(estimate(holdout="none")) if refit else several, mass=mass)
         write(several.first, output, urdf, several.identified)
         return present(text.several(several), several.to_dict(), json)
-    if online.follow:
-        found = online.learn(online.start(rig, payload, logs, known, filters), logs[0], map, as_lines=json == Path("-"))
+    if follow:
+        if len(logs) != 1:
+            raise UsageError("LOG", f"names {len(logs)} logs", "follow one at a time")
+        loaded = load_rig(rig, payload or list_tags(logs)[0])
+        before = None if known is None else read_model(known, load_rig(rig, read_payload(known)))
+        anything = anew == "everything"
+        online = Online.of(loaded, filtering=filters, fading=forget or inf, everything=anything, known=before)
+        found = learn(online, logs[0], map, idle, plot, as_lines)
     else:
         loaded, read = load_logs(rig, payload, logs, map, moving=True)
         check_cost(yes, sample_of_a_repetition=bootstrap * sum(log.q.size for log in read))
         causes = () if extended is None else refittable_effects(read_model(extended, loaded))
-        fitted = partial(run, loaded, read, estimator=chosen, filtering=filters, trust=trusted)
-        found = fitted(causes, holdout=holdout, examined="always" if bias else "noisy")
+        when: WhenTested = "always" if bias else "noisy"
+        fit = partial(run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when)
+        found = fit(causes, holdout=holdout)
         if refit:
             kept = tuple(term.effect for term in found.model.terms if term.effect in causes)
-            whole = fitted(kept, holdout="none", examined="always" if bias else "noisy")
-            found = keep_held_out_accuracy(found, whole)
+            found = keep_held_out_accuracy(found, fit(kept, holdout="none"))
     write(found, output, urdf)
     about = compare_payload(found, mass)
     result = report_with_payload(found, about)
-    if online.follow and json == Path("-"):
+    if as_lines:
         return say(to_json({**result, "kind": "result"}, None)[:-1])
     present(text.identified(found, about), result, json)
 
