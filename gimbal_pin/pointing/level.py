@@ -19,11 +19,13 @@ class Upright(NamedTuple):
         samples: How many its means are of, at most those of `span`.
         means: Means of the specific force in the gyros' world, one per weight, m/s², (3, 3).
         turn: What levels that world, (3, 3).
+        eased: Time in which the correction comes in, s.
     """
 
     samples: int
     means: Array
     turn: Array
+    eased: float
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,8 @@ class Level:
     Attributes:
         dt: Sampling interval, s.
         span: Longest time that counts, s: 0.02° are left of profile S.
-        eased: Time in which the first correction comes in, s.
+        eased: Time in which the correction comes in, s; in a world that is known to be level it is `span`, by when the
+            mean is as good as that: profile S turns such a world by less than 0.02°.
     """
 
     dt: float
@@ -47,7 +50,7 @@ class Level:
 
     def start(self, sure: bool) -> Upright:
         """Memory of a world that is level as it is known to be, or as one sample had it, which is not sure."""
-        return Upright(round(self.span / self.dt) if sure else 0, np.tile([0.0, 0.0, 9.81], (3, 1)), np.eye(3))
+        return Upright(0, np.tile([0.0, 0.0, 9.81], (3, 1)), np.eye(3), self.span if sure else self.eased)
 
     def step(self, memory: Upright, f: Array) -> Upright:
         """Memory with a specific force in the gyros' world, m/s², (3,)."""
@@ -55,9 +58,9 @@ class Level:
         gains = np.array([[3 / (count + 2)], [4 / (count + 3)], [5 / (count + 4)]])
         means = memory.means + gains * (f - memory.means)
         x, y, z = (10 * means[0] - 15 * means[1] + 6 * means[2]).tolist()
-        part = min(count * self.dt / self.eased, 1.0)
-        tilt, aside = part * part * (3 - 2 * part) * atan2(hypot(x, y), z), max(hypot(x, y), 1e-12)
-        return Upright(count, means, pin.exp3(tilt * np.array([y / aside, -x / aside, 0.0])))
+        part = min(count * self.dt / memory.eased, 1.0)
+        tilt, aside = (part * part * (3 - 2 * part)) ** 2 * atan2(hypot(x, y), z), max(hypot(x, y), 1e-12)
+        return Upright(count, means, pin.exp3(tilt * np.array([y / aside, -x / aside, 0.0])), memory.eased)
 
 
 def leveled(f: Array) -> Array:
