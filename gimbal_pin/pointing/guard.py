@@ -115,7 +115,7 @@ class Guard:
 
     dt: float
     noisy: bool = True
-    times: float = 2.0
+    times: float = 1.5
     lasting: float = 1.0
     least: tuple[float, ...] = (0.01, 0.03, 0.03, 3.0, 0.03)
     first: float = 3.0
