@@ -263,7 +263,7 @@ class Spike:
 
 @pytest.mark.parametrize("name", ["q", "gyro", "w", "f", "links"])
 def test_a_single_wrong_reading_moves_no_camera(name: str) -> None:
-    """Beyond ordinary changes, of any size: it does not double the largest error on profile S; nothing is given up."""
+    """These sizes do not double the largest error on profile S; .06 rad/s of the platform's gyro do, 2.4 times."""
     pointer, rig = made().pointer, bundled("thesis")
     ground, peaks = draw_profile(rig, 1.0, 3), list[float]()
     for size in (0.0, 0.1, 10.0, 1e6, 1e155):
