@@ -107,12 +107,18 @@ class Config:
     __repr__ = brief
 
 
+def is_written(path: Path) -> bool:
+    """Whether a YAML is a model or a controller that gimbal_pin wrote, and so no rig's."""
+    data = read_yaml(path, RigError)
+    return isinstance(data, dict) and "schema" in data
+
+
 def load_config(path: Path) -> Config:
     """Read a rig's YAML; `RigError` names the unknown key or the value of the wrong kind."""
     data, place = read_yaml(path, RigError), str(path)
     if isinstance(data, dict) and "schema" in data:
-        mend = "rename it: a YAML that is named as the URDF beside it is taken for the rig's own"
-        raise RigError(place, "is a model or a controller that gimbal_pin wrote, not a rig's YAML", mend)
+        what = "is a model or a controller that gimbal_pin wrote, not a rig's YAML"
+        raise RigError(place, what, "give the rig's URDF, or a YAML that names it")
     if isinstance(data, dict):
         data = {key: entry for key, entry in data.items() if entry is not None}
     config = read_record(Config, {} if data is None else data, place, RigError)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gimbal_pin.errors import RigError
-from gimbal_pin.rig.config import Config, load_config, overlay_config
+from gimbal_pin.rig.config import Config, is_written, load_config, overlay_config
 
 YAML_SUFFIXES = (".yaml", ".yml")
 _RIG_SUFFIXES = (".urdf", ".xacro", ".sdf", ".xml")
@@ -41,7 +41,8 @@ def find_rig(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Confi
         raise RigError(str(rig), "is neither a file nor a bundled rig", f"give a path, or one of {names}")
     if path.suffix not in YAML_SUFFIXES:
         beside = path.with_suffix(".yaml")
-        return path, _resolve_payload(load_config(beside), beside) if beside.is_file() else Config()
+        own = beside.is_file() and not is_written(beside)
+        return path, _resolve_payload(load_config(beside), beside) if own else Config()
     if path.resolve() in above:
         raise RigError(str(path), "names itself as its rig", "name a URDF with 'urdf:'")
     config = _resolve_payload(load_config(path), path)

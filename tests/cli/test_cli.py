@@ -76,7 +76,7 @@ def test_a_log_without_rates_can_be_simulated(run: Run, tmp_path: Path) -> None:
 
 
 def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path: Path) -> None:
-    model, urdf = tmp_path / "model.yaml", tmp_path / "out.urdf"
+    model, urdf = tmp_path / "model.yaml", tmp_path / "model.urdf"
     found = result(run, "identify", "turret", log_file, "-o", model, "--urdf", urdf, "--alignment", "0")
     assert found["estimator"] == "weighted" and found["held_out"]["how"] == "last third" and found["physical"] is True
     for row in found["base_parameters"]:

@@ -385,7 +385,6 @@ def test_a_limit_beyond_all_is_none(tmp_path: Path, size: float) -> None:
 
 
 BAD_YAML = {
-    "a model beside the URDF": ("kind: gimbal_pin model\nschema: 1", "not a rig's YAML", "rename it"),
     "unknown key": ("motor: {}", "unknown key 'motor'", "motors"),
     "unknown key of a motor": ("motors: {yaw: {tau: 3}}", "motors.yaw", "unknown key 'tau'", "tau_max"),
     "unknown key of a limit": ("limits: {yaw: {top: 3}}", "limits.yaw", "unknown key 'top'", "upper"),
@@ -441,6 +440,16 @@ def test_a_yaml_that_cannot_be_used_is_told_in_one_line(tmp_path: Path, case: st
     refused(lambda: Rig.load(path), place, *words)
     if "urdf" not in text:
         refused(lambda: Rig.load(tmp_path / "two.urdf"), place, *words)
+
+
+def test_a_model_beside_a_urdf_is_not_its_yaml(tmp_path: Path) -> None:
+    """What `identify x.urdf … -o x.yaml --urdf x.urdf` leaves is a rig, the same as where the model lies elsewhere."""
+    urdf_file = write(tmp_path, TWO)
+    alone = Rig.load(urdf_file)
+    model = write(tmp_path, "kind: gimbal_pin model\nschema: 1", "two.yaml")
+    beside = Rig.load(urdf_file)
+    assert beside.config == alone.config and beside.urdf == alone.urdf
+    refused(lambda: Rig.load(model), str(model), "not a rig's YAML", "give the rig's URDF")
 
 
 def test_the_yaml_that_is_wrong_is_the_one_named(tmp_path: Path) -> None:
