@@ -216,6 +216,12 @@ class PayloadStatement:
         return () if self.apart is None else self.apart.lines
 
     @property
+    def weighed(self) -> float | None:
+        """The payload's mass, kg, if it was given beside the log."""
+        mass = None if self.apart is None else self.apart.known_mass
+        return mass.value if mass is not None and mass.is_weighed else None
+
+    @property
     def advice(self) -> tuple[str, ...]:
         """How to balance it, in sentences."""
         return () if self.balance is None else self.balance.sentences

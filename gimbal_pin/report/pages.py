@@ -55,14 +55,15 @@ def full(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> str:
         *([] if held is None else [pointing(held, HELD.format(found.held_on))]),
         *([Section("Camera", [paragraph(NOT_HELD.format(found.why))])] if found.why and rig.aims else []),
         data(rig, logs),
-        rig_section(rig),
+        rig_section(rig, found.payload.weighed),
     ]
     return Document(rig.title, rig.config.description, sections).to_html()
 
 
 def diagnosed(rig: Rig, logs: Sequence[Log], found: Diagnosis) -> str:
     """Return the report of a diagnosis alone as HTML."""
-    return Document(rig.title, rig.config.description, [diagnosis(found), data(rig, logs), rig_section(rig)]).to_html()
+    parts = [diagnosis(found), data(rig, logs), rig_section(rig, found.given.weighed)]
+    return Document(rig.title, rig.config.description, parts).to_html()
 
 
 def carried(

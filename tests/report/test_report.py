@@ -558,6 +558,10 @@ def test_payload_and_motors_are_those_of_the_rig() -> None:
     without = sum(body.mass for body in Rig.load("thesis", "none").model.inertias[1:])
     said = re.search(r"Payload <b>cinema</b> \(([\d.]+) kg\)", section.html)
     assert said is not None and float(said[1]) == pytest.approx(moved - without, abs=0.01)
+    told = rig_section(rig, 0.5).html
+    weighed = re.search(r"mass ([\d.]+) kg.*</b> \(0.500 kg as weighed; its URDF says ([\d.]+)", told)
+    assert weighed is not None and weighed[2] == said[1]
+    assert float(weighed[1]) == pytest.approx(without + 0.5, abs=0.01)
     assert cells(section, "Joints and limits")[1][:3] == ["roll", "fork", "−50.0° … 50.0°"]
     assert cells(section, "Motors, sensors and loads, as given")[0][-1] == numbers.figures(moved)
 

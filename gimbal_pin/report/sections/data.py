@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from gimbal_pin.identification.payloads import get_stated_payload
 from gimbal_pin.log.io.inspection import Inspected, summarize_stream
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import plots, tables
@@ -28,7 +29,6 @@ from gimbal_pin.report.format import (
 from gimbal_pin.report.html import Section, bullets, heading, paragraph
 from gimbal_pin.report.plots import style
 from gimbal_pin.report.table import Content, Table
-from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
 DRAWN = 3
@@ -39,8 +39,11 @@ SHOWN = 8
 """Most curves in a panel: so many colours are told apart."""
 
 
-def rig_section(rig: Rig) -> Section:
-    """Return a rig's joints, motors, limits and moved masses as its URDF and YAML state them."""
+def rig_section(rig: Rig, weighed: float | None = None) -> Section:
+    """Return a rig's joints, motors, limits and moved masses as its URDF and YAML state them.
+
+    `weighed`: mass of the payload, kg, where it was given beside the log.
+    """
     limits, motors = list[list[Content]](), list[list[Content]]()
     for j, joint in enumerate(joints_of(rig)):
         limit, motor, (dry, viscous) = rig.limits[j], rig.motors[j], rig.friction[j].tolist()
@@ -62,37 +65,27 @@ def rig_section(rig: Rig) -> Section:
     head = ["Joint", "Moves", "Travel", "Rate", "Acceleration", f"Torque limit, {force}", f"Torque constant, {force}/A"]
     more = ["Joint", "Encoder", "Step", "Slots", "Poles", f"Coulomb, {force}", f"Viscous, {viscous}", "Carries, kg"]
     parts = [
-        paragraph(about(rig)),
+        paragraph(about(rig, weighed)),
         Table(head, limits, texts=2, caption="Joints and limits"),
         Table(more, motors, caption="Motors, sensors and loads, as given"),
     ]
     return Section("Rig", parts, rig.config.description)
 
 
-def about(rig: Rig) -> Markup:
+def about(rig: Rig, weighed: float | None) -> Markup:
     """Return what is mounted and what the frames are called."""
-    parts = [Markup("Moved mass {} kg.").format(figures(sum(body.mass for body in rig.model.inertias[1:])))]
+    stated = float(get_stated_payload(rig)[0])
+    mass, extra = (stated, "") if weighed is None else (weighed, f" as weighed; its URDF says {figures(stated)} kg")
+    moved = sum(body.mass for body in rig.model.inertias[1:]) + mass - stated
+    parts = [Markup("Moved mass {} kg.").format(figures(moved))]
     if rig.payload:
-        mass = payload_mass(rig)
-        weight = f" ({figures(mass)} kg)" if mass else ""
+        weight = f" ({figures(mass)} kg{extra})" if mass else ""
         parts.append(Markup("Payload <b>{}</b>{}.").format(rig.payload, weight))
     parts.append(Markup("Base link <code>{}</code>.").format(rig.base))
     parts += [Markup("Line of sight along x of <code>{}</code>.").format(rig.camera_frame)] if rig.aims else []
     if rig.config.imus:
         parts.append(Markup("IMUs on {}.").format(listed(rig.config.imus)))
     return Markup(" ").join(parts)
-
-
-def payload_mass(rig: Rig) -> float:
-    """Return the mass of the mounted payload's links, kg; 0 where none is mounted."""
-    robot = urdf.parse(rig.urdf, rig.name)
-    parent = {j.find("child").get("link"): j.find("parent").get("link") for j in robot.findall("joint")}
-
-    def mounted(link: str | None) -> bool:
-        return link is not None and (link == rig.payload_link or mounted(parent.get(link)))
-
-    masses = {link.get("name"): link.find("inertial/mass") for link in robot.findall("link")}
-    return sum(float(mass.get("value")) for link, mass in masses.items() if mass is not None and mounted(link))
 
 
 def data(rig: Rig, logs: Sequence[Log]) -> Section:
