@@ -17,6 +17,8 @@ LARGEST = 1e7
 UNSAFE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
 """What a terminal obeys or hides instead of showing it: control bytes but the line feed, marks of writing direction and
 of no width, and the halves of pairs that bytes of a file's name become which are no UTF-8."""
+NORMAL_95 = 1.96
+"""Standard deviations to either side that hold 95 % of a normal distribution: of what a person reads, each ±."""
 
 
 def visible(text: str) -> str:
@@ -108,3 +110,8 @@ def digits(value: float, count: int = 3) -> str:
     """
     text = f"{value:.{count}g}"
     return f"{value:.0f}" if "e+" in text and abs(value) < LARGEST else text
+
+
+def format_estimate(value: float, std: float, count: int = 3) -> str:
+    """Return a value and half of its 95 % interval as `digits` has them: ``0.0213 ± 0.0042``."""
+    return f"{digits(value, count)} ± {digits(NORMAL_95 * std, 2)}"

@@ -18,7 +18,7 @@ from gimbal_pin.diagnosis.result import Diagnosis, Finding, Rival, Slight, Untes
 from gimbal_pin.diagnosis.state import Problem, State
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Cause, RigEffect
-from gimbal_pin.errors import GimbalPinError, digits
+from gimbal_pin.errors import GimbalPinError, digits, format_estimate
 from gimbal_pin.identification import (
     BaseDifference,
     PayloadStatement,
@@ -137,7 +137,7 @@ def _describe_inertias(found: BaseDifference, problem: Problem, hidden: Sequence
         elif noise.is_hiding[j]:
             yield found.rig.in_units(joint, f"{joint}: {_describe_attenuation(noise, j)}")
         else:
-            less = f"{100 * abs(change):.3g} ± {max(100 * std, 0.01):.1g} % {'more' if change > 0 else 'less'}"
+            less = f"{format_estimate(100 * abs(change), max(100 * std, 0.01))} % {'more' if change > 0 else 'less'}"
             others = [one.cause for one in hidden if one.joint == joint]
             instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
             yield f"{joint}: the inertia about its axis is {less} than the URDF's{instead}"
@@ -146,7 +146,7 @@ def _describe_inertias(found: BaseDifference, problem: Problem, hidden: Sequence
 def _describe_attenuation(noise: MotionNoise, joint: int) -> str:
     """Say that noise in the motion may hide a joint's inertia, and of what size that is by either estimate."""
     plain, slow, std = (float(x[joint]) for x in (noise.plain, noise.instrumental, noise.std))
-    known = f"{digits(slow, 2)} ± {digits(std, 1)} kg m^2" if slow > DEVIATIONS * std else "none that is known"
+    known = f"{format_estimate(slow, std, 2)} kg m^2" if slow > DEVIATIONS * std else "none that is known"
     return (
         f"noise in the motion may hide inertia: {digits(max(plain, 0.0), 2)} kg m^2 by least squares, {known} from the "
         f"motion below {noise.cutoff:g} Hz alone; no difference in inertia is told from this log"

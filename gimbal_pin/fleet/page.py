@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gimbal_pin.errors import shortened
+from gimbal_pin.errors import NORMAL_95, shortened
 from gimbal_pin.fleet.fleet import Fleet, JudgedUnit, Verdict
 from gimbal_pin.fleet.montecarlo import SHOWN, MonteCarlo
 from gimbal_pin.fleet.population import Deviation, DeviationKind
@@ -108,7 +108,7 @@ def _tabulate_influences(found: MonteCarlo) -> Table:
     if any(own.total is not None for own in found.sensitivity):
         columns = ("first", "first_confidence", "total", "total_confidence")
         rows = [(own.input, *(figures(getattr(own, name)) for name in columns)) for own in first]
-        return Table(["Input", "First order", "±", "Total", "±"], rows, label="Sobol indices")
+        return Table(["Input", "First order", "± 95 %", "Total", "± 95 %"], rows, label="Sobol indices")
     used = "the share of the specification used" if found.specification else next(iter(found.units))
     heads = ["Input", f"Rank correlation with {used}"]
     return Table(heads, [(own.input, figures(own.rank_correlation)) for own in first], label="Rank correlations")
@@ -211,7 +211,9 @@ def _list_facts(found: Fleet, unit: JudgedUnit) -> Iterator[tuple[str, str, str,
     """Yield what speaks against a unit: what, its size, how many standard deviations, since when."""
     for own in unit.deviations:
         sign = "+" if own.shift > 0 else ""
-        size = f"{sign}{' '.join(interval(own.shift, own.shift_std))} {found.parameter_units[own.parameter]}"
+        size = (
+            f"{sign}{' '.join(interval(own.shift, NORMAL_95 * own.shift_std))} {found.parameter_units[own.parameter]}"
+        )
         since = found.since(own) or ("drifts" if own.kind is DeviationKind.DRIFT else "first log")
         yield own.parameter, size, f"{sign}{figures(own.score, 2)}", since
     yield from ((str(own), DASH, DASH, own.since or "first log") for own in unit.causes)
@@ -229,7 +231,7 @@ def _tabulate_units(found: Fleet) -> Table:
             facts[FACTS:] = [(f"and {len(facts) - FACTS} more", "", "", "")]
         names = [unit.unit, f"{unit.verdict.value}: {', '.join(reason.value for reason in unit.reasons)}"]
         rows += [(*(names if k == 0 else ("", "")), *fact) for k, fact in enumerate(facts)]
-    heads = ["Unit", "Verdict", "What", "By how much", "Deviations", "Since"]
+    heads = ["Unit", "Verdict", "What", "By how much, ± 95 %", "Deviations", "Since"]
     return Table(heads, rows, texts=3, label="Units that do not pass")
 
 
@@ -239,8 +241,10 @@ def _tabulate_population(found: Fleet) -> Table:
     for own in found.population:
         repeat = own.repeat if has_repeats else None
         spreads = (figures(x, 2) for x in (own.spread, own.p_value, repeat, found.detectable[own.name]))
-        rows.append((own.name, found.parameter_units[own.name], *interval(own.mean, own.mean_std), *spreads))
-    heads = ["Parameter", "Unit", "Mean", "±", "Between units", "p, all alike", "Between logs", "Shown from"]
+        rows.append(
+            (own.name, found.parameter_units[own.name], *interval(own.mean, NORMAL_95 * own.mean_std), *spreads)
+        )
+    heads = ["Parameter", "Unit", "Mean", "± 95 %", "Between units", "p, all alike", "Between logs", "Shown from"]
     caption = "Parameters of the reference fleet" if found.reference else "Parameters over the fleet"
     return Table(heads, rows, texts=2, caption=caption)
 
@@ -290,7 +294,7 @@ def _draw_changes(found: Fleet, changes: Sequence[Deviation]) -> Figure:
         panel.axhspan(mean - half, mean + half, color=plots.PLAIN, alpha=0.2)
         panel.axhline(mean, color=plots.PLAIN, lw=1.0)
         x = times.astype("datetime64[s]") if found.is_dated else times
-        panel.errorbar(x, values, 1.96 * std, fmt="o-", color=PALETTE[1], ms=4, lw=1.2)
+        panel.errorbar(x, values, NORMAL_95 * std, fmt="o-", color=PALETTE[1], ms=4, lw=1.2)
         if found.is_dated:
             locator = AutoDateLocator(minticks=3, maxticks=6)
             panel.xaxis.set_major_locator(locator)

@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin.dynamics.checking import spread_poses
 from gimbal_pin.dynamics.regressor import compute_regressor
 from gimbal_pin.effects.rig_effect import describe_way, find_camera_axes, get_payload
-from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.errors import NORMAL_95, UsageError, digits
 from gimbal_pin.identification.difference import BaseDifference
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import find_base_columns
@@ -95,7 +95,7 @@ class Balance:
         std = 1e3 * max(float(self.std.max()), 1e-5)
         after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
         saved = f"gravity then takes {after} instead of {before} {self.forces[joint]} at {joint}"
-        way = f"{describe_way(clear * factor, unit)} (± {digits(std * factor, 1)} {unit}"
+        way = f"{describe_way(clear * factor, unit)} (± {digits(NORMAL_95 * std * factor, 1)} {unit}"
         open_ = "the stated {}, which the log does not show: half as far if it weighs twice that"
         of = {"stated": open_, "weighed": "the {} that were weighed"}.get(self.source, "its {}")
         stands = (

@@ -13,7 +13,7 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.effects import ALWAYS
-from gimbal_pin.errors import digits
+from gimbal_pin.errors import digits, format_estimate
 from gimbal_pin.identification.agreement import Agreement
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, estimate_bodies
@@ -90,7 +90,7 @@ def _iterate_negative(found: Identified) -> Iterator[str]:
     rows = zip(found.names, positive, found.estimate.theta.tolist(), found.estimate.std.tolist(), found.units)
     vague = []
     for name, why, value, std, unit in rows:
-        figure = f"{digits(value, 2)} ± {digits(1.96 * std, 2)} {unit}"
+        figure = f"{format_estimate(value, std, 2)} {unit}"
         if why and value < -NEGATIVE_FROM * std:
             yield f"{name} is negative ({figure}), and {why}: something else acts there, see 'gimbal-pin diagnose'"
         elif why and value < 0:

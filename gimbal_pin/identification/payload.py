@@ -18,7 +18,7 @@ from gimbal_pin.effects.rig_effect import (
     get_payload,
     shift_inertia,
 )
-from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.errors import NORMAL_95, UsageError, digits, format_estimate
 from gimbal_pin.identification.balance import Balance, KnownMass, compute_balance
 from gimbal_pin.identification.difference import FALSE_ALARM, BaseDifference, ShownChange
 from gimbal_pin.identification.identified import Identified
@@ -118,7 +118,7 @@ class PayloadDiscrepancy:
         hidden = [f"{a}/{b}" for (a, b), shown in zip(DIRECTIONS, shift.axes) if not shown]
         closer = ""
         if np.isfinite(self.std_if_known) and (len(hidden) == 3 or std.max() > DEVIATIONS * self.std_if_known):
-            sharp = digits(max(1e3 * self.std_if_known, 0.01), 1)
+            sharp = digits(NORMAL_95 * max(1e3 * self.std_if_known, 0.01), 1)
             closer = f"; to ± {sharp} mm if the gimbal is known: --known, or 'inertia: trusted' in its YAML"
         if len(hidden) == 3:
             return f"the log does not show where the payload sits{closer}"
@@ -133,7 +133,7 @@ class PayloadDiscrepancy:
             if yes
         ]
         away = [
-            f"{digits(1e3 * abs(x))} ± {digits(max(1e3 * s, 0.01), 1)} mm further {names[x < 0]}"
+            f"{format_estimate(1e3 * abs(x), max(1e3 * s, 0.01))} mm further {names[x < 0]}"
             for x, s, names, yes in zip(change.tolist(), std.tolist(), DIRECTIONS, clear)
             if yes
         ]
@@ -149,7 +149,7 @@ class PayloadDiscrepancy:
             if not self.mass.is_significant:
                 return f"it weighs {stated}, to {digits(DEVIATIONS * std, 2)} g"
             way = "heavier" if extra > 0 else "lighter"
-            return f"it is {digits(abs(extra))} ± {digits(std, 2)} g {way} than {stated}"
+            return f"it is {format_estimate(abs(extra), std)} g {way} than {stated}"
         grams = 10.0 ** round(np.log10(TRIAL_MASS * 1e3 * self.stated))
         change = grams * self.camera.T @ self.per_mass  # mm
         ways = [
@@ -166,7 +166,7 @@ class PayloadDiscrepancy:
         if not self.products.is_significant or size < FORM_ERROR * self.moment:
             return ""
         shown = zip(("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), self.products.std.tolist())
-        figures = ", ".join(f"{name} by {x:+.2g} ± {digits(s, 1)}" for name, x, s in shown if abs(x) > DEVIATIONS * s)
+        figures = ", ".join(f"{name} by {format_estimate(x, s, 2)}" for name, x, s in shown if abs(x) > DEVIATIONS * s)
         meaning = "turning one axis pushes the others more than the URDF says"
         return f"{self.body}: products of inertia differ from the URDF, {figures} kg m^2: {meaning}"
 

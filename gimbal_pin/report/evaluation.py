@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.identification import Identified, split_logs
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, Design, compute_blocks
-from gimbal_pin.report.format import NORMAL_95, figures, joints_of
+from gimbal_pin.report.format import figures, joints_of
 from gimbal_pin.report.html import toned
 from gimbal_pin.report.table import Content
 
@@ -175,9 +176,9 @@ class Known:
 
     @property
     def deviation(self) -> Content:
-        """Standard deviation as a share of the value; of what is not told from zero that it is not."""
+        """The interval as a share of the value; of what is not told from zero that it is not."""
         seen = abs(self.value) > self.half
-        return toned(f"{figures(100 * self.std / abs(self.value), 2)} %" if seen else "like zero", self.tone)
+        return toned(f"{figures(100 * self.half / abs(self.value), 2)} %" if seen else "like zero", self.tone)
 
 
 def known(found: Identified, evaluated: Evaluated | None = None) -> list[Known]:

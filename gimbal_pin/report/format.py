@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 DASH = "–"
 """Stands where there is no value."""
-NORMAL_95 = 1.96
-"""Standard deviations to either side that hold 95 % of a normal distribution."""
 DEGREE = 180 / pi
 """Degrees per radian."""
 LEAST = 1e-4

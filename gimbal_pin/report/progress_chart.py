@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gimbal_pin.errors import DataError
+from gimbal_pin.errors import NORMAL_95, DataError
 from gimbal_pin.identification import Progress
 from gimbal_pin.log.log import Array
 
@@ -20,7 +20,7 @@ SHOWN = 5
 
 
 def chart(history: Sequence[Progress]) -> Figure:
-    """Return the most telling parameters with ± 1.96 standard deviations, the torque error, and every event.
+    """Return the most telling parameters with their 95 % intervals, the torque error, and every event.
 
     Raises:
         DataError: Nothing was known at any time.
@@ -36,7 +36,7 @@ def chart(history: Sequence[Progress]) -> Figure:
     t = np.array([one.t for one in history])
     value, std = (np.array([getattr(one, name) for one in history]) for name in ("value", "std"))
     for axes, k in zip(panels, shown):
-        band(axes, t, value[:, k], 1.96 * std[:, k])
+        band(axes, t, value[:, k], NORMAL_95 * std[:, k])
         axes.set_title(f"{complete[-1].names[k]}, {complete[-1].units[k]}", loc="left", fontsize="medium")
     for joint in complete[-1].torque_error:
         last.semilogy(t, [one.torque_error.get(joint, np.nan) for one in history], label=joint)

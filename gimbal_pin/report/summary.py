@@ -12,9 +12,9 @@ import numpy as np
 from gimbal_pin.control.tuning import RIVAL
 from gimbal_pin.diagnosis.result import MEASURED
 from gimbal_pin.effects import CAUSES
+from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD
 from gimbal_pin.report.format import (
-    NORMAL_95,
     between,
     controller_name,
     figures,

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from gimbal_pin.errors import digits
+from gimbal_pin.errors import NORMAL_95, digits, format_estimate
 from gimbal_pin.report.format import (
     DASH,
-    NORMAL_95,
     angle,
     controller_name,
     figures,
@@ -46,6 +45,8 @@ TOGETHER = "all-axes"
 """The experiment in which all axes move."""
 ALONE = "A finding's error before is without it and with all others; the table's is the refitted model's alone"
 """Why the errors before differ."""
+AWAY = "σ: standard deviation; ± is 1.96 σ; off by: the value less the URDF's"
+"""What the heads of a table of parameters mean."""
 GOOD, FAIR = 95.0, 80.0
 """Fit, per cent, from which on a model is called good, or fair."""
 PHASE_DEG, GAIN_DB = 45.0, 6.0
@@ -75,7 +76,7 @@ def parameters(
     `force`: unit of the torque, see `forces`.
     """
     reach, most = any(one.reach for one in rows), max((one.moved for one in rows), default=0.0)
-    head = ["Parameter", "Unit", "Value", "± 95 %", "Std of it", "URDF", "Off by, std"]
+    head = ["Parameter", "Unit", "Value", "± 95 %", "± % of it", "URDF", "Off by, σ"]
     head += ["± at best"] * (bound is not None) + [f"Moves, {force} rms"] * reach
     body: list[list[Content]] = []
     for k, one in enumerate(rows):
@@ -113,7 +114,7 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
     held, train = found.held_out or found.train, found.train
     force = forces(joints_of(found.model.rig))
     scale, name = torque_unit(max(held.torque_rmse.values()), force)
-    head = ["Joint", f"Error, {name} rms", "Fit", "What is left", "Judged"]
+    head = ["Joint", f"Error, {name} rms", "Fit", "What is left", "Samples judged"]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
     head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}"] * (evaluated is not None)
     rows: list[list[Content]] = []
@@ -203,7 +204,7 @@ def list_curves(found: Diagnosis) -> list[str]:
             for x in (curve.knots[k], *(x for pair in curve.acts for x in pair))
         }
         spans = "; ".join(f"{points[a]} and {points[b]}" for a, b in curve.acts) or "no two knots"
-        size = f"{figures(curve.torque[k])} ± {figures(curve.std[k], 2)} {unit} at {points[curve.knots[k]]}"
+        size = f"{figures(curve.torque[k])} ± {figures(NORMAL_95 * curve.std[k], 2)} {unit} at {points[curve.knots[k]]}"
         lines.append(
             f"{joint.name}: what no cause explains, over its {curve.over}, is up to {size}, told from zero between "
             f"{spans}; the extended model carries it as a table"
@@ -217,12 +218,12 @@ def state_probability(finding: Finding) -> str:
 
 
 def state_size(figure: Parameter) -> str:
-    """A figure with its standard deviation."""
-    return f"{figure.name} {digits(figure.value, 4)} ± {digits(figure.std, 2)}{figure.in_units}"
+    """A figure with its 95 % interval."""
+    return f"{figure.name} {format_estimate(figure.value, figure.std, 4)}{figure.in_units}"
 
 
 def state_sizes(finding: Finding) -> str:
-    """A finding's figures with their deviations; where the log tells them only together, that it does."""
+    """A finding's figures with their intervals; where the log tells them only together, that it does."""
     from gimbal_pin.diagnosis.result import TOGETHER as TOLD_TOGETHER
 
     sized = ", ".join(map(state_size, finding.sized))

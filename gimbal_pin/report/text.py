@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from gimbal_pin.errors import digits
+from gimbal_pin.errors import NORMAL_95, digits
 from gimbal_pin.report import tables
 from gimbal_pin.report.format import angle, controller_name, figures, joint_shown, joints_of, list_altered, listed
 from gimbal_pin.report.table import Table
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 CLOSE = 0.1
 """Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
-DEVIATIONS = "(± is one standard deviation)"
 SEVERAL = 3
 """Most things to do, and most doubts, that `auto` prints; all are in the report."""
 MOST_LINES = 15
@@ -148,16 +147,16 @@ def _explain_assumed(one: AssumedLimit) -> str:
 def expectation(found: ExpectedEstimate) -> str:
     """What a log of a motion will tell of each parameter, and what to change before it is run."""
     rows = [
-        (name, None if isnan(x) else figures(x), figures(std) if isfinite(std) else None, unit, known)
+        (name, None if isnan(x) else figures(x), figures(NORMAL_95 * std) if isfinite(std) else None, unit, known)
         for name, x, std, unit, known in zip(
             found.names, found.values.tolist(), found.std.tolist(), found.units, found.known
         )
     ]
-    table = Table(("Parameter", "Value", "Will be known to ±", "Unit", "Known"), rows)
+    table = Table(("Parameter", "Value", "Will be known to ± 95 %", "Unit", "Known"), rows)
     head = (
         f"a log of {found.rate:g} samples per second, torque noise of {100 * found.torque_noise:.3g} % of its rms, and"
     )
-    lines = [f"{head} the rig's encoders and gyros (exact where it states none) {DEVIATIONS}", str(table)]
+    lines = [f"{head} the rig's encoders and gyros (exact where it states none)", str(table)]
     lag, name = found.longest_lag
     if isfinite(lag):
         lines.append(
@@ -188,7 +187,12 @@ def identified(found: Identified, payload: PayloadStatement) -> str:
 
 def describe_payload(payload: PayloadStatement) -> list[str]:
     """Where the payload sits, what it weighs, and how to balance it."""
-    return [*(f"given model: {line}" for line in payload.lines), *payload.advice]
+    return [*describe_place(payload), *payload.advice]
+
+
+def describe_place(payload: PayloadStatement) -> list[str]:
+    """Where the payload sits and what it weighs."""
+    return [f"against the URDF (± 95 %): {line}" for line in payload.lines]
 
 
 def describe_model(found: Identified) -> list[str]:
@@ -200,7 +204,7 @@ def describe_model(found: Identified) -> list[str]:
     trusted = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method is Method.RIDGE else ""
     bound, force = None if found.bound is None else found.bound.tolist(), found.model.rig.force
     lines = [f"{len(found.names)} parameters by {method}{trusted}; deviations by {found.estimate.uncertainty}"]
-    lines += [str(tables.parameters(known(found), bound)), *at_best(found)]
+    lines += [str(tables.parameters(known(found), bound)), tables.AWAY, *at_best(found)]
     lines += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
     lines += ["", accuracy(found)]
     lines += [f"note: {said}" for said in found.notes] + list_altered(found.altered)
@@ -221,10 +225,10 @@ def accuracy(found: Identified) -> str:
     """Torque errors, and on which rows; where little of them tells, that too."""
     held = found.held_out
     used = min((held or found.train).used.values())
-    rest = f"as little as {100 * used:.0f} % of a joint's samples tell, the rest is near standstill"
+    rest = "judged where a joint moves: near standstill dry friction bears any torque"
     where = "data it was fitted to" if held is None else held.how
     lines = [f"torque error on the {where}", str(tables.torque_errors(found))]
-    return "\n".join(lines if used > 0.9 else [*lines, rest])
+    return "\n".join(lines if used > 0.995 else [*lines, rest])
 
 
 def at_best(found: Identified) -> list[str]:
@@ -234,7 +238,7 @@ def at_best(found: Identified) -> list[str]:
     what = "± at best: of any unbiased estimate from these rows (Cramér and Rao, by the residual's colour up to 16 Hz)"
     rows = zip(found.names, found.estimate.theta.tolist(), found.bound.tolist())
     loose = [name for name, value, std in rows if std > CLOSE * abs(value)]
-    limit = f"the log tells these no closer than to a standard deviation of {100 * CLOSE:.0f} % of their value"
+    limit = f"the log tells these no closer than to ± {digits(100 * NORMAL_95 * CLOSE, 2)} % of their value"
     return [what, *([f"{limit}, for they are small: {', '.join(loose)}"] if loose else [])]
 
 
@@ -258,7 +262,7 @@ def physique(found: Identified) -> list[str]:
 
 def within(figure: Figure, factor: float = 1.0) -> str:
     """A figure and its 95 % interval, no finer than that tells; one that the log does not show, as the URDF's."""
-    half = 1.96 * figure.std * factor
+    half = NORMAL_95 * figure.std * factor
     places = max(0, 1 - floor(log10(half))) if 0 < half < inf else 6
     value = f"{figure.value * factor:.{places}f}"
     return f"{value} ± {figures(half, 2)}" if figure.shown else f"{value}*"
@@ -270,7 +274,7 @@ def several(found: Several) -> str:
     for name, one in found.identified.items():
         camera = found.cameras[name]
         rows = [
-            (symbol, unit, figures(value, 4), figures(1.96 * std, 2) if std else "–", figures(given, 4))
+            (symbol, unit, figures(value, 4), figures(NORMAL_95 * std, 2) if std else "–", figures(given, 4))
             for symbol, unit, value, std, given in zip(
                 camera.names, camera.units, camera.value, camera.std, camera.urdf.tolist()
             )
@@ -296,7 +300,7 @@ def following(found: Progress, said: int) -> str:
     if found.hidden:
         parts.append(f"{len(found.hidden)} of {len(found.names)} parameters do not show yet")
     else:
-        rows = [(found.names[k], found.value[k], 1.96 * found.std[k], found.units[k]) for k in found.telling[:3]]
+        rows = [(found.names[k], found.value[k], NORMAL_95 * found.std[k], found.units[k]) for k in found.telling[:3]]
         parts.append(", ".join(f"{name} {digits(x, 4)} ± {digits(half, 1)} {unit}" for name, x, half, unit in rows))
     events = [f"{event.t:8.1f} s  {event.sentence}" for event in found.events[said:]]
     return "\n".join([*events, "  ".join(parts)])
@@ -415,7 +419,7 @@ def auto(found: Auto, verbose: bool = False) -> str:
     """
     head, payload = found.summary, found.payload
     todo, doubts = (" ".join(lines[:SEVERAL]) for lines in (head.to_do, head.doubts))
-    lines = [f"found: {head.found}", *payload.lines[:1], f"to do: {todo}", f"take care: {doubts}", ""]
+    lines = [f"found: {head.found}", *describe_place(payload)[:1], f"to do: {todo}", f"take care: {doubts}", ""]
     lines.append(str(tables.overview(found, MOST_LINES - len(lines) - 4)))
     if found.held is None:
         lines += [] if not found.model.rig.aims else [f"no camera held on a platform: {found.why}"]

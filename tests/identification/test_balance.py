@@ -101,7 +101,7 @@ def test_one_sentence_alone_says_how_to_slide_the_payload() -> None:
     """The comparison with the URDF says where it sits: to slide it there is another way than to balance it."""
     one = found("turret", (0.02, 0.0, 0.0))
     said = text.identified(one, compare_payload(one))
-    assert re.search(r"given model: the payload sits (20|19\.9)\S* ± \S+ mm further forward", said)
+    assert re.search(r"against the URDF \(± 95 %\): the payload sits (20|19\.9)\S* ± \S+ mm further forward", said)
     assert len(re.findall("slide", said)) == 1 and "to balance the payload, slide it" in said
 
 

@@ -615,7 +615,7 @@ def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) 
     found = gather(walk, why="no IMU")
     head = found.summary
     brief, everything = (text.auto(found, verbose).splitlines() for verbose in (False, True))
-    place, slide = found.payload.lines[0], found.payload.advice[0]
+    place, slide = f"against the URDF (± 95 %): {found.payload.lines[0]}", found.payload.advice[0]
     assert brief[:2] == [f"found: {head.found}", place] and slide[1:] in brief[2]
     assert brief[2:5] == [f"to do: {' '.join(head.to_do)}", f"take care: {head.doubts[0]}", ""]
     assert head.doubts == (SIMULATED.format("the identified model"),)

@@ -70,7 +70,7 @@ def diagnosis(found: Diagnosis) -> Section:
             parts.append(paragraph(f"Tracking errors: {describe_motion(found.after.rig)}.", "side"))
         parts += [paragraph(f"{line}.") for line in describe_worse_tracking(found.tracking)]
     if found.given.lines and found.after.rig.aims:
-        parts += [heading("The given model"), bullets((*found.given.lines, *found.given.advice))]
+        parts += [heading("The payload against its URDF (± 95 %)"), bullets((*found.given.lines, *found.given.advice))]
         parts += qualify_payload(found)
     notes = [*found.notes, *tables.list_unnamed(found), *list_altered(found.altered)]
     parts += [folded("Notes", bullets(notes), is_detail=False)] if notes else []
@@ -102,7 +102,7 @@ def show_finding(
     """A finding: its sentence, its figures, what it could be instead, and which causes look like it."""
     chance, sizes = tables.state_probability(finding), tables.state_sizes(finding)
     lines: list[Content] = [f"{chance[0].upper()}{chance[1:]}."]
-    lines += [f"{sizes}{' (± is one standard deviation)' if finding.sized else ''}."] if sizes else []
+    lines += [f"{sizes}{' (± 95 %)' if finding.sized else ''}."] if sizes else []
     if finding.open:
         lines.append(f"{finding.open[0].upper()}{finding.open[1:]}. Try {finding.experiment}.")
     cause = CAUSES.get(finding.cause)

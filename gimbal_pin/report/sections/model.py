@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.effects import Sample
+from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.identification import Identified, PayloadStatement
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.evaluation import Evaluated, Known, Part, known
 from gimbal_pin.report.format import (
-    NORMAL_95,
     Joint,
     figures,
     file_name,
@@ -61,9 +61,12 @@ def parameters(found: Identified, evaluated: Evaluated, payload: PayloadStatemen
         paragraph(overall(found, every)),
         plots.Drawing(partial(whiskers, every, force), alt, caption),
         heading("Base parameters"),
-        paragraph("The combinations of masses, first moments and inertias that joint torques can show.", "side"),
+        paragraph(
+            f"The combinations of masses, first moments and inertias that joint torques can show; {tables.AWAY}.",
+            "side",
+        ),
         tables.parameters(every[:width], bound and bound[:width], "Base parameters", force),
-        *(paragraph(f"Against the URDF: {line}.") for line in payload.lines if aims),
+        *(paragraph(f"Against the URDF (± 95 %): {line}.") for line in payload.lines if aims),
         *([heading("Balance"), bullets(payload.advice)] if payload.advice and aims else []),
         heading("Friction and other effects"),
         tables.parameters(every[width:], bound and bound[width:], "Friction and other effects", force),
