@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gimbal_pin.effects import TorqueTable
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.identification import Identified, split_logs
 from gimbal_pin.log.log import Array, Log
@@ -179,6 +180,19 @@ class Known:
         """The interval as a share of the value; of what is not told from zero that it is not."""
         seen = abs(self.value) > self.half
         return toned(f"{figures(100 * self.half / abs(self.value), 2)} %" if seen else "like zero", self.tone)
+
+
+def find_tables(found: Identified) -> dict[TorqueTable, range]:
+    """Return tables of torque → where their values stand among the parameters, too many for a line each."""
+    ends = len(found.reduction.independent) + np.cumsum([0, *(len(term.values) for term in found.model.terms)])
+    places = zip((term.effect for term in found.model.terms), map(range, ends.tolist(), ends[1:].tolist()))
+    return {effect: place for effect, place in places if isinstance(effect, TorqueTable)}
+
+
+def list_shown(found: Identified) -> list[int]:
+    """Return which parameters have a line each: all but the values of tables."""
+    tabled = {k for place in find_tables(found).values() for k in place}
+    return [k for k in range(len(found.names)) if k not in tabled]
 
 
 def known(found: Identified, evaluated: Evaluated | None = None) -> list[Known]:

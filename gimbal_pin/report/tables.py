@@ -90,6 +90,23 @@ def parameters(
     return Table(head, body, texts=2, label=label)
 
 
+def list_tables(found: Identified) -> list[str]:
+    """Say of each table of torque among the parameters how large it is, and where."""
+    from gimbal_pin.report.evaluation import find_tables
+
+    joints, lines = {joint.name: joint for joint in joints_of(found.model.rig)}, []
+    for effect, place in find_tables(found).items():
+        joint, values = joints[effect.joint], found.estimate.theta[list(place)]
+        k = int(np.argmax(np.abs(values)))
+        most = " ".join(interval(values[k], NORMAL_95 * found.estimate.std[place[k]]))
+        lines.append(
+            f"{joint.name}: {effect.name} over its {effect.over}, {len(place)} values from {figures(values.min())} to "
+            f"{figures(values.max())} {joint.force}, {most} where it is largest, at "
+            f"{state_place(joint, effect.over, effect.knots[k])}"
+        )
+    return lines
+
+
 def drifting_parameters(found: Agreement) -> Table:
     """The parameters that drift: each log's own value and deviation, and the chance of as much in logs that agree."""
     rows: list[list[Content]] = []
@@ -199,10 +216,8 @@ def list_curves(found: Diagnosis) -> list[str]:
         if (curve := found.residual[joint.name].curve) is None:
             continue
         k, unit = max(range(len(curve.knots)), key=lambda k: abs(curve.torque[k])), joint.force
-        points = {
-            x: f"{figures(x)} {unit}" if curve.over == "load" else joint.text(x, "/s" * (curve.over == "rate"))
-            for x in (curve.knots[k], *(x for pair in curve.acts for x in pair))
-        }
+        ends = (curve.knots[k], *(x for pair in curve.acts for x in pair))
+        points = {x: state_place(joint, curve.over, x) for x in ends}
         spans = "; ".join(f"{points[a]} and {points[b]}" for a, b in curve.acts) or "no two knots"
         size = f"{figures(curve.torque[k])} ± {figures(NORMAL_95 * curve.std[k], 2)} {unit} at {points[curve.knots[k]]}"
         lines.append(
@@ -210,6 +225,11 @@ def list_curves(found: Diagnosis) -> list[str]:
             f"{spans}; the extended model carries it as a table"
         )
     return lines
+
+
+def state_place(joint: Joint, over: str, x: float) -> str:
+    """A knot of a table at a joint, over its angle, rate or load."""
+    return f"{figures(x)} {joint.force}" if over == "load" else joint.text(x, "/s" * (over == "rate"))
 
 
 def state_probability(finding: Finding) -> str:

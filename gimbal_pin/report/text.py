@@ -198,13 +198,15 @@ def describe_place(payload: PayloadStatement) -> list[str]:
 def describe_model(found: Identified) -> list[str]:
     """Parameters with uncertainty, accuracy, and the nearest bodies."""
     from gimbal_pin.regression import Method
-    from gimbal_pin.report.evaluation import known
+    from gimbal_pin.report.evaluation import known, list_shown
 
     method = found.estimate.method
     trusted = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method is Method.RIDGE else ""
-    bound, force = None if found.bound is None else found.bound.tolist(), found.model.rig.force
+    rows, shown, force = known(found), list_shown(found), found.model.rig.force
+    bound = None if found.bound is None else found.bound[shown].tolist()
     lines = [f"{len(found.names)} parameters by {method}{trusted}; deviations by {found.estimate.uncertainty}"]
-    lines += [str(tables.parameters(known(found), bound)), tables.AWAY, *at_best(found)]
+    lines += [str(tables.parameters([rows[k] for k in shown], bound)), tables.AWAY, *at_best(found)]
+    lines += [f"{said}; all of them in the model's file and --json" for said in tables.list_tables(found)]
     lines += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
     lines += ["", accuracy(found)]
     lines += [f"note: {said}" for said in found.notes] + list_altered(found.altered)

@@ -19,7 +19,7 @@ from markupsafe import Markup
 from gimbal_pin.control import RIVAL, Judgement, Tracking, Tuning, judge_controllers, pair_rivals, track, tune
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import Model, Sensors, check, nominal
-from gimbal_pin.effects import CAUSES
+from gimbal_pin.effects import CAUSES, Sample, TorqueTable
 from gimbal_pin.identification import Identified, compare_payload, identify
 from gimbal_pin.log import Log, to_json
 from gimbal_pin.regression import Filtering
@@ -337,6 +337,25 @@ def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk
         assert value_of(row[2]) == pytest.approx(value, abs=0.06 * half + 1e-12)
     truth = dict(zip(walk.found.names, [*nominal_beta(walk), *walk.rig.friction.ravel()]))
     assert [value_of(row[5]) for row in rows] == pytest.approx(list(truth.values()), rel=1e-3, abs=1e-12)
+
+
+def test_a_table_of_torque_is_a_line_and_folded_on_the_page(walk: Walk) -> None:
+    """However many values it has, what is printed has a line for it, with its largest value and the place of that."""
+    (log,) = walk.logs
+    pan, still = log.q[:, 0], np.zeros(len(log))
+    knots = np.linspace(*np.quantile(pan, (0.1, 0.9)), 31)
+    table = TorqueTable("pan", "angle", tuple(knots.tolist()))
+    torque = np.array(table.basis(Sample(pan, still, still, still, still, still))).T @ (0.5 * np.cos(5 * knots))
+    tau = log.tau + np.column_stack([torque, still])
+    found = identify(walk.rig, [replace(log, tau=tau)], [table], filtering=Filtering(8.0), holdout="none")
+    lines = text.describe_model(found)
+    (said,) = (line for line in lines if "torque-table" in line)
+    assert "31 values" in said and re.search(r"0\.\d+ ± 0\.\d+ where it is largest, at −?\d+\.\d+°", said)
+    assert len("\n".join(lines).splitlines()) <= len("\n".join(text.describe_model(walk.found)).splitlines()) + 2
+    section = parameters(found, evaluate(found, [replace(log, tau=tau)]), compare_payload(found))
+    assert len(cells(section, "Friction and other effects")) == 4
+    assert str(section.html).count("pan.angle_") >= 31 and "<details><summary>pan: torque-table" in section.html
+    assert len(found.to_dict()["base_parameters"]) == len(walk.found.names) + 31
 
 
 def nominal_beta(walk: Walk) -> np.ndarray:

@@ -15,7 +15,7 @@ from gimbal_pin.identification import Identified, PayloadStatement
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.evaluation import Evaluated, Known, Part, known
+from gimbal_pin.report.evaluation import Evaluated, Known, Part, find_tables, known, list_shown
 from gimbal_pin.report.format import (
     Joint,
     figures,
@@ -27,7 +27,7 @@ from gimbal_pin.report.format import (
     torque_text,
     torque_unit,
 )
-from gimbal_pin.report.html import Section, bullets, heading, paragraph
+from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph
 
 Flags = NDArray[np.bool_]
 
@@ -47,9 +47,11 @@ CLOUD = 900
 
 def parameters(found: Identified, evaluated: Evaluated, payload: PayloadStatement) -> Section:
     """Return base parameters and friction with 95 % intervals, the torque that each moves, and the payload's place."""
-    every, width = known(found, evaluated), len(found.reduction.independent)
+    rows, width = known(found, evaluated), len(found.reduction.independent)
+    every = [rows[k] for k in list_shown(found)]
+    tabled = zip(tables.list_tables(found), find_tables(found).values())
     force, aims = forces(joints_of(found.model.rig)), found.model.rig.aims
-    bound = None if found.bound is None else found.bound.tolist()
+    bound = None if found.bound is None else found.bound[list_shown(found)].tolist()
     caption = (
         "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
         "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."
@@ -70,6 +72,7 @@ def parameters(found: Identified, evaluated: Evaluated, payload: PayloadStatemen
         *([heading("Balance"), bullets(payload.advice)] if payload.advice and aims else []),
         heading("Friction and other effects"),
         tables.parameters(every[width:], bound and bound[width:], "Friction and other effects", force),
+        *(folded(line, tables.parameters([rows[k] for k in place], None, line, force)) for line, place in tabled),
         plots.Drawing(partial(curves, found, evaluated), friction, bands),
     ]
     return Section("Parameters", parts, "What the log says of the rig, with 95 % intervals.")
@@ -84,7 +87,7 @@ def overall(found: Identified, every: Sequence[Known]) -> str:
         else "none that moves much torque is in doubt"
     )
     condition = figures(found.estimate.condition_number, 2)
-    method = f"{len(every)} parameters by the {found.estimate.method} estimator"
+    method = f"{len(found.names)} parameters by the {found.estimate.method} estimator"
     text = f"{method}, {doubt}; condition number {condition} (columns of unit size)."
     if found.bias is not None:
         text = f"{text} {found.bias.sentence[0].upper()}{found.bias.sentence[1:]}."
