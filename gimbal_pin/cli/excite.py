@@ -36,7 +36,8 @@ def excite(
     speed: Annotated[float, opt.between("--speed", 0, 0.95)] = 0.3,
     rate: Annotated[float, opt.between("--rate", 1, 20000, "Hz")] = 1000.0,
     log_rate: Annotated[opt.Maybe[float], opt.between("--log-rate", 1, 20000, "Hz")] = None,
-    torque_noise: opt.TorqueNoise = 0.01,
+    torque_noise: Annotated[opt.Maybe[float], opt.between("--torque-noise", 0, 10)] = None,
+    form_error: Annotated[opt.Maybe[float], opt.between("--form-error", 0, 1)] = None,
     lag: Annotated[opt.Maybe[float], opt.between("--lag", 0, 1, "s")] = None,
     seed: opt.Seed = 0,
     yes: opt.Yes = False,
@@ -59,6 +60,8 @@ def excite(
         speed: rms rate that shows friction, share of the rate limit
         rate: samples per second of the file
         log_rate: samples per second of the log to come (default: --rate)
+        torque_noise: noise on the reported torque, share of its rms (default: as identified, or 0.01)
+        form_error: what neither rigid bodies nor friction do, share of its rms (default: as identified, or 0.015)
         lag: time by which the torque may act later than its stamp (default: half a sample of the log)
     """
     import numpy as np
@@ -82,7 +85,10 @@ def excite(
         rng=np.random.default_rng(seed),
     )  # fmt: skip
     write_motion(found.motion, found.joints, output)
-    told = predict_estimate(plant, found.sample(log_rate), effects=shown, torque_noise=torque_noise, lag=lag, rng=seed)
+    told = predict_estimate(
+        plant, found.sample(log_rate), effects=shown, torque_noise=torque_noise, form_error=form_error, lag=lag,
+        rng=seed,
+    )  # fmt: skip
     said = [text.excitation(found), text.expectation(told), describe_next_step(rig, output, first, bool(read))]
     present("\n".join(said).rstrip(), {**found.to_dict(), "expected": told.to_dict()}, json)
 

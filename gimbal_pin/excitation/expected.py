@@ -9,15 +9,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Model, build_friction_effects
+from gimbal_pin.dynamics.model import Model, build_friction_effects, is_motor_friction
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import Effect
 from gimbal_pin.identification import find_unseen, given_beta
 from gimbal_pin.log.log import Array, Log, Motion
-from gimbal_pin.regression import FORM_ERROR, Design, Estimate, Filtering, compute_blocks, fit_weighted
+from gimbal_pin.regression import FORM_ERROR, Design, Estimate, Filtering, compute_blocks, fit_weighted, presume_misfit
 from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.inertia import join_names
 from gimbal_pin.rig.types import Rng, make_generator
 
 WEAK_FROM = 0.5
@@ -36,8 +37,10 @@ class ExpectedEstimate:
         values: Their values in the model that was planned with, (k,); NaN where it states none.
         std: Standard deviations that `identify` will state, (k,); infinite where the motion leaves no trace.
         unseen: Parameters whose uncertainty alone moves more torque than the whole log has.
+        frictionless: Joints of whose friction the model states nothing.
         rate: Samples per second of the log.
-        torque_noise: White noise on the reported torque, as a share of each joint's torque rms.
+        torque_noise: White noise on the reported torques, as a share of each one's rms, (n,).
+        form_error: What no rigid body, friction or given effect does, as such a share, (n,).
         lag: Time by which the torque may act later than its stamp, s.
         sampling: Joint → share of its torque rms that the sampling alone, without any noise, leaves unexplained.
         per_lag: Change of each parameter per second of lag, (k,).
@@ -48,8 +51,10 @@ class ExpectedEstimate:
     values: Array
     std: Array
     unseen: tuple[str, ...]
+    frictionless: tuple[str, ...]
     rate: float
-    torque_noise: float
+    torque_noise: Array
+    form_error: Array
     lag: float
     sampling: Mapping[str, float]
     per_lag: Array
@@ -84,6 +89,11 @@ class ExpectedEstimate:
         if self.lag > lag:
             what = f"a lag of {1000 * self.lag:.3g} ms between angles and torque matters: {1000 * lag:.2g} ms move"
             said.append(f"{what} {name} by half of its value; record faster, or stamp the torque when it acts")
+        if self.frictionless:
+            who = f"{join_names(self.frictionless)} {'states' if len(self.frictionless) == 1 else 'state'} no friction"
+            said.append(
+                f"{who}: with it, all are known less well; state it, or give the model of a first log (--model)"
+            )
         if self.unseen:
             every = len(self.unseen) == len(self.names)
             what = "any parameter: make it longer, or record faster" if every else ", ".join(self.unseen)
@@ -96,7 +106,8 @@ class ExpectedEstimate:
         lag, first = self.longest_lag
         return {
             "rate": self.rate,
-            "torque_noise": self.torque_noise,
+            "torque_noise": self.torque_noise.tolist(),
+            "form_error": self.form_error.tolist(),
             "lag": self.lag,
             "longest_lag": {"seconds": lag, "parameter": first} if np.isfinite(lag) else None,
             "parameters": [
@@ -113,7 +124,8 @@ def predict_estimate(
     motion: Motion,
     *,
     effects: Sequence[Effect] = (),
-    torque_noise: float = 0.01,
+    torque_noise: float | None = None,
+    form_error: float | None = None,
     lag: float | None = None,
     rng: Rng = None,
 ) -> ExpectedEstimate:
@@ -126,16 +138,24 @@ def predict_estimate(
         model: The rig, its encoders, gyros, friction.
         motion: The motion at the log's rate, followed exactly.
         effects: Effects on top of Coulomb and viscous friction.
-        torque_noise: White noise on the reported torque, as a share of each joint's torque rms.
+        torque_noise: White noise on the reported torque, as a share of each joint's torque rms; None: as the model was
+            identified with, or 0.01.
+        form_error: What no rigid body, friction or given effect does, the same way; or 0.015.
         lag: Time by which the torque may act later than its stamp, s; None: half a sample, as a drive may hold
             it from its stamp on.
         rng: Source of the sensors' noise, or its seed.
     """
     rig, step = model.rig, float(np.median(np.diff(motion.t)))
     fitted = (*build_friction_effects(rig.joints), *effects)
+    rubbing = {term.effect.joint for term in model.terms if is_motor_friction(term.effect) and any(term.values)}
     values: dict[Effect, tuple[float, ...]] = {term.effect: term.values for term in model.terms}
-    log = record_log(model, motion, torque_noise, make_generator(rng)[0])
     tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
+    size = np.maximum(np.sqrt(np.mean(tau**2, axis=0)), 1e-300)
+    found = model.estimated
+    # The defaults are the medians of `scripts/plants`.
+    noise = _choose_shares(torque_noise, 0.01, size, found.noise if found else (), np.sqrt(2 * step))
+    missed = _choose_shares(form_error, 0.015, size, found.missed if found else ())
+    log = record_log(model, motion, noise, make_generator(rng)[0])
     exact = Log("exact", rig.joints, motion.t, motion.q, motion.v, tau)
     design = Design(rig, reduce_parameters(rig), fitted, (log,), Filtering(alignment=0.0))
     terms = [x for effect in fitted for x in values.get(effect, (nan,) * len(effect.coefficients))]
@@ -147,20 +167,32 @@ def predict_estimate(
     else:
         estimate = fit_weighted(blocks)
         plain, late = (_refit(replace(design, logs=(exact,)), alignment) for alignment in (0.0, step))
-        std, unseen, per_lag = estimate.std, find_unseen(design.names, blocks, estimate), late.theta - plain.theta
-        sampling = plain.residual_std / np.maximum(np.sqrt(np.mean(tau**2, axis=0)), 1e-300)
+        std = presume_misfit(blocks, estimate, missed * size).std
+        unseen, per_lag = find_unseen(design.names, blocks, estimate), late.theta - plain.theta
+        sampling = plain.residual_std / size
     return ExpectedEstimate(
         names=design.names,
         units=design.units,
         values=truth,
         std=std,
         unseen=unseen,
+        frictionless=tuple(joint for joint in rig.joints if joint not in rubbing),
         rate=1 / step,
-        torque_noise=torque_noise,
+        torque_noise=noise,
+        form_error=missed,
         lag=step / 2 if lag is None else lag,
         sampling=dict(zip(rig.joints, sampling.tolist())),
         per_lag=per_lag / step,
     )
+
+
+def _choose_shares(
+    stated: float | None, otherwise: float, size: Array, identified: Sequence[float], unit: float = 1.0
+) -> Array:
+    """Return the stated share for all joints, or what was identified as a share of their torque, or else a default."""
+    if stated is None and identified:
+        return np.array(identified) / unit / size
+    return np.full(len(size), otherwise if stated is None else stated)
 
 
 def _to_json(value: float) -> float | None:
@@ -173,7 +205,7 @@ def _refit(design: Design, alignment: float) -> Estimate:
     return fit_weighted(compute_blocks(replace(design, filtering=replace(design.filtering, alignment=alignment))))
 
 
-def record_log(model: Model, motion: Motion, torque_noise: float, rng: np.random.Generator) -> Log:
+def record_log(model: Model, motion: Motion, torque_noise: float | Array, rng: np.random.Generator) -> Log:
     """Return the log of a motion that is followed exactly, with its torque at the sample and the sensors' noise."""
     sensors, shape = Sensors.of(model.rig, float(np.median(np.diff(motion.t)))), motion.q.shape
     tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)

@@ -45,8 +45,6 @@ SIZES = np.concatenate([[0.0], np.geomspace(1e-4, 1e6, 11)])
 """Variances that are tried, in units of the noise's: a decade apart."""
 SWEEPS = 3
 """Passes over the groups; the likelihood has settled then."""
-FIELDS = ("A", "b", "q", "v", "share")
-"""Of a block, what is read here."""
 
 
 class Misfit(NamedTuple):
@@ -74,13 +72,16 @@ class Misfit(NamedTuple):
 
 def _fit_misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
     """Return what each joint's residual holds, and δ's columns at it, (m, f) each."""
-    A, b, q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in FIELDS)
-    used, found, columns = count_effective_rows(blocks), [], []
-    for j in range(b.shape[1]):
-        X = build_discrepancy_columns(q[:, j], v[:, j]) * share[:, j, None]
-        columns.append(X)
-        found.append(fit_misfit(A[:, j, A[:, j].any(axis=0)], X, b[:, j], float(used[j])))
+    A, b = (np.concatenate([getattr(block, name) for block in blocks]) for name in "Ab")
+    used, columns = count_effective_rows(blocks), _build_columns(blocks)
+    found = [fit_misfit(A[:, j, A[:, j].any(axis=0)], X, b[:, j], float(used[j])) for j, X in enumerate(columns)]
     return found, columns
+
+
+def _build_columns(blocks: Sequence[Block]) -> list[Array]:
+    """Return δ's columns at each joint, over all rows, (m, f) each."""
+    q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "v", "share"))
+    return [build_discrepancy_columns(q[:, j], v[:, j]) * share[:, j, None] for j in range(q.shape[1])]
 
 
 def build_discrepancy_columns(q: Array, v: Array) -> Array:
@@ -171,6 +172,30 @@ def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) ->
         cameras: Of how many cameras the joints are, one's after another's.
     """
     found, columns = _fit_misfits(blocks)
+    return _add_spread(blocks, estimate, found, columns, cameras), tuple(found)
+
+
+def presume_misfit(blocks: Sequence[Block], estimate: Estimate, sizes: Array) -> Estimate:
+    """Return the estimate with the deviations that a misfit would add, as `add_misfit` does with one that it finds.
+
+    Args:
+        blocks: Rows.
+        estimate: What was estimated from them.
+        sizes: Root mean square of δ at each joint, the same from every group of its columns, N m, (n,).
+    """
+    columns = _build_columns(blocks)
+    share = 1 / (len(np.unique(GROUPS)) * np.bincount(GROUPS))[GROUPS]  # of δ's power, alike for every group
+    found = [
+        Misfit(size, 0.0, size**2 * share / np.maximum(np.mean(X**2, axis=0), 1e-300))
+        for size, X in zip(sizes.tolist(), columns)
+    ]
+    return _add_spread(blocks, replace(estimate, residual_std=np.hypot(estimate.residual_std, sizes)), found, columns)
+
+
+def _add_spread(
+    blocks: Sequence[Block], estimate: Estimate, found: Sequence[Misfit], columns: Sequence[Array], cameras: int = 1
+) -> Estimate:
+    """Return the estimate with the deviations that a misfit found at each joint adds, see `add_misfit`."""
     weight = np.ones(len(found)) if estimate.method is Method.ORDINARY else weigh_joints(estimate.residual_std**2)
     gain = solve_factors(factor_rows(blocks), weight).gain
     moved = np.zeros((len(found), len(gain), len(GROUPS)))
@@ -180,4 +205,4 @@ def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) ->
             moved[j] = weight[j] ** 2 * gain @ (through * np.sqrt(one.variance))
     shared = moved.reshape(cameras, -1, *moved.shape[1:]).sum(axis=0)
     spreads = [np.einsum("jkf,jlf->kl", each, each) for each in ((moved, shared) if cameras > 1 else (moved,))]
-    return replace(estimate, covariance=estimate.covariance + sum(spreads)), tuple(found)
+    return replace(estimate, covariance=estimate.covariance + sum(spreads))

@@ -153,10 +153,14 @@ def expectation(found: ExpectedEstimate) -> str:
         )
     ]
     table = Table(("Parameter", "Value", "Will be known to ± 95 %", "Unit", "Known"), rows)
-    head = (
-        f"a log of {found.rate:g} samples per second, torque noise of {100 * found.torque_noise:.3g} % of its rms, and"
+    noise, form = (
+        ", ".join(dict.fromkeys(f"{100 * x:.2g} %" for x in each)) for each in (found.torque_noise, found.form_error)
     )
-    lines = [f"{head} the rig's encoders and gyros (exact where it states none)", str(table)]
+    head = (
+        f"of a log of {found.rate:g} samples per second, the rig's encoders and gyros (exact where it states none), "
+        f"noise on the torque of {noise} of its rms, and {form} of it that neither rigid bodies nor friction explain"
+    )
+    lines = [head, str(table)]
     lag, name = found.longest_lag
     if isfinite(lag):
         lines.append(
