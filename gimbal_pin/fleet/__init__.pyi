@@ -12,8 +12,6 @@ from .montecarlo import monte_carlo as monte_carlo
 from .population import Comparison as Comparison
 from .population import Deviation as Deviation
 from .population import DeviationKind as DeviationKind
-from .population import FleetParameter as FleetParameter
-from .population import UnitEstimate as UnitEstimate
 from .population import compare_units as compare_units
 from .sensitivity import rank_influences as rank_influences
 from .variation import RigDesign as RigDesign

@@ -14,11 +14,11 @@ import os
 import re
 import sys
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent import futures
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
@@ -33,7 +33,7 @@ from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import GimbalPinError, UsageError
 
 if TYPE_CHECKING:
-    from fsspec import AbstractFileSystem
+    from fsspec.implementations.dirfs import DirFileSystem
     from pandas import DataFrame
 
 Value = float | int | str | bool | None
@@ -55,19 +55,11 @@ TASK_SECONDS = 10.0
 TASK_UNITS = 100
 """Most units of a task: where they take a millisecond, a task takes ten times what its way does."""
 SHARED_BREAKS, BREAKS = 2, 5
-"""Broken executors after which a task runs alone, and after which its unit is a row with that error."""
+"""Broken executors after which a unit runs alone, and after which it is a row with that error."""
 RESUME = "the same call goes on with what is missing"
 FAILURES = (
-    GimbalPinError,
-    ArithmeticError,
-    AssertionError,
-    AttributeError,
-    LookupError,
-    MemoryError,
-    OSError,
-    RuntimeError,
-    TypeError,
-    ValueError,
+    *(GimbalPinError, ArithmeticError, AssertionError, AttributeError, LookupError),
+    *(MemoryError, OSError, RuntimeError, TypeError, ValueError),
 )
 """What a unit can make its work raise, be it a fault of the program: its result, which ends no other unit."""
 
@@ -89,19 +81,6 @@ class Run:
     settings: Mapping[str, object] = field(default_factory=dict)
 
 
-class UnitRange(NamedTuple):
-    """Units `first` to ``stop - 1``, and in how many executors that broke they were in flight."""
-
-    first: int
-    stop: int
-    breaks: int = 0
-
-    def split(self, count: int) -> list[UnitRange]:
-        """The first `count` units and the others, each if there are any."""
-        middle = min(self.first + count, self.stop)
-        return [UnitRange(a, b, self.breaks) for a, b in ((self.first, middle), (middle, self.stop)) if a < b]
-
-
 class Progress(NamedTuple):
     """Units that were there before, were computed now, and of all the rows how many hold an error."""
 
@@ -114,15 +93,16 @@ def compute_table(
     work: Work,
     units: Sequence[Any],
     settings: Mapping[str, object],
-    folder: str | None = None,
-    executor: ExecutorFactory | None = None,
-    workers: int | Capacity = 0,
-    quiet: bool = True,
+    folder: str | None,
+    executor: ExecutorFactory | None,
+    workers: int | Capacity,
+    quiet: bool,
 ) -> DataFrame:
     """Return all rows of a `Run` after `run_units`; its folder is None where nothing is kept."""
-    with TemporaryDirectory(prefix="gimbal-pin-") if folder is None else nullcontext(folder) as place:
-        run_units(Run(work, units, place, settings), executor, workers=workers, quiet=quiet)
-        return read_table(place)
+    with TemporaryDirectory(prefix="gimbal-pin-") as temporary:
+        run = Run(work, units, temporary if folder is None else folder, settings)
+        run_units(run, executor, workers=workers, quiet=quiet)
+        return read_table(run.folder)
 
 
 def run_units(
@@ -151,16 +131,16 @@ def run_units(
         run = replace(run, folder=os.path.abspath(run.folder))
     claim_folder(run)
     failed, missing, total = 0, find_missing(run), len(run.units)
-    found = total - sum(block.stop - block.first for block in missing)
-    show = partial(tqdm, total=total, initial=found, desc="units", unit="unit", miniters=1, disable=quiet or None)
+    found = total - sum(map(len, missing))
     columns, lines = get_terminal_size()  # tqdm shows nothing in a terminal that states a size of 0 by 0
+    show = partial(tqdm, total=total, initial=found, desc="units", unit="unit", miniters=1, disable=quiet or None)
     bar = show(ncols=columns, nrows=lines)
     is_written = bar.disable and not quiet and sys.stderr is not None
     try:
         with bar:
             if is_written and found:
                 tqdm.write(f"units: {found} of {total} were there", sys.stderr)
-            for done, errors in compute(run, missing, executor, capacity):
+            for done, errors in compute_missing(run, missing, executor, capacity):
                 failed += errors
                 bar.set_postfix_str(f"{failed} failed" if failed else "", refresh=False)
                 bar.update(done)
@@ -172,35 +152,36 @@ def run_units(
         raise UsageError(run.folder, f"cannot be written ({error})", RESUME) from error
 
 
-def compute(run: Run, missing: list[UnitRange], factory: ExecutorFactory, capacity: Capacity) -> Iterator[Counts]:
+def compute_missing(run: Run, missing: list[range], factory: ExecutorFactory, capacity: Capacity) -> Iterator[Counts]:
     """Yield what tasks return, in whatever order they end.
 
     Tasks get smaller as less is left, so that all workers end together. A broken executor does not say which task broke
     it: all that were in flight go to the next one; units that were so `SHARED_BREAKS` times run one at a time.
     """
-    queue, pending = deque(missing), dict[Future[Counts], UnitRange]()
+    queue, pending, breaks = deque(missing), dict[Future[Counts], range](), Counter[int]()
     while queue:
         pool = factory()
         try:
             while queue or pending:
-                is_alone = bool(queue) and queue[0].breaks >= SHARED_BREAKS  # such blocks are the first of the queue
+                is_alone = bool(queue) and breaks[queue[0].start] >= SHARED_BREAKS  # such are the first of the queue
                 slots = 1 if is_alone else IN_FLIGHT_PER_WORKER * max(capacity(), 1)
-                size = sum(block.stop - block.first for block in queue) // (2 * slots) + 1
+                size = 1 if is_alone else min(sum(map(len, queue)) // (2 * slots) + 1, TASK_UNITS)
                 while queue and len(pending) < slots:
-                    block, *rest = queue[0].split(1 if is_alone else min(size, TASK_UNITS))
-                    inputs = [run.units[k] for k in range(block.first, block.stop)]
-                    pending[pool.submit(compute_task, run.work, block.first, inputs, run.folder)] = block
-                    queue.popleft()
-                    queue.extendleft(rest)
+                    block = queue.popleft()
+                    task, rest = block[:size], block[size:]
+                    inputs = [run.units[k] for k in task]
+                    pending[pool.submit(compute_task, run.work, task.start, inputs, run.folder)] = task
+                    queue.extendleft([rest] if rest else [])
                 for future in futures.wait(pending, return_when=futures.FIRST_COMPLETED).done:
                     done, failed = read_counts(future)
-                    queue.extendleft(pending.pop(future).split(done)[1:])
+                    rest = pending.pop(future)[done:]
+                    queue.extendleft([rest] if rest else [])
                     yield done, failed
         except BrokenExecutor:
-            for block in sorted(pending.values(), key=lambda block: (block.breaks, -block.first)):
-                queue.appendleft(block._replace(breaks=block.breaks + 1))
-            if queue[0].breaks == BREAKS:
-                yield write_part(run.folder, queue.popleft().first, [{"error": f"its process ended {BREAKS} times"}])
+            breaks.update(k for block in pending.values() for k in block)
+            queue.extendleft(sorted(pending.values(), key=lambda block: (breaks[block.start], -block.start)))
+            if breaks[queue[0].start] == BREAKS:
+                yield write_part(run.folder, queue.popleft().start, [{"error": f"its process ended {BREAKS} times"}])
         finally:
             for future in pending:
                 future.cancel()
@@ -277,22 +258,17 @@ def end_with_parent() -> None:
 
 
 def compute_task(work: Work, first: int, units: Sequence[Any], folder: str) -> Counts:
-    """Compute units for `TASK_SECONDS`, and write their rows."""
-    end, rows = monotonic() + TASK_SECONDS, []
+    """Compute units for `TASK_SECONDS`, and write their rows: a record without error, or the error that was raised."""
+    end, rows = monotonic() + TASK_SECONDS, list[Mapping[str, Value]]()
     with limit_to_one_thread():
         for unit in units:
-            rows.append(compute_unit(work, unit))
+            try:
+                rows.append({"error": None, **work(unit)})
+            except FAILURES as error:
+                rows.append({"error": f"{type(error).__name__}: {error}"})
             if monotonic() > end:
                 break
     return write_part(folder, first, rows)
-
-
-def compute_unit(work: Work, unit: Any) -> Mapping[str, Value]:
-    """The unit's record, with its `error` or None, or `error` alone where it raises."""
-    try:
-        return {"error": None, **work(unit)}
-    except FAILURES as error:
-        return {"error": f"{type(error).__name__}: {error}"}
 
 
 def write_part(folder: str, first: int, rows: Sequence[Mapping[str, Value]]) -> Counts:
@@ -309,28 +285,27 @@ def write_part(folder: str, first: int, rows: Sequence[Mapping[str, Value]]) -> 
 
 def write_whole(folder: str, name: str, content: bytes) -> None:
     """Put a file into a folder in one step, on whatever system that lies."""
-    files, place = file_system(folder)
-    staged = f"{place}/{PARTS}/{uuid4().hex}"
+    files, staged = open_folder(folder), f"{PARTS}/{uuid4().hex}"
     files.pipe_file(staged, content)
-    files.mv(staged, f"{place}/{name}")
+    files.mv(staged, name)
 
 
-def file_system(path: str) -> tuple[AbstractFileSystem, str]:
-    """The file system that holds a path or URL, and the path in it; `UsageError`: its package is not installed."""
+def open_folder(folder: str) -> DirFileSystem:
+    """Return a folder of any file system by its path or URL; `UsageError`: its package is not installed."""
     from fsspec.core import url_to_fs
+    from fsspec.implementations.dirfs import DirFileSystem
 
     try:
-        files, place = url_to_fs(path)
+        files, place = url_to_fs(folder)
     except (ImportError, ValueError) as error:
-        raise UsageError(path, f"cannot be reached ({error})", "install fsspec's package for it") from error
-    return files, str(place)
+        raise UsageError(folder, f"cannot be reached ({error})", "install fsspec's package for it") from error
+    return DirFileSystem(place, files)
 
 
-def list_folder(folder: str) -> list[str]:
-    """Return the paths in a folder; an object store has no empty ones."""
-    files, place = file_system(folder)
+def list_names(folder: str) -> list[str]:
+    """Return the names in a folder; an object store has no empty ones."""
     try:
-        return list(files.ls(place, detail=False, refresh=True))
+        return [path.rpartition("/")[2] for path in open_folder(folder).ls("", detail=False, refresh=True)]
     except FileNotFoundError:
         return []
 
@@ -351,15 +326,15 @@ def shorten_setting(value: object) -> object:
 
 def claim_folder(run: Run) -> None:
     """Make the folder, or raise `UsageError` where it holds the results of other settings."""
-    files, place = file_system(run.folder)
+    files = open_folder(run.folder)
     settings = {**{name: shorten_setting(x) for name, x in run.settings.items()}, "units": len(run.units)}
     try:
-        files.makedirs(f"{place}/{PARTS}", exist_ok=True)
-        if not files.exists(f"{place}/{RUN}"):
-            if others := {name.rsplit("/", 1)[-1] for name in list_folder(run.folder)} - {PARTS}:
+        files.makedirs(PARTS, exist_ok=True)
+        if not files.exists(RUN):
+            if others := {*list_names(run.folder)} - {PARTS}:
                 raise UsageError(run.folder, f"holds {min(others)}, which is of no run", "give an empty folder")
             write_whole(run.folder, RUN, json.dumps({"schema": 1, "settings": settings}, indent=1).encode())
-        earlier = dict(json.loads(files.cat_file(f"{place}/{RUN}"))["settings"])
+        earlier = dict(json.loads(files.cat_file(RUN))["settings"])
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise UsageError(run.folder, f"cannot be used ({error})", "give another folder") from error
     if other := [key for key in {**settings, **earlier} if earlier.get(key) != settings.get(key)]:
@@ -369,63 +344,48 @@ def claim_folder(run: Run) -> None:
 
 
 def find_parts(run: Run) -> list[tuple[int, int, str]]:
-    """First unit, last unit and path of every part, in the units' order."""
-    names = ((PART.search(path), path) for path in list_folder(f"{run.folder}/{PARTS}"))
-    return sorted((int(name[1]), int(name[2]), path) for name, path in names if name)
+    """First unit, last unit and name of every part, in the units' order."""
+    found = filter(None, map(PART.match, list_names(f"{run.folder}/{PARTS}")))
+    return sorted((int(one[1]), int(one[2]), one[0]) for one in found)
 
 
-def find_missing(run: Run) -> list[UnitRange]:
+def find_missing(run: Run) -> list[range]:
     """The units whose rows are not there."""
-    gaps, stop = [], 0
+    gaps, stop = list[range](), 0
     for first, last, _ in [*find_parts(run), (len(run.units), 0, "")]:
-        if first > stop:
-            gaps.append(UnitRange(stop, first))
+        gaps.append(range(stop, first))
         stop = max(stop, last + 1)
-    return gaps
+    return [gap for gap in gaps if gap]
 
 
 def write_table(run: Run, at_once: int = 500) -> int:
     """Write all parts as one table in the units' order, and return how many rows hold an error.
 
-    So many parts `at_once` become a row group in a file of this machine, since only after the last one all columns are
-    known. A unit that two coordinators computed is one row.
+    So many parts are fetched and joined `at_once`. A unit that two coordinators computed is one row.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     if find_missing(run):
         raise UsageError(run.folder, "lacks rows that workers wrote elsewhere", "give a URL that all of them see")
-    files, place = file_system(run.folder)
-    schema = pa.schema([("unit", pa.int64()), ("error", pa.string())])
-    parts, groups, stop, failed = find_parts(run), [], 0, 0
-    with TemporaryDirectory(prefix="gimbal-pin-") as own:
-        for k in range(0, len(parts), at_once):
-            merged, tables = parts[k : k + at_once], []
-            contents = files.cat([path for *_, path in merged])
-            for first, last, path in merged:
-                rows = pq.ParquetFile(BytesIO(contents[path])).read(use_threads=False)
-                tables.append(rows.slice(max(stop - first, 0)))
-                stop = max(stop, last + 1)
-            rows = pa.concat_tables([schema.empty_table(), *tables], promote_options="permissive")
-            schema, failed = rows.schema, failed + len(rows) - rows["error"].null_count
-            groups.append(f"{own}/{k}")
-            pq.write_table(rows, groups[-1])
-        with pq.ParquetWriter(f"{own}/{TABLE}", schema) as writer:
-            for group in groups:
-                rows = [schema.empty_table(), pq.read_table(group)]
-                writer.write_table(pa.concat_tables(rows, promote_options="permissive"))
-        staged = f"{place}/{PARTS}/{uuid4().hex}"
-        files.put_file(f"{own}/{TABLE}", staged)
-    files.mv(staged, f"{place}/{TABLE}")
-    if stale := [path for path in list_folder(f"{run.folder}/{PARTS}") if not PART.search(path)]:
+    files, parts, stop = open_folder(f"{run.folder}/{PARTS}"), find_parts(run), 0
+    groups = [pa.table({"unit": pa.array([], pa.int64()), "error": pa.array([], pa.string())})]
+    for k in range(0, len(parts), at_once):
+        contents, tables = files.cat([name for *_, name in parts[k : k + at_once]]), []
+        for first, last, name in parts[k : k + at_once]:
+            tables.append(pq.ParquetFile(BytesIO(contents[name])).read(use_threads=False).slice(max(stop - first, 0)))
+            stop = max(stop, last + 1)
+        groups.append(pa.concat_tables(tables, promote_options="permissive").combine_chunks())
+    table = pa.concat_tables(groups, promote_options="permissive")
+    pq.write_table(table, content := BytesIO())
+    write_whole(run.folder, TABLE, content.getvalue())
+    if stale := [name for name in list_names(f"{run.folder}/{PARTS}") if not PART.match(name)]:
         files.rm(stale)  # what killed processes were writing
-    return failed
+    return int(len(table) - table["error"].null_count)
 
 
 def read_table(folder: str) -> DataFrame:
     """Return all rows of a run."""
     import pandas as pd
 
-    files, path = file_system(f"{folder}/{TABLE}")
-    with files.open(path, "rb") as source:
-        return pd.read_parquet(source)
+    return pd.read_parquet(BytesIO(open_folder(folder).cat_file(TABLE)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from itertools import chain
@@ -14,19 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.fleet.engine import RUN, Capacity, ExecutorFactory, compute_table, file_system, read_table
-from gimbal_pin.fleet.manifest import Manifest, read_manifest
-from gimbal_pin.fleet.population import (
-    Comparison,
-    Deviation,
-    DeviationKind,
-    FleetParameter,
-    UnitEstimate,
-    compare_units,
-)
+from gimbal_pin.diagnosis import diagnose
+from gimbal_pin.errors import DataError, GimbalPinError, UsageError
+from gimbal_pin.fleet.engine import RUN, Capacity, ExecutorFactory, Value, compute_table, open_folder, read_table
+from gimbal_pin.fleet.manifest import FleetLog, Manifest, local_copy, read_manifest
+from gimbal_pin.fleet.population import Comparison, Deviation, DeviationKind, compare_units
 from gimbal_pin.fleet.study import describe_rig
-from gimbal_pin.fleet.units import LogStudy
+from gimbal_pin.identification import identify
+from gimbal_pin.log.io import read_log
+from gimbal_pin.log.log import Log
+from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -69,6 +66,64 @@ class Reason(str, Enum):
 
 Finding = tuple[str, str | None, str]
 """Cause, joint or None for the rig, and status: "named", or "data" of a fault of the log."""
+
+
+@dataclass(frozen=True, eq=False)
+class LogStudy:
+    """What every log of a fleet goes through; workers get it with their logs.
+
+    Attributes:
+        rig: The rig that all units are built as.
+        cutoff: Of the identification's filter, Hz; None: the usual one.
+        quick: Whether the logs are identified only, and not diagnosed.
+        seed: Seed of the diagnosis.
+    """
+
+    rig: Rig
+    cutoff: float | None = None
+    quick: bool = False
+    seed: int = 0
+
+    def examine(self, log: FleetLog) -> dict[str, Value]:
+        """Return a log's row; the `error` of one that cannot be used is the row's.
+
+        `value.NAME` and `std.NAME` per parameter, from the whole log, `units` their units; `torque_rmse.JOINT`, N m,
+        and `fit_percent.JOINT` on the third that a second fit has not seen; `findings` as JSON: cause, joint, status.
+        """
+        head: dict[str, Value] = {"log": log.path, "serial": log.unit, "time": log.time}
+        copy = Path(log.path)
+        try:
+            with local_copy(log.path) as copy:
+                return {**head, **self.study(read_log(copy, self.rig, log.mapping))}
+        except GimbalPinError as error:
+            return {**head, "error": str(error).replace(str(copy), log.path)}
+
+    def study(self, log: Log) -> dict[str, Value]:
+        """Identify and diagnose a log."""
+        filtering = None if self.cutoff is None else Filtering(cutoff=self.cutoff)
+        whole = identify(self.rig, [log], holdout="none", filtering=filtering)
+        units = json.dumps(dict(zip(whole.names, whole.units)))
+        row: dict[str, Value] = {"seconds": float(log.t[-1] - log.t[0]), "samples": len(log), "units": units}
+        row |= zip((f"value.{name}" for name in whole.names), whole.estimate.theta.tolist())
+        row |= zip((f"std.{name}" for name in whole.names), whole.estimate.std.tolist())
+        try:
+            judged = identify(self.rig, [log], filtering=filtering).held_out
+        except DataError:  # its first two thirds do not show every parameter
+            judged = None
+        for figure in ("torque_rmse", "fit_percent"):
+            known = getattr(judged, figure, {})
+            row |= {f"{figure}.{joint}": known.get(joint) for joint in self.rig.joints}
+        return row if self.quick else {**row, **self.diagnose(log)}
+
+    def diagnose(self, log: Log) -> dict[str, Value]:
+        """Return verdict and findings; a log that is too short for them has neither, and `undiagnosed` says why."""
+        try:
+            found = diagnose(self.rig, [log], rng=np.random.default_rng(self.seed))
+        except DataError as error:
+            return {"verdict": None, "findings": "[]", "undiagnosed": str(error)}
+        findings = [{"cause": one.cause, "joint": one.joint, "status": "data"} for one in found.spoiling]
+        findings += [{"cause": one.cause, "joint": one.joint, "status": one.status} for one in found.findings]
+        return {"verdict": found.verdict, "findings": json.dumps(findings), "undiagnosed": None}
 
 
 @dataclass(frozen=True)
@@ -115,7 +170,6 @@ class JudgedUnit:
         causes: Its own causes and faults.
         uncertain: Parameters that its logs do not tell well enough.
         errors: What kept its logs from being used.
-        estimate: Its parameters, partially pooled with the fleet's; None where no log could be used.
     """
 
     unit: str
@@ -126,7 +180,6 @@ class JudgedUnit:
     causes: tuple[UnitCause, ...] = ()
     uncertain: tuple[str, ...] = ()
     errors: tuple[str, ...] = ()
-    estimate: UnitEstimate | None = field(default=None, repr=False)
 
     __repr__ = brief
 
@@ -142,9 +195,9 @@ class Fleet:
         logs: Number of logs, and `failed` of these without a result.
         failed: See there.
         units: Those that fail first, then those to test again, then those that pass.
-        population: The parameters over the fleet that units are judged against.
-        parameter_units: Parameter → its SI unit.
-        detectable: Parameter → offset that the median unit's logs show in one of two cases.
+        population: The parameters over the fleet that units are judged against, see `Comparison`, each with its SI
+            `unit` and the offset `detectable` that the median unit's logs show in one of two cases.
+        estimates: The units' parameters, partially pooled with the fleet's.
         causes: Named causes of these units, the most common first.
         is_dated: Whether times are dates, s since 1970; else in the manifest's own unit.
         table: One row per log: serial, time, error, parameters with deviations, accuracy, verdict, findings.
@@ -156,9 +209,8 @@ class Fleet:
     logs: int
     failed: int
     units: tuple[JudgedUnit, ...]
-    population: tuple[FleetParameter, ...]
-    parameter_units: Mapping[str, str] = field(repr=False)
-    detectable: Mapping[str, float] = field(repr=False)
+    population: DataFrame = field(repr=False)
+    estimates: DataFrame = field(repr=False)
     causes: tuple[FleetCause, ...]
     is_dated: bool = field(repr=False)
     table: DataFrame = field(repr=False)
@@ -185,17 +237,13 @@ class Fleet:
         """Return what JSON holds; null for what is unknown."""
         units = [asdict(one) for one in self.units]
         for told, one in zip(units, self.units):
-            del told["estimate"]
             for own, deviation in zip(told["deviations"], one.deviations):
                 own |= {"score": deviation.score, "since": self.since(deviation)}
         return {
             "schema": 1,
             **{name: getattr(self, name) for name in ("rig", "payload", "reference", "logs", "failed", "counts")},
             "units": units,
-            "population": [
-                {**asdict(own), "unit": self.parameter_units[own.name], "detectable": self.detectable[own.name]}
-                for own in self.population
-            ],
+            "population": self.population.rename_axis("name").reset_index().to_dict("records"),
             "causes": [asdict(cause) for cause in self.causes],
         }
 
@@ -203,17 +251,8 @@ class Fleet:
         """Return one row per unit: verdict, reasons, and its parameters, partially pooled with the fleet's."""
         import pandas as pd
 
-        names = [own.name for own in self.population]
-        return pd.DataFrame.from_records(
-            {
-                "unit": one.unit,
-                "verdict": str(one.verdict),
-                "reasons": ", ".join(one.reasons),
-                "logs": one.logs,
-                **({} if one.estimate is None else dict(zip(names, one.estimate.values.tolist()))),
-            }
-            for one in self.units
-        )
+        rows = [(one.unit, str(one.verdict), ", ".join(one.reasons), one.logs) for one in self.units]
+        return pd.DataFrame(rows, columns=["unit", "verdict", "reasons", "logs"]).join(self.estimates, on="unit")
 
 
 def compare_fleet(
@@ -285,10 +324,9 @@ def _list_settings(rig: Rig, manifest: Manifest, quick: bool, seed: int) -> dict
 
 def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
     """The identified logs of an earlier fleet; `UsageError` unless it was of the same rig and filter."""
-    files, place = file_system(folder)
     mend = "give what 'gimbal-pin fleet -o' wrote"
     try:
-        earlier = json.loads(files.cat_file(f"{place}/{RUN}"))["settings"]
+        earlier = json.loads(open_folder(folder).cat_file(RUN))["settings"]
         table = read_table(folder)
         known = table[table["error"].isna()].dropna(subset=["serial", "time", "units"])
     except (OSError, ValueError, KeyError, TypeError) as error:
@@ -359,19 +397,15 @@ def _judge_fleet(
         raise DataError(manifest.place, "has fewer than two units whose logs can be used", "record more")
     units = _list_parameters(logs)
     values, stds = (
-        logs.reindex(columns=[f"{kind}.{name}" for name in units]).to_numpy(dtype=float) for kind in ("value", "std")
+        logs.reindex(columns=[f"{kind}.{name}" for name in units]).astype(float).set_axis([*units], axis=1)
+        for kind in ("value", "std")
     )
-    labels, times = logs["label"].tolist(), logs["time"].to_numpy(dtype=float)
-    compared = compare_units(list(units), values, stds, labels, times, reference=of_fleet)
-    is_vague = _find_vague(compared, pd.DataFrame(stds, labels, list(units)), siblings)
-    judged = []
-    for unit, rows in table.groupby("serial", sort=True):
-        uncertain = tuple(is_vague.columns[is_vague.loc[unit]]) if unit in is_vague.index else ()
-        judged.append(_judge_unit(str(unit), rows, compared, uncertain))
+    compared = compare_units(values, stds, logs["label"].tolist(), logs["time"], reference=of_fleet)
+    is_vague = _find_vague(compared, stds.set_axis(logs["label"]), siblings)
+    judged = [_judge_unit(str(unit), rows, compared, is_vague) for unit, rows in table.groupby("serial", sort=True)]
     order = [Verdict.FAIL, Verdict.RETEST, Verdict.PASS]
     judged.sort(key=lambda one: (order.index(one.verdict), min((own.p_value for own in one.deviations), default=1.0)))
     owners, diagnosed = _list_owners(table)
-    detectable = np.median([compared.estimates[unit].detectable for unit in siblings], axis=0)
     return Fleet(
         rig=rig.name,
         payload=rig.payload,
@@ -379,9 +413,8 @@ def _judge_fleet(
         logs=len(table),
         failed=int(table["error"].notna().sum()),
         units=tuple(judged),
-        population=compared.population,
-        parameter_units=units,
-        detectable=dict(zip(units, detectable.tolist())),
+        population=compared.population.assign(unit=units, detectable=compared.detectable.loc[siblings].median()),
+        estimates=compared.values,
         causes=tuple(
             FleetCause(cause, joint, len(having), len(diagnosed))
             for (cause, joint, _), having in sorted(owners.items(), key=lambda one: -len(one[1]))
@@ -391,11 +424,11 @@ def _judge_fleet(
     )
 
 
-def _find_vague(compared: Comparison, stds: DataFrame, siblings: Sequence[str]) -> DataFrame:
+def _find_vague(compared: Comparison, stds: DataFrame, siblings: list[str]) -> DataFrame:
     """Whether a unit's logs, together, tell a parameter worse than `Reason.UNCERTAIN` allows: units by parameters."""
-    spread, repeat = (np.array([getattr(own, kind) for own in compared.population]) for kind in ("spread", "repeat"))
-    errors = (1 / (stds**2 + repeat**2)).groupby(level=0).sum() ** -0.5  # of a unit without any such value infinite
-    return errors > np.hypot(spread, SCATTER * errors.loc[siblings].median())
+    known = compared.population
+    errors = (1 / (stds**2 + known["repeat"] ** 2)).groupby(level=0).sum() ** -0.5  # without any such value infinite
+    return errors > np.hypot(known["spread"], SCATTER * errors.loc[siblings].median())
 
 
 def _find_start(rows: DataFrame, key: Finding) -> str | None:
@@ -405,8 +438,9 @@ def _find_start(rows: DataFrame, key: Finding) -> str | None:
     return str(first["taken"]) if ordered["verdict"][ordered["time"] < first["time"]].notna().any() else None
 
 
-def _judge_unit(unit: str, rows: DataFrame, compared: Comparison, uncertain: tuple[str, ...]) -> JudgedUnit:
+def _judge_unit(unit: str, rows: DataFrame, compared: Comparison, is_vague: DataFrame) -> JudgedUnit:
     """Return a unit's verdict from its logs."""
+    uncertain = tuple(is_vague.columns[is_vague.loc[unit]]) if unit in is_vague.index else ()
     failed, has_error = rows[rows["error"].notna()], rows["error"].notna()
     deviations = tuple(own for own in compared.deviations if own.unit == unit)
     fails = {
@@ -431,5 +465,4 @@ def _judge_unit(unit: str, rows: DataFrame, compared: Comparison, uncertain: tup
         ),
         uncertain,
         tuple(error.replace(log, PurePosixPath(log).name) for log, error in zip(failed["log"], failed["error"])),
-        compared.estimates.get(unit),
     )

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.fleet.engine import check_installed, file_system
+from gimbal_pin.fleet.engine import check_installed, open_folder
 from gimbal_pin.log.io.readers import FORMATS, files_of
 from gimbal_pin.log.mapping import read_mapping
 from gimbal_pin.rig.files import YAML_SUFFIXES, bundled_payloads, bundled_rigs
@@ -23,8 +23,6 @@ from gimbal_pin.rig.reading import check_size, parse_decimal, read_bytes, read_y
 from gimbal_pin.rig.records import bounded_field, read_record
 
 MANIFESTS = ("manifest.yaml", "manifest.yml", "manifest.parquet", "manifest.csv")
-WHOLE = ("rig", "payload", "cutoff")
-"""What a table states in columns though it holds for all of its logs."""
 
 
 @dataclass(frozen=True)
@@ -132,10 +130,10 @@ def read_manifest(folder: str | Path) -> Manifest:
 
 def _list_names(base: str) -> list[str]:
     """Names of a folder's files."""
-    files, root = file_system(base)
+    files = open_folder(base)
     try:
-        if files.isdir(root):
-            return sorted(PurePosixPath(path).name for path in files.ls(root, detail=False))
+        if files.isdir(""):
+            return sorted(PurePosixPath(path).name for path in files.ls("", detail=False))
     except (OSError, ValueError) as error:
         raise UsageError(base, f"cannot be listed ({error})", "give a folder with logs") from error
     raise UsageError(base, "is no folder", "give the one that holds the logs and their manifest")
@@ -151,12 +149,13 @@ def local_copy(path: str) -> Iterator[Path]:
     if "://" not in path:
         yield Path(path)
         return
-    files, place = file_system(path)
+    place, _, name = path.rpartition("/")
+    files = open_folder(place)
     with TemporaryDirectory(prefix="gimbal-pin-") as folder:
-        copy = Path(folder) / PurePosixPath(place).name
+        copy = Path(folder) / name
         try:
-            check_size(path, files.size(place) or 0, LogError)
-            files.get_file(place, str(copy))
+            check_size(path, files.size(name) or 0, LogError)
+            files.get_file(name, str(copy))
         except (OSError, ValueError) as error:
             raise LogError(path, f"cannot be read ({error})", "give the URL of a file") from error
         yield copy
@@ -169,27 +168,22 @@ def _read_tables(path: Path, place: str) -> Any:
 
     if path.suffix in YAML_SUFFIXES:
         return read_yaml(path)
-    content, is_csv = read_bytes(path, UsageError), path.suffix == ".csv"
+    content, kind = read_bytes(path, UsageError), "CSV in UTF-8" if path.suffix == ".csv" else "Parquet"
     try:
-        if is_csv:
+        if path.suffix == ".csv":
             rows = list(csv.DictReader(io.StringIO(content.decode("utf-8-sig")), restkey="?"))
         else:
             rows = pyarrow.parquet.read_table(pyarrow.BufferReader(content)).to_pylist()
     except (csv.Error, pyarrow.ArrowException, OSError, ValueError) as error:
-        raise UsageError(
-            place, f"is not {'CSV in UTF-8' if is_csv else 'Parquet'} ({error})", "write it again"
-        ) from error
-    whole: dict[str, Any] = {}
+        raise UsageError(place, f"is not {kind} ({error})", "write it again") from error
+    whole, logs = dict[str, Any](), list[dict[str, Any]]()
     for k, row in enumerate(rows):
-        for key in WHOLE:
-            value = row.pop(key, None)
-            if value not in (None, "") and whole.setdefault(key, value) != value:
+        log = {key: x.isoformat() if isinstance(x, date) else x for key, x in row.items() if x not in (None, "")}
+        for key in {*log} & {"rig", "payload", "cutoff"}:  # a table states in a column what holds for all of its logs
+            if whole.setdefault(key, value := log.pop(key)) != value:
                 what = f"states the {key} {value}, and another log states {whole[key]}"
                 raise UsageError(f"{place}: logs[{k}]", what, "give each a folder of its own: they are no siblings")
-    logs = [
-        {key: x.isoformat() if isinstance(x, date) else x for key, x in row.items() if x not in (None, "")}
-        for row in rows
-    ]
+        logs.append(log)
     return {**whole, "logs": logs}
 
 

@@ -211,11 +211,9 @@ def _list_facts(found: Fleet, unit: JudgedUnit) -> Iterator[tuple[str, str, str,
     """Yield what speaks against a unit: what, its size, how many standard deviations, since when."""
     for own in unit.deviations:
         sign = "+" if own.shift > 0 else ""
-        size = (
-            f"{sign}{' '.join(interval(own.shift, NORMAL_95 * own.shift_std))} {found.parameter_units[own.parameter]}"
-        )
+        size = " ".join([*interval(own.shift, NORMAL_95 * own.shift_std), found.population["unit"][own.parameter]])
         since = found.since(own) or ("drifts" if own.kind is DeviationKind.DRIFT else "first log")
-        yield own.parameter, size, f"{sign}{figures(own.score, 2)}", since
+        yield own.parameter, f"{sign}{size}", f"{sign}{figures(own.score, 2)}", since
     yield from ((str(own), DASH, DASH, own.since or "first log") for own in unit.causes)
     yield from ((error, DASH, DASH, DASH) for error in unit.errors)
     if unit.uncertain:
@@ -238,11 +236,10 @@ def _tabulate_units(found: Fleet) -> Table:
 def _tabulate_population(found: Fleet) -> Table:
     """The parameters over the fleet that units are judged against."""
     rows, has_repeats = [], found.reference or any(unit.logs > 1 for unit in found.units)
-    for own in found.population:
-        repeat = own.repeat if has_repeats else None
-        spreads = (figures(x, 2) for x in (own.spread, own.p_value, repeat, found.detectable[own.name]))
+    for own in found.population.itertuples():
+        repeat, middle = own.repeat if has_repeats else None, interval(own.mean, NORMAL_95 * own.mean_std)
         rows.append(
-            (own.name, found.parameter_units[own.name], *interval(own.mean, NORMAL_95 * own.mean_std), *spreads)
+            (own.Index, own.unit, *middle, *(figures(x, 2) for x in (own.spread, own.p_value, repeat, own.detectable)))
         )
     heads = ["Parameter", "Unit", "Mean", "± 95 %", "Between units", "p, all alike", "Between logs", "Shown from"]
     caption = "Parameters of the reference fleet" if found.reference else "Parameters over the fleet"
@@ -253,9 +250,9 @@ def _draw_units(found: Fleet) -> Figure:
     """Draw every log's parameters about the fleet's means; those of units that deviate in them are named."""
     figure, ((axes,),) = plots.panels(1, 1, 0.75 + 0.3 * len(found.population), left=2.6, top=0.1)
     used = found.table[found.table["error"].isna()]
-    for row, own in enumerate(found.population):
-        off = (used[f"value.{own.name}"].astype(float) - own.mean) / found.detectable[own.name]
-        odd = sorted(unit.unit for unit in found.units if any(one.parameter == own.name for one in unit.deviations))
+    for row, own in enumerate(found.population.itertuples()):
+        off = (used[f"value.{own.Index}"].astype(float) - own.mean) / own.detectable
+        odd = sorted(unit.unit for unit in found.units if any(one.parameter == own.Index for one in unit.deviations))
         plain = (off.notna() & ~used["serial"].isin(odd)).to_numpy()
         places = row + 0.12 * (np.arange(len(off)) % 5 - 2)
         plots.dots(axes, np.clip(off.to_numpy()[plain], -OUTSIDE, OUTSIDE), places[plain], PALETTE[0])
@@ -271,7 +268,7 @@ def _draw_units(found: Fleet) -> Figure:
             axes.annotate(text, (farthest, row), beside, textcoords="offset points", ha=side, fontsize=8)
     for x in (-1, 1):
         axes.axvline(x, color=plots.INK, lw=1.0, ls="--")
-    axes.set_yticks(range(len(found.population)), [shortened(own.name, 36) for own in found.population])
+    axes.set_yticks(range(len(found.population)), [shortened(name, 36) for name in found.population.index])
     axes.set_ylim(len(found.population) - 0.4, -0.6)
     axes.set_xlim(-OUTSIDE, OUTSIDE)
     whose = "reference fleet" if found.reference else "fleet"
@@ -284,13 +281,12 @@ def _draw_changes(found: Fleet, changes: Sequence[Deviation]) -> Figure:
     from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
     figure, panels = _make_panels(len(changes), top=0.35)
-    means = {own.name: own.mean for own in found.population}
     for panel, own in zip(panels, changes):
         mine = found.table[(found.table["serial"] == own.unit) & found.table["error"].isna()].sort_values("time")
         times, values, std = (
             mine[name].astype(float) for name in ("time", f"value.{own.parameter}", f"std.{own.parameter}")
         )
-        mean, half = means[own.parameter], found.detectable[own.parameter]
+        mean, half = found.population.loc[own.parameter, ["mean", "detectable"]]
         panel.axhspan(mean - half, mean + half, color=plots.PLAIN, alpha=0.2)
         panel.axhline(mean, color=plots.PLAIN, lw=1.0)
         x = times.astype("datetime64[s]") if found.is_dated else times
@@ -300,5 +296,5 @@ def _draw_changes(found: Fleet, changes: Sequence[Deviation]) -> Figure:
             panel.xaxis.set_major_locator(locator)
             panel.xaxis.set_major_formatter(ConciseDateFormatter(locator))
         panel.set_title(shortened(f"{own.unit}: {own.parameter}", 44))
-        panel.set_ylabel(found.parameter_units[own.parameter])
+        panel.set_ylabel(found.population["unit"][own.parameter])
     return figure

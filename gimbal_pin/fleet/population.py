@@ -13,11 +13,11 @@ freedom are Satterthwaite's (as in lmerTest, Kuznetsova et al. 2017), so that a 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from scipy.special import chdtrc, stdtr, stdtrit
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 FOLDS = 10
 """Units are judged by a fit without a tenth of the fleet that they are in; in fleets of ten or fewer, without them."""
@@ -47,28 +50,6 @@ class DeviationKind(str, Enum):
     """From a later log on."""
     DRIFT = "drift"
     """In proportion to time, from its first log to its last."""
-
-
-@dataclass(frozen=True)
-class FleetParameter:
-    """A parameter over the fleet.
-
-    Attributes:
-        name: Its name.
-        mean: μ, and `mean_std` its standard deviation.
-        mean_std: See there.
-        spread: τ, standard deviation between units.
-        repeat: ρ, standard deviation between one unit's logs beyond their errors; 0 where no unit has two logs, as it
-            then is part of the spread.
-        p_value: Chance of such a likelihood ratio if all units were alike (τ = 0).
-    """
-
-    name: str
-    mean: float
-    mean_std: float
-    spread: float
-    repeat: float
-    p_value: float
 
 
 @dataclass(frozen=True)
@@ -101,29 +82,24 @@ class Deviation:
 
 
 @dataclass(frozen=True, eq=False)
-class UnitEstimate:
-    """A unit's parameters, (P,).
+class Comparison:
+    """Units of a fleet beside each other.
 
     Attributes:
-        unit: The unit.
-        values: Partially pooled: the posterior mean with the fleet as the prior. Where it deviates, its own logs' mean
-            since then.
-        stds: Standard deviation of these.
-        detectable: Offset that its logs show in one of two cases.
+        population: A row per parameter: `mean` μ and its deviation `mean_std`; `spread` τ, standard deviation between
+            units; `repeat` ρ, between one unit's logs beyond their errors, 0 where no unit has two logs, as it then is
+            part of the spread; `p_value`, chance of such a likelihood ratio if all units were alike (τ = 0).
+        values: A row per unit, its parameters partially pooled: the posterior mean with the fleet as the prior. Where
+            it deviates, its own logs' mean since then.
+        stds: Standard deviations of these.
+        detectable: Offsets that the unit's logs show in one of two cases.
+        deviations: The least probable first.
     """
 
-    unit: str
-    values: Array
-    stds: Array
-    detectable: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """Units of a fleet beside each other; `estimates` by unit, `deviations` with the least probable first."""
-
-    population: tuple[FleetParameter, ...]
-    estimates: Mapping[str, UnitEstimate]
+    population: DataFrame
+    values: DataFrame
+    stds: DataFrame
+    detectable: DataFrame
     deviations: tuple[Deviation, ...]
 
 
@@ -158,6 +134,13 @@ class _Tests(NamedTuple):
     p_value: Array
     limit: Array
 
+    @property
+    def best(self) -> NDArray[np.intp]:
+        """Place of the direction that fits best, of those that are significant where one is, (P,)."""
+        is_significant = np.abs(self.size) > self.limit * self.std
+        gain = np.where(is_significant | ~is_significant.any(axis=1, keepdims=True), np.nan_to_num(self.gain), -1.0)
+        return np.asarray(gain.argmax(axis=1))
+
 
 class _Logs(NamedTuple):
     """Logs in the order of units and times, every parameter about its median and in units of its scatter.
@@ -190,9 +173,8 @@ class _Logs(NamedTuple):
 
 
 def compare_units(
-    names: Sequence[str],
-    values: Array,
-    stds: Array,
+    values: DataFrame,
+    stds: DataFrame,
     units: Sequence[str],
     times: Array,
     *,
@@ -202,9 +184,8 @@ def compare_units(
     """Fit the fleet's hierarchical model, and test every unit against the others.
 
     Args:
-        names: Names of the parameters, (P,).
-        values: What each log says, (L, P); NaN where it says nothing.
-        stds: Standard deviations of these, (L, P).
+        values: What each log says of each parameter, logs by parameters (L, P); NaN where it says nothing.
+        stds: Standard deviations of these.
         units: Which unit each log is of, (L,).
         times: When each log was taken, (L,), in any unit.
         false_alarms: Share of units like the others that may be called deviating.
@@ -213,8 +194,10 @@ def compare_units(
     Raises:
         UsageError: The fleet has fewer than two units.
     """
-    logs = _arrange(np.asarray(values, float), np.asarray(stds, float), units, np.asarray(times, float), reference)
-    directions = [_directions(logs.when[rows]) for rows in logs.rows]
+    import pandas as pd
+
+    logs = _arrange(values.to_numpy(float), stds.to_numpy(float), units, np.asarray(times, float), reference)
+    names, directions = list(values), [_directions(logs.when[rows]) for rows in logs.rows]
     deviates = np.zeros((len(logs.labels), len(names)), bool)
     fits = dict.fromkeys(logs.fold.tolist(), _start_fit(logs, logs.select_rows(deviates, -1)))
     for turn in range(ROUNDS):
@@ -227,16 +210,16 @@ def compare_units(
             break
         fits = {fold: _fit(logs, logs.select_rows(deviates, fold)) for fold in fits}
     whole = _fit(logs, logs.select_rows(deviates, -1))
-    estimates = {
-        unit: _estimate_unit(logs, u, own, fits[int(logs.fold[u])], deviates[u])
-        for u, (unit, own) in enumerate(zip(logs.labels, tests))
-    }
-    deviations = [
-        _describe_deviation(logs, u, p, names[p], tests[u])
-        for u, p in zip(*(places.tolist() for places in np.nonzero(deviates)))
-    ]
-    deviations.sort(key=lambda own: (own.p_value, -abs(own.score)))
-    return Comparison(_describe_population(names, logs, whole), estimates, tuple(deviations))
+    mean_std, spread, repeat = (logs.scale * np.sqrt(own) for own in (whole.mean_var, whole.spread, whole.repeat))
+    # A variance at its bound under the hypothesis: half of the time the ratio is 0 (Self and Liang 1987).
+    p_value = np.where(whole.ratio > 0, 0.5 * chdtrc(1, whole.ratio), 1.0)
+    columns = {"mean": logs.middle + logs.scale * whole.mean, "mean_std": mean_std, "spread": spread, "repeat": repeat}
+    each_unit = zip(logs.rows, tests, logs.fold.tolist(), deviates)
+    pooled = [_pool_unit(logs, rows, own, fits[fold], off) for rows, own, fold, off in each_unit]
+    estimates, errors, shown = (pd.DataFrame(np.array(own), logs.labels, names) for own in zip(*pooled))
+    found = [_describe_deviation(logs, u, p, names[p], tests[u]) for u, p in np.argwhere(deviates).tolist()]
+    deviations = tuple(sorted(found, key=lambda own: (own.p_value, -abs(own.score))))
+    return Comparison(pd.DataFrame({**columns, "p_value": p_value}, names), estimates, errors, shown, deviations)
 
 
 def _arrange(y: Array, stds: Array, units: Sequence[str], times: Array, reference: Sequence[str] | None) -> _Logs:
@@ -269,43 +252,26 @@ def _directions(when: Array) -> Array:
     return np.vstack([steps, (when - when[0]) / (when[-1] - when[0])])
 
 
-def _describe_population(names: Sequence[str], logs: _Logs, fit: _Fit) -> tuple[FleetParameter, ...]:
-    """Return the fleet's parameters in their own units."""
-    stds = (logs.scale * np.sqrt(own) for own in (fit.mean_var, fit.spread, fit.repeat))
-    # A variance at its bound under the hypothesis: half of the time the ratio is 0 (Self and Liang 1987).
-    p_values = np.where(fit.ratio > 0, 0.5 * chdtrc(1, fit.ratio), 1.0)
-    columns = zip(*(own.tolist() for own in (logs.middle + logs.scale * fit.mean, *stds, p_values)))
-    return tuple(FleetParameter(name, *own) for name, own in zip(names, columns))
-
-
 def _describe_deviation(logs: _Logs, u: int, p: int, name: str, tests: _Tests) -> Deviation:
     """Return a unit's deviation in one parameter."""
-    k, when = int(_choose_direction(tests)[p]), logs.when[logs.rows[u]]
+    k, when = int(tests.best[p]), logs.when[logs.rows[u]]
     kind = DeviationKind.DRIFT if k == len(when) else DeviationKind.STEP if k else DeviationKind.OFFSET
     size, std = (float(logs.scale[p] * own[p, k]) for own in (tests.size, tests.std))
     since = float(when[k if kind is DeviationKind.STEP else 0])
     return Deviation(logs.labels[u], name, kind, size, std, float(tests.p_value[p, k]), since)
 
 
-def _choose_direction(tests: _Tests) -> NDArray[np.intp]:
-    """Place of the direction that fits best, of those that are significant where one is, (P,)."""
-    is_significant = np.abs(tests.size) > tests.limit * tests.std
-    gain = np.where(is_significant | ~is_significant.any(axis=1, keepdims=True), np.nan_to_num(tests.gain), -1.0)
-    return np.asarray(gain.argmax(axis=1))
-
-
-def _estimate_unit(logs: _Logs, u: int, tests: _Tests, fit: _Fit, deviates: NDArray[np.bool_]) -> UnitEstimate:
-    """Return a unit's posterior means, the fleet the prior of parameters that do not deviate."""
-    y, variance = logs.y[logs.rows[u]], logs.variance[logs.rows[u]]
-    step = _choose_direction(tests)
+def _pool_unit(logs: _Logs, rows: slice, tests: _Tests, fit: _Fit, deviates: NDArray[np.bool_]) -> tuple[Array, ...]:
+    """Return a unit's parameters, their deviations and detectable offsets, see `Comparison`, (P,) each."""
+    y, variance, step = logs.y[rows], logs.variance[rows], tests.best
     begin = np.where(deviates & (step < len(y)), step, 0)
     w = np.where(np.arange(len(y))[:, None] >= begin, _weights(variance, fit), 0.0)
     prior = np.where(deviates, 0.0, 1.0 / np.maximum(fit.spread + fit.mean_var, FLOOR))
     with np.errstate(all="ignore"):
         precision = w.sum(axis=0) + prior
         mean = ((w * y).sum(axis=0) + np.where(deviates, 0.0, prior * fit.mean)) / precision
-    detectable = logs.scale * tests.limit[:, 0] * tests.std[:, 0]
-    return UnitEstimate(logs.labels[u], logs.middle + logs.scale * mean, logs.scale * precision**-0.5, detectable)
+    offset = tests.limit[:, 0] * tests.std[:, 0]
+    return logs.middle + logs.scale * mean, logs.scale * precision**-0.5, logs.scale * offset
 
 
 def _weights(variance: Array, fit: _Fit) -> Array:

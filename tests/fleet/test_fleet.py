@@ -19,7 +19,7 @@ from gimbal_pin.dynamics import Model, plant_with
 from gimbal_pin.effects import parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.fleet import DeviationKind, Fleet, Reason, RigDesign, Variation, Vary, Verdict, read_manifest
-from gimbal_pin.fleet.units import LogStudy
+from gimbal_pin.fleet.fleet import LogStudy
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result
 from tests.rigs import chain
@@ -107,10 +107,12 @@ def test_who_is_odd_in_what_and_since_when(fleet: Fleet) -> None:
 
 
 def test_estimates_are_pooled_and_the_population_is_the_plants(fleet: Fleet) -> None:
-    means = {own.name: own for own in fleet.population}
-    assert abs(means["tilt.Fs"].mean - 0.04) < 4 * means["tilt.Fs"].mean_std
+    population = fleet.population
+    assert abs(population["mean"]["tilt.Fs"] - 0.04) < 4 * population["mean_std"]["tilt.Fs"]
     frame = fleet.to_frame().set_index("unit")
-    assert frame.loc["thick", "tilt.Fv"] > 2 * means["tilt.Fv"].mean and np.isnan(frame.loc["broken", "tilt.Fv"])
+    assert frame.loc["thick", "tilt.Fv"] > 2 * population["mean"]["tilt.Fv"] and np.isnan(
+        frame.loc["broken", "tilt.Fv"]
+    )
     like = frame.loc[[f"00{k}" for k in range(8)], "tilt.Fv"]
     own = fleet.table.set_index("serial").loc[like.index, "value.tilt.Fv"]
     assert np.ptp(like) < np.ptp(own)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import binom
 
@@ -21,12 +22,13 @@ def draw_fleet(
     noise = rng.normal(size=own.shape) * np.hypot(error, repeat)
     labels = [f"unit {k:04d}" for k in range(units) for _ in range(logs)]
     times = np.tile(np.arange(logs, dtype=float), units)
-    return {"names": NAMES, "values": own + noise, "stds": np.full(own.shape, error), "units": labels, "times": times}
+    return {"values": own + noise, "stds": np.full(own.shape, error), "units": labels, "times": times}
 
 
 def compare(fleet: dict[str, object], **options: object) -> Comparison:
     """Compare a drawn fleet's units."""
-    return compare_units(**{**fleet, **options})  # type: ignore[arg-type]
+    values, stds = (pd.DataFrame(fleet[key], columns=list(NAMES)) for key in ("values", "stds"))
+    return compare_units(**{**fleet, "values": values, "stds": stds, **options})  # type: ignore[arg-type]
 
 
 def test_balanced_fleets_have_the_variances_of_an_analysis_of_variance() -> None:
@@ -36,9 +38,9 @@ def test_balanced_fleets_have_the_variances_of_an_analysis_of_variance() -> None
     within = values.var(axis=1, ddof=1).mean(axis=0)
     between = values.mean(axis=1).var(axis=0, ddof=1) - within / 4
     population = compare(fleet, false_alarms=1e-9).population
-    np.testing.assert_allclose([own.repeat**2 for own in population], within, rtol=1e-4)
-    np.testing.assert_allclose([own.spread**2 for own in population], between, rtol=1e-4)
-    np.testing.assert_allclose([own.mean for own in population], values.mean(axis=(0, 1)), atol=1e-6)
+    np.testing.assert_allclose(population["repeat"] ** 2, within, rtol=1e-4)
+    np.testing.assert_allclose(population["spread"] ** 2, between, rtol=1e-4)
+    np.testing.assert_allclose(population["mean"], values.mean(axis=(0, 1)), atol=1e-6)
 
 
 def test_neither_units_of_measure_nor_order_matter() -> None:
@@ -48,7 +50,6 @@ def test_neither_units_of_measure_nor_order_matter() -> None:
     scale = 10.0 ** np.arange(-3, 3)
     order = rng.permutation(90)
     other = {
-        "names": NAMES,
         "values": (np.asarray(fleet["values"]) * scale + 5 * scale)[order],
         "stds": (np.asarray(fleet["stds"]) * scale)[order],
         "units": [str(np.asarray(fleet["units"])[k]) for k in order],
@@ -58,9 +59,8 @@ def test_neither_units_of_measure_nor_order_matter() -> None:
     assert [(d.unit, d.parameter, d.kind) for d in one.deviations] == [
         (d.unit, d.parameter, d.kind) for d in two.deviations
     ]
-    for unit, own in one.estimates.items():
-        np.testing.assert_allclose(two.estimates[unit].values / scale - 5, own.values, atol=1e-4)
-        np.testing.assert_allclose(two.estimates[unit].stds, own.stds * scale, rtol=1e-3)
+    np.testing.assert_allclose(two.values / scale - 5, one.values, atol=1e-4)
+    np.testing.assert_allclose(two.stds, one.stds * scale, rtol=1e-3)
 
 
 def test_units_that_are_off_are_found_and_no_others() -> None:
@@ -107,11 +107,10 @@ def test_pooled_estimates_are_nearer_than_a_unit_s_log_and_than_the_fleet_s_mean
     truth = rng.normal(size=(200, len(NAMES)))
     values = truth + rng.normal(size=truth.shape)
     units = [f"unit {k:04d}" for k in range(200)]
-    found = compare_units(NAMES, values, np.ones(truth.shape), units, np.zeros(200))
-    pooled = np.array([found.estimates[unit].values for unit in units])
-    stds = np.array([found.estimates[unit].stds for unit in units])
-    assert np.std(pooled - truth) == pytest.approx(0.5**0.5, rel=0.1), "half of each variance is left"
-    assert np.std((pooled - truth) / stds) == pytest.approx(1.0, rel=0.1)
+    found = compare({"values": values, "stds": np.ones(truth.shape), "units": units, "times": np.zeros(200)})
+    error = found.values.loc[units].to_numpy() - truth
+    assert np.std(error) == pytest.approx(0.5**0.5, rel=0.1), "half of each variance is left"
+    assert np.std(error / found.stds.loc[units].to_numpy()) == pytest.approx(1.0, rel=0.1)
 
 
 def test_a_batch_that_is_wrong_as_a_whole_is_shown_by_the_fleet_before_it() -> None:
@@ -130,9 +129,8 @@ def test_unknown_values_accuse_nobody_and_hide_nothing() -> None:
     values[3], values[5:, 5] = np.nan, np.nan
     found = compare(fleet)
     assert [(own.unit, own.parameter) for own in found.deviations] == [("unit 0007", NAMES[0])]
-    own = found.estimates["unit 0003"]
-    np.testing.assert_allclose(own.values[:5], [p.mean for p in found.population[:5]], atol=0.3)
-    assert (own.stds[:5] > 0.5).all()
+    np.testing.assert_allclose(found.values.loc["unit 0003"][:5], found.population["mean"][:5], atol=0.3)
+    assert (found.stds.loc["unit 0003"][:5] > 0.5).all()
 
 
 def test_a_single_unit_has_nothing_to_be_compared_with() -> None:
@@ -145,12 +143,12 @@ def test_what_exceeds_any_spread_is_found_though_the_spread_is_within_the_errors
     units = [f"unit {k:02d}" for k in range(11)] + ["worn"] * 4
     values, times = rng.normal(size=(15, len(NAMES))), np.concatenate([np.zeros(11), np.arange(4.0)])
     values[11:, 0] += np.array([0.0, 40.0, 80.0, 120.0])
-    found = compare_units(NAMES, values, np.ones(values.shape), units, times)
+    found = compare({"values": values, "stds": np.ones(values.shape), "units": units, "times": times})
     assert [(own.unit, own.parameter, own.kind) for own in found.deviations] == [
         ("worn", NAMES[0], DeviationKind.DRIFT)
     ]
     values[11:, 0] = 100.0
-    found = compare_units(NAMES, values, np.ones(values.shape), units, times)
+    found = compare({"values": values, "stds": np.ones(values.shape), "units": units, "times": times})
     assert [(own.unit, own.parameter, own.kind) for own in found.deviations] == [
         ("worn", NAMES[0], DeviationKind.OFFSET)
     ]
@@ -162,7 +160,8 @@ def test_two_odd_units_do_not_hide_each_other(repeats: int) -> None:
     values = np.random.default_rng(10).normal(scale=1e-4, size=(len(units), len(NAMES)))
     values[units.index("unit 7"), 0] += 2.5e-3
     values[-1, 0] += 6e-3
-    found = compare_units(NAMES, values, np.full(values.shape, 3e-6), units, np.arange(float(len(units))))
+    times = np.arange(float(len(units)))
+    found = compare({"values": values, "stds": np.full(values.shape, 3e-6), "units": units, "times": times})
     assert {(own.unit, own.kind) for own in found.deviations} == {
         ("unit 7", DeviationKind.OFFSET),
         ("changed", DeviationKind.STEP),
