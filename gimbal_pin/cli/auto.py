@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from tyro.conf import OmitArgPrefixes
+from tyro.conf import OmitArgPrefixes, arg
 
 from gimbal_pin.cli import options as opt
+from gimbal_pin.cli.cameras import read_known_gimbal
 from gimbal_pin.cli.inputs import choose_filter, describe_run, load_logs
+from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import play, present, tell
 from gimbal_pin.report import text
 
@@ -19,6 +21,7 @@ def auto(
     *,
     payload: opt.Payload = None,
     mass: opt.Mass = None,
+    known: Annotated[opt.Maybe[str], Reads(), arg(metavar="MODEL")] = None,
     map: opt.Map = (),
     cutoff: opt.Cutoff = None,
     alignment: opt.Alignment = None,
@@ -31,7 +34,11 @@ def auto(
     verbose: opt.Verbose = False,
     json: opt.Json = None,
 ) -> None:
-    """All of it: identify, diagnose, extend the model, tune, verify, report and animation."""
+    """All of it: identify, diagnose, extend the model, tune, verify, report and animation.
+
+    Args:
+        known: a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do
+    """
     asked = describe_run("auto", locals())
     import numpy as np
 
@@ -40,11 +47,12 @@ def auto(
     from gimbal_pin.regression import Method
     from gimbal_pin.report.pipeline import auto as run
 
-    loaded, read = load_logs(rig, payload, logs, map, moving=True)
+    loaded, read = load_logs(rig, payload, logs, map, moving=known is None)
+    first = None if known is None else read_known_gimbal(rig, payload, logs, known)
     wish = gains.to_wish(find_interval(log.dt for log in read))
     found = run(
         loaded, read, output, rng=np.random.default_rng(seed), estimator=ESTIMATORS[Method(estimator)], holdout=holdout,
-        filtering=choose_filter(cutoff, alignment), wish=wish, run=asked, mass=mass, plants=plants,
+        filtering=choose_filter(cutoff, alignment), wish=wish, run=asked, mass=mass, plants=plants, known=first,
     )  # fmt: skip
     tell(found.notes)
     present(text.auto(found, verbose), found.to_dict(), json)

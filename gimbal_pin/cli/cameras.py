@@ -10,6 +10,7 @@ from gimbal_pin.cli.inputs import load_logs, load_rig, read_payload
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
+    from gimbal_pin.dynamics.model import Model
     from gimbal_pin.effects import Effect
     from gimbal_pin.identification import Several
 
@@ -19,6 +20,13 @@ def list_tags(logs: Sequence[str]) -> list[str | None]:
     from gimbal_pin.log.io import split_payload
 
     return list(dict.fromkeys(split_payload(log)[1] for log in logs))
+
+
+def read_known_gimbal(rig: str, payload: str | None, logs: Sequence[str], known: str) -> Model:
+    """Return what a model's YAML knows of a gimbal, with the camera that it was made with; others as `read_cameras`."""
+    from gimbal_pin.identification import read_known
+
+    return read_known(known, load_rig(rig, read_payload(known, payload, *list_tags(logs))))
 
 
 def read_cameras(
@@ -34,12 +42,11 @@ def read_cameras(
         known: A model's YAML of the gimbal with another camera.
         extended: One whose causes stand in the equations.
     """
-    from gimbal_pin.identification import identify_new, identify_several, read_known, read_model, refittable_effects
+    from gimbal_pin.identification import identify_new, identify_several, read_model, refittable_effects
 
     if known is not None:
         loaded, read = load_logs(rig, payload, logs, mapping)
-        first = load_rig(rig, read_payload(known, payload, *list_tags(logs)))
-        return partial(identify_new, loaded, read, read_known(known, first))
+        return partial(identify_new, loaded, read, read_known_gimbal(rig, payload, logs, known))
     tags = [tag for tag in list_tags(logs) if tag is not None]
     if payload is not None or None in list_tags(logs):
         raise UsageError("logs", "are only partly tagged with a payload", "tag each of them: LOG@PAYLOAD, no --payload")

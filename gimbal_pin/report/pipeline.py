@@ -18,16 +18,18 @@ from gimbal_pin.control.tuning import Law, Tuning, pair_rivals, tune, write_cont
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
 from gimbal_pin.diagnosis.file import list_writers
-from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.dynamics.model import Model, build_rotor_terms, nominal
 from gimbal_pin.dynamics.simulation import plant_with, simulate
-from gimbal_pin.effects import RigEffect, Signal, Term
+from gimbal_pin.effects import RigEffect, Signal, Term, TorqueTable
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.errors import DataError, UsageError
 from gimbal_pin.identification import (
     Identified,
     PayloadStatement,
+    Several,
     compare_payload,
     identify,
+    identify_new,
     refittable_effects,
     report_with_payload,
 )
@@ -88,6 +90,7 @@ class Auto:
         undiagnosed: Why there is no diagnosis, or nothing.
         notes: What `write_run` says of files of an earlier run.
         beside: The identification with the causes that were found in the equations; None where there are none.
+        camera: The new camera on a known gimbal, whose model `identified` is; None where no gimbal was known.
         seed: Repeats it as `rng`; None where a generator was given.
     """
 
@@ -107,6 +110,7 @@ class Auto:
     undiagnosed: str = ""
     notes: tuple[str, ...] = ()
     beside: Identified | None = None
+    camera: Several | None = None
     seed: int | None = None
 
     __repr__ = brief
@@ -116,11 +120,15 @@ class Auto:
         """What the camera was held on, in words."""
         return TRUE_PLANT if self.plant == TRUE_PLANT else DRAWN_PLANT
 
+    def _report_identified(self) -> dict[str, Any]:
+        """Return what `identify --json` writes."""
+        return report_with_payload(self.identified, self.payload) if self.camera is None else self.camera.to_dict()
+
     def to_dict(self) -> dict[str, Any]:
         """Return the verbs' JSON side by side."""
         return {
             "schema": 1,
-            "identify": report_with_payload(self.identified, self.payload),
+            "identify": self._report_identified(),
             "diagnose": None if self.diagnosis is None else self.diagnosis.to_dict(),
             "tune": {**self.tuning.to_dict(), "judged": self.judged.to_dict()},
             "track": {**self.tracking.to_dict(), **({} if self.held is None else self.held.to_dict())},
@@ -144,10 +152,12 @@ def auto(
     run: Mapping[str, object] | None = None,
     mass: float | None = None,
     plants: int = 50,
+    known: Model | None = None,
 ) -> Auto:
     """Identify, diagnose, tune, verify, and write models, URDF, controller, report and animation into `folder`.
 
-    Controllers are made for what was found: where the diagnosis finds causes, for the extended model.
+    Controllers are made for what was found: where the diagnosis finds causes that the identified model lacks, for the
+    extended model.
 
     Args:
         rig: The rig.
@@ -163,15 +173,21 @@ def auto(
         run: What the folder's ``run.json`` says of the run, see `write_run`.
         mass: Of the payload, kg, where it was weighed.
         plants: On how many perturbed plants the controller is judged.
+        known: A model of this gimbal with another camera: only the new camera is estimated, see `identify_new`.
 
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
     """
     logs = [log.ordered(rig) for log in logs]
-    identified = identify(rig, logs, estimator=estimator, holdout=holdout, filtering=filtering, examined="noisy")
+    fit = partial(identify, rig, logs, estimator=estimator, holdout=holdout, filtering=filtering)
+    camera = None
+    if known is not None:
+        camera = identify_new(rig, logs, known, estimator=estimator, holdout=holdout, filtering=filtering)
+        camera = replace(camera, mass=mass)
+    identified = fit(examined="noisy") if camera is None else camera.first
     generator, seed = make_generator(rng)
     wrong, undiagnosed = examined(rig, logs, generator, holdout, mass)
-    extended = wrong is not None and wrong.is_extended
+    extended = wrong is not None and finds_more(wrong, known)
     model = wrong.after if wrong is not None and extended else identified.model
     asked = wish or Wish.sampled(find_interval(log.dt for log in logs))
     first, late = tune(model, **vars(asked)), asked.samples
@@ -182,13 +198,28 @@ def auto(
     held, why = (None, BARRED) if first.doubts else carried(rig, logs[0], model, law, plant, asked.holding_samples)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, Path(folder), wrong, held)
-    causes = refittable_effects(model)
-    beside = identify(rig, logs, causes, estimator=estimator, holdout=holdout, filtering=filtering) if causes else None
+    causes = refittable_effects(model) if extended else ()
+    beside = fit(causes) if causes else None
     steps = identified, wrong, model, first, tracking, judged, animated
     payload = compare_payload(identified, mass) if wrong is None else wrong.given
+    if camera is not None and (wrong is None or not wrong.spoiling):
+        (payload,) = camera.payloads.values()
     head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed, judged, payload)
-    found = Auto(*steps, files, stood, head, payload, held, why, undiagnosed, beside=beside, seed=seed)
+    if camera is not None:
+        head = replace(head, doubts=(*(f"{said[:1].upper()}{said[1:]}." for said in identified.faults), *head.doubts))
+    found = Auto(*steps, files, stood, head, payload, held, why, undiagnosed, beside=beside, camera=camera, seed=seed)
     return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
+
+
+def finds_more(wrong: Diagnosis, known: Model | None) -> bool:
+    """Whether a diagnosis finds a cause, or a table of what none explains, that a known model has not already."""
+    if known is None:
+        return wrong.is_extended
+    stated = build_rotor_terms(known.rig)
+    causes = (*(term.effect for term in known.terms if term not in stated), *known.changes)
+    found = {(finding.cause, finding.joint or "rig") for finding in wrong.lacking}
+    found |= {(TorqueTable.name, joint) for joint, left in wrong.residual.items() if left.curve}
+    return not found <= {(cause.name, cause.place) for cause in causes}
 
 
 def examined(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gimbal_pin.control import bench_run, tune
+from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import Cogging, PayloadShift, parse_effect
 from gimbal_pin.errors import ModelError, UsageError
@@ -306,6 +307,32 @@ def test_a_swap_keeps_the_causes_that_were_found_with_the_first_camera(run: Run,
         assert abs(moment["value"] - true) < 4 * moment["std"]
     assert result(run, "identify", "turret", second, *exact, "--known", tmp_path / "new.yaml")["payloads"]
     refused(run("identify", "turret", second, "--known", extended, "--extended", extended), 2, "as --known")
+
+
+def test_auto_with_a_known_gimbal_says_what_identify_says(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The camera and its place are as `identify --known` has them; what was known counts as found, and is kept."""
+    from gimbal_pin.identification import write_extended
+
+    monkeypatch.setattr("gimbal_pin.report.pipeline.diagnose", partial(diagnose, causes={"cogging": Cogging}))
+    teeth = "cogging:tilt:amplitude=0.1,harmonic=7"
+    for k, payload in enumerate(("mirrorless", "cinema")):
+        plant = plant_with(nominal(rig := Rig.load("turret", payload)), [parse_effect(teeth, rig)]).plant
+        write_log(prescribed(plant, k, 12.0, torque_noise=0.01, dt=4e-3), tmp_path / f"{payload}.csv")
+    rig, known, out = Rig.load("turret", "mirrorless"), tmp_path / "known.yaml", tmp_path / "out"
+    log = read_log(tmp_path / "mirrorless.csv", rig)
+    write_extended(identify(rig, [log], [Cogging("tilt", (7.0,))], filtering=ALIGNED).model, known)
+    call = ("turret", f"{tmp_path}/cinema.csv@cinema", "--known", known, "--mass", "8.5", "--alignment", "0")
+    found = result(run, "auto", *call, "-o", out, "--plants", "2")
+    alone = result(run, "identify", *call)
+    assert found["identify"] == alone
+    assert [one["cause"] for one in found["diagnose"]["findings"]] == ["cogging"]
+    assert "cogging" in (out / "controller.yaml").read_text()
+    assert "8.50 kg as weighed" in (out / "report.html").read_text()
+    code, said, _ = run("auto", *call, "-o", out, "--plants", "2")
+    assert code == 0 and len(said.splitlines()) <= 15
+    assert next(iter(alone["payloads"].values()))["given_model"]["camera"]["sentence"] in said
 
 
 def test_an_inertia_under_zero_is_known_all_the_same(tmp_path: Path) -> None:
