@@ -40,14 +40,14 @@ class Foreknowledge(Forecast):
 
     platform: Platform | None = None
 
-    def ahead(self, past: Past) -> tuple[Carried, ...]:
+    def ahead(self, past: Past) -> list[Carried]:
         """Return the mean of the motion over the hold of each lead (Simpson's rule)."""
         assert self.platform is not None
         true, t = [], (past.samples - 1) * self.dt
         for lead in self.leads:
             now = self.platform.at(np.clip(t + lead + self.dt / 2 * np.arange(-1, 2), 0.0, self.platform.t[-1]))
             true.append(Carried(*(np.array([1, 4, 1]) / 6 @ x for x in (now.f, now.w, now.dw))))
-        return tuple(true)
+        return true
 
 
 def foretell(recipe: Recipe, platform: Platform) -> Pointer:
