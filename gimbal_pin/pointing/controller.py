@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.sight import Sight, unable
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.reading import LARGEST_TEXT, read_bytes
-from gimbal_pin.rig.records import bounded_field, prefix_place, read_record
+from gimbal_pin.rig.records import bounded_field, convert_value, prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
 
 DT = 0.001
@@ -62,13 +63,17 @@ class Controller:
         Raises:
             UsageError: The rig cannot hold its camera so.
         """
-        if reason := unable(recipe.model.rig, recipe.wanted):
-            raise UsageError(f"rig {recipe.model.rig.name}", f"cannot hold its camera: {reason}", "change that")
+        rig = recipe.model.rig
+        convert_value(int, recipe.delay, "delay", UsageError, (0, 50))
+        rotation(recipe.wanted, "wanted", UsageError)
+        if reason := unable(rig, recipe.wanted):
+            raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", "change that")
         made = recipe.pointer()
         self.pointer = replace(made, navigator=replace(made.navigator, level=Level(made.dt)))
         self.recipe, self.keeps = recipe, keeps
         self.memory: Held | None = None
         zero, links = np.zeros(3), len(self.pointer.navigator.sight.moved)
+        self.shapes = ((rig.n,), (3,), (3,), (3,), (3 * links,))
         for k in range(WARM_UP):
             self.step(Measurement(k * self.dt, recipe.looking, zero, zero, UPRIGHT, np.zeros(3 * links)))
         self.memory = None
@@ -111,8 +116,12 @@ class Controller:
             measurement: The first one.
             platform: Attitude of the base link in the world, (3, 3); None: heading zero, level by its accelerometer:
                 by one sample at first, and then by the mean of all in the gyros' world, see `Level`.
+
+        Raises:
+            UsageError: As `step` does, or the attitude is no rotation matrix.
         """
-        base = leveled(measurement.f) if platform is None else platform
+        self.check(measurement)
+        base = leveled(measurement.f) if platform is None else rotation(platform, "platform", UsageError)
         q = measurement.q if np.isfinite(measurement.q).all() else np.zeros(len(measurement.q))
         camera = base @ self.pointer.navigator.sight.attitude(q)
         begun, upright = self.pointer.start(measurement, camera, base), Level(self.dt).start(sure=platform is not None)
@@ -135,7 +144,7 @@ class Controller:
             UsageError: There was no measurement yet, or it is no rotation matrix.
         """
         memory, camera, navigator = self.begun(), self.attitude(), self.pointer.navigator
-        goal = camera if wanted is None else rotation(np.ravel(wanted), "wanted", UsageError)
+        goal = camera if wanted is None else rotation(wanted, "wanted", UsageError)
         q = memory.watch.good.q
         known = navigator.aimed(memory.known, q, camera @ navigator.sight.attitude(q).T, goal)
         self.memory = memory._replace(known=known)
@@ -148,10 +157,25 @@ class Controller:
         return self.memory
 
     def step(self, measurement: Measurement) -> Array:
-        """Return the torques for a measurement, N m, (n,); the first one starts the controller."""
+        """Return the torques for a measurement, N m, (n,); the first one starts the controller.
+
+        Raises:
+            UsageError: It is no `Measurement` of a number and arrays of numbers of this rig's sizes.
+        """
+        self.check(measurement)
         memory = self.start(measurement) if self.memory is None else self.memory
         torque, self.memory = self.pointer.torque(measurement, memory)
         return torque
+
+    def check(self, measurement: Measurement) -> None:
+        """Raise `UsageError` unless types and shapes are those of this rig's measurements."""
+        if not isinstance(measurement, Measurement) or not isinstance(measurement.t, Real):
+            raise UsageError("measurement", "is none, or its time no number", "give Measurement(t, q, gyro, w, f)")
+        for name, values, shape in zip(Measurement._fields[1:], measurement[1:], self.shapes):
+            own = values.shape if isinstance(values, np.ndarray) and values.dtype.kind in "fiu" else None
+            if own != shape:
+                what = f"is of the shape {own}" if own else "is no numpy array of numbers"
+                raise UsageError(f"measurement: {name}", what, f"give an array of {shape[0]}")
 
     def save(self, path: str | Path) -> None:
         """Write model, wanted attitude, sensors and the spectrum, that of the flight if there was one, as JSON."""
@@ -178,10 +202,10 @@ class Controller:
 
     @staticmethod
     def load(path: str | Path, rig: Rig) -> Controller:
-        """Read what `save` wrote, for a rig with the same joints.
+        """Read what `save` wrote for this rig with this payload.
 
         Raises:
-            ModelError: It is no such file, or one of other joints.
+            ModelError: It is no such file, or one of another rig, payload or joints.
         """
         place = str(path)
         try:
@@ -190,9 +214,12 @@ class Controller:
             raise ModelError(place, "is no controller's file", "write one with Controller.save") from None
         with prefix_place(place, ModelError):
             stored = read_record(Stored, data, place, ModelError, others=True)
-            if stored.joints != rig.joints:
-                what = f"is for the joints {', '.join(stored.joints)}"
-                raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: learn one for it")
+            if stored.schema != 1:
+                raise ModelError(f"{place}: schema", f"is {stored.schema}", "write it with this version, which reads 1")
+            if (stored.rig, stored.payload, stored.joints) != (rig.name, rig.payload, rig.joints):
+                joints = ", ".join(stored.joints)
+                what = f"is of {stored.rig} with {stored.payload or 'no payload'} and the joints {joints}"
+                raise ModelError(place, what, f"learn one for {rig.title}")
             if len(stored.trusted) not in (0, rig.n):
                 raise ModelError(f"{place}: trusted", "is not one value per joint", "write it with Controller.save")
             sight, wanted = Sight(rig), stored.wanted
@@ -234,6 +261,9 @@ class StoredSpectrum:
 class Stored:
     """What `Controller.save` writes."""
 
+    schema: int
+    rig: str
+    payload: str | None
     joints: tuple[str, ...]
     wanted: tuple[float, ...] | None
     model: Any
@@ -247,7 +277,8 @@ class Stored:
 
 def rotation(entries: Sequence[float] | Array, place: str, error: type[GimbalPinError]) -> Array:
     """Return a rotation matrix from its nine entries; an `error` if they are none."""
-    R = np.array(entries).reshape(3, 3) if len(entries) == 9 else np.zeros((3, 3))
-    if not (np.allclose(R @ R.T, np.eye(3), atol=1e-9) and np.linalg.det(R) > 0):
+    flat = np.ravel(entries)
+    R = flat.reshape(3, 3) if len(flat) == 9 and flat.dtype.kind in "fiu" else np.zeros((3, 3))
+    if not (np.allclose(R @ R.T, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0):
         raise error(place, "is no rotation matrix", "give its nine entries, row by row")
     return R

@@ -148,6 +148,11 @@ def test_a_camera_that_starts_on_one_sample_becomes_level() -> None:
     ("key", "value", "said"),
     [
         ("joints", ["a", "b", "c"], "joints"),
+        ("payload", None, "with no payload"),
+        ("rig", "drone", "is of drone with"),
+        ("schema", 99, "schema: is 99"),
+        ("delay", -1, "delay: is -1"),
+        ("delay", 1.5, "whole number"),
         ("wanted", [1.0] * 9, "rotation"),
         ("trusted", [True], "trusted"),
         ("spectrum", {"rate": [1.0], "force": [1.0, 2.0]}, "as many"),
@@ -166,6 +171,25 @@ def test_a_file_that_is_no_controller_says_what_is_wrong(tmp_path: Path, key: st
     path.write_bytes(b"\x80\x04pickle")
     with pytest.raises(ModelError, match="no controller's file"):
         Controller.load(path, bundled("thesis"))
+
+
+@pytest.mark.parametrize("delay", [-1, 1.5, 51, "one"])
+def test_a_delay_is_a_number_of_samples(delay: Any) -> None:
+    with pytest.raises(UsageError, match="delay: is"):
+        Controller(replace(made().recipe, delay=delay))
+
+
+@pytest.mark.parametrize("field", Measurement._fields)
+@pytest.mark.parametrize("value", [None, "0", [0.0] * 3, np.zeros(2), np.zeros((1, 3)), np.array(["a", "b", "c"])])
+def test_a_measurement_of_another_kind_is_refused(field: str, value: Any) -> None:
+    """By the sentence that names it; what was remembered stays, and numbers of any size go through."""
+    controller, stream = made(), measured(0.003)
+    controller.start(stream[0])
+    before = controller.memory
+    with pytest.raises(UsageError, match="measurement"):
+        controller.step(stream[1]._replace(**{field: value}))
+    assert controller.memory is before
+    controller.step(stream[1]._replace(t=1, q=stream[1].q.astype(np.float32), gyro=np.zeros(3, int)))
 
 
 class Bench:
