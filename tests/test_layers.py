@@ -49,7 +49,7 @@ CEILINGS = {
     "names at the top of more than one module": 223,
     "percent of functions that are one word": 32,
     "upper-case constants": 919,
-    "distinct deep names imported by the tests": 123,
+    "distinct deep names imported by the tests": 121,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

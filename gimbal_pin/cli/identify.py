@@ -19,7 +19,6 @@ from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present, say
 from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
-from gimbal_pin.report import text
 
 if TYPE_CHECKING:
     from gimbal_pin.identification import Identified, WhenTested
@@ -83,6 +82,8 @@ def identify(
     from gimbal_pin.identification import identify as run
     from gimbal_pin.log.io.files import to_json
     from gimbal_pin.regression import TRUST
+    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.sections.model import show_cameras, show_parameters, show_torque
 
     whole = (
         *(("--extended", extended), ("--estimator", estimator != "weighted"), ("--holdout", holdout), ("--bias", bias)),
@@ -108,7 +109,7 @@ def identify(
         several = estimate(holdout=holdout or "last-third" if refit else holdout)
         several = replace(several.refitted(estimate(holdout="none")) if refit else several, mass=mass)
         write(several.first, output, urdf, several.identified)
-        return present(text.several(several), several.to_dict(), json)
+        return present(join_text([show_cameras(several)]), several.to_dict(), json)
     if follow:
         if len(logs) != 1:
             raise UsageError("LOG", f"names {len(logs)} logs", "follow one at a time")
@@ -132,7 +133,7 @@ def identify(
     result = report_with_payload(found, about)
     if as_lines:
         return say(to_json({**result, "kind": "result"}, None)[:-1])
-    present(text.identified(found, about), result, json)
+    present(join_text([show_parameters(found, about), show_torque(found)]), result, json)
 
 
 def write(

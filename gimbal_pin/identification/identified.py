@@ -158,7 +158,7 @@ class Identified:
     __repr__ = brief
 
     def __str__(self) -> str:
-        """A few lines: what was estimated, from what, and how well it predicts; `text.identified` has the table."""
+        """A few lines: what was estimated, from what, and how well it predicts; `show_parameters` has the table."""
         rig = self.model.rig
         mounted = f" with {rig.payload}" if rig.payload else ""
         head = (

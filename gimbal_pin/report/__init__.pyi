@@ -16,6 +16,9 @@ from .pipeline import FILES as FILES
 from .pipeline import Auto as Auto
 from .pipeline import auto as auto
 from .pipeline import demo as demo
+from .sections.model import show_cameras as show_cameras
+from .sections.model import show_parameters as show_parameters
+from .sections.model import show_torque as show_torque
 from .summary import Summary as Summary
 from .summary import summary as summary
 from .summary import verdict as verdict

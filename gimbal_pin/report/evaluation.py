@@ -13,7 +13,7 @@ from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.identification import Identified, split_logs
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, Design, compute_blocks
-from gimbal_pin.report.format import figures, joints_of
+from gimbal_pin.report.format import DASH, figures, joints_of
 from gimbal_pin.report.html import toned
 from gimbal_pin.report.table import Content
 
@@ -178,6 +178,8 @@ class Known:
     @property
     def deviation(self) -> Content:
         """The interval as a share of the value; of what is not told from zero that it is not."""
+        if self.std == 0:
+            return DASH
         seen = abs(self.value) > self.half
         return toned(f"{figures(100 * self.half / abs(self.value), 2)} %" if seen else "like zero", self.tone)
 

@@ -80,7 +80,7 @@ class Document:
 
     def to_text(self, detailed: bool = False) -> str:
         """Return what a terminal shows."""
-        return "\n\n".join(filter(None, (one.to_text(detailed) for one in self.sections)))
+        return join_text(self.sections, detailed)
 
     def to_html(self) -> str:
         """Return it as HTML: no script or picture from elsewhere, every text escaped."""
@@ -105,6 +105,11 @@ class Card:
     value: str
     note: str = ""
     tone: str = ""
+
+
+def join_text(sections: Iterable[Section], detailed: bool = False) -> str:
+    """Return sections as a terminal shows them; `detailed`: with what is a detail."""
+    return "\n\n".join(filter(None, (one.to_text(detailed) for one in sections)))
 
 
 def template(package: str, name: str, **values: Any) -> str:
@@ -171,3 +176,8 @@ def folded(summary: Content, content: object, *, is_detail: bool = True) -> Elem
     """Return something that opens on a click; in a terminal it is a detail, if nothing else is said."""
     html = Markup("<details><summary>{}</summary>{}</details>").format(summary, content)
     return Element(html, f"\n{plain(summary)}\n{content}", is_detail)
+
+
+def list_warnings(sentences: Sequence[str]) -> list[Element]:
+    """Return what speaks against taking the rest at its word, if anything does."""
+    return [notice("Warning", bullets(sentences))] if sentences else []

@@ -21,7 +21,7 @@ from gimbal_pin.report.sections.camera import pointing
 from gimbal_pin.report.sections.control import margins, tracking
 from gimbal_pin.report.sections.data import data, rig_section
 from gimbal_pin.report.sections.diagnosis import WRONG, diagnosis
-from gimbal_pin.report.sections.model import parameters, torque
+from gimbal_pin.report.sections.model import show_parameters, show_torque
 from gimbal_pin.report.view.onboard import onboard
 from gimbal_pin.report.view.outlook import outlook
 from gimbal_pin.rig.rig import Rig
@@ -48,8 +48,8 @@ def full(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> str:
         *([] if wrong is None else [diagnosis(wrong)]),
         *([Section(WRONG, [paragraph(NOT_DIAGNOSED.format(found.undiagnosed))])] if found.undiagnosed else []),
         animation(recording, STEPS.format(law)),
-        parameters(own, evaluated, found.payload),
-        torque(own, evaluated),
+        show_parameters(own, found.payload, evaluated),
+        show_torque(own, evaluated),
         margins(found.tuning),
         tracking(found.tracking, rig, found.plant, found.judged),
         *([] if held is None else [pointing(held, HELD.format(found.held_on))]),

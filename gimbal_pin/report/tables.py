@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from gimbal_pin.diagnosis import Diagnosis, Finding, Residual
     from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.identification import Agreement, Identified
+    from gimbal_pin.identification.bodies import Body, Figure
+    from gimbal_pin.identification.payloads import Camera
     from gimbal_pin.log.io.inspection import Channel
     from gimbal_pin.pointing.result import Verified
     from gimbal_pin.report.evaluation import Evaluated, Known
@@ -88,6 +90,30 @@ def parameters(
         row += [bar(one.moved / most if most else 0.0, figures(one.moved, 2))] if reach else []
         body.append(row)
     return Table(head, body, texts=2, label=label)
+
+
+def tabulate_camera(found: Camera) -> Table:
+    """A camera's own parameters with 95 % intervals, beside what its URDF states."""
+    rows = [
+        [regrouping(name), unit(unit_of), *interval(x, NORMAL_95 * std), figures(given, 4)]
+        for name, unit_of, x, std, given in zip(
+            found.names, found.units, found.value.tolist(), found.std.tolist(), found.urdf.tolist()
+        )
+    ]
+    return Table(["Parameter", "Unit", "Value", "± 95 %", "URDF"], rows, texts=2, label="The camera's parameters")
+
+
+def tabulate_bodies(several: Sequence[Body]) -> Table:
+    """Mass, centre of mass and inertia of the nearest bodies with 95 % intervals; marked what the log does not show."""
+
+    def state(one: Figure, factor: float = 1.0) -> str:
+        value, half = factor * one.value, factor * NORMAL_95 * one.std
+        return " ".join(interval(value, half)) if one.shown else f"{figures(value)} *"
+
+    axes = [f"Centre of mass, {axis}, mm" for axis in "xyz"]
+    names = ["Mass, kg", *axes, *(f"{name}, kg m²" for name in ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz"))]
+    each = [(state(b.mass), *(state(x, 1e3) for x in b.com), *map(state, b.inertia)) for b in several]
+    return Table(["Of the body", *(b.link for b in several)], list(zip(names, *each)), label="The nearest bodies")
 
 
 def list_tables(found: Identified) -> list[str]:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from math import degrees, floor, inf, isfinite, isinf, isnan, log10
+from math import isfinite, isinf, isnan
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from gimbal_pin.errors import NORMAL_95, digits
 from gimbal_pin.report import tables
-from gimbal_pin.report.format import angle, controller_name, figures, joint_shown, joints_of, list_altered, listed
+from gimbal_pin.report.format import angle, controller_name, figures, joint_shown, joints_of, listed
+from gimbal_pin.report.html import join_text
 from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
-    from gimbal_pin.checks import Alteration, Mounting
+    from gimbal_pin.checks import Alteration
     from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
@@ -23,16 +24,12 @@ if TYPE_CHECKING:
     from gimbal_pin.dynamics.checking import Checked
     from gimbal_pin.excitation import AssumedLimit, Excitation, ExpectedEstimate
     from gimbal_pin.export import Exported
-    from gimbal_pin.identification import Agreement, Identified, PayloadStatement, Progress
-    from gimbal_pin.identification.bodies import Figure
-    from gimbal_pin.identification.payloads import Several
+    from gimbal_pin.identification import Progress
     from gimbal_pin.log.io.inspection import Inspected
     from gimbal_pin.pointing.result import Verified
     from gimbal_pin.report.pipeline import Auto
     from gimbal_pin.rig.rig import Rig
 
-CLOSE = 0.1
-"""Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
 SEVERAL = 3
 """Most things to do, and most doubts, that `auto` prints; all are in the report."""
 MOST_LINES = 15
@@ -183,122 +180,6 @@ def inspected(found: Inspected, altered: Sequence[Alteration] = ()) -> str:
 # -- identification ----------------------------------------------------------------------------------------------------
 
 
-def identified(found: Identified, payload: PayloadStatement) -> str:
-    """Parameters with uncertainty, accuracy, the payload's place and mass, and how to balance it."""
-    warned = (f"warning: {said}" for said in found.warnings)
-    return "\n".join([*warned, *describe_model(found), *(describe_payload(payload) if found.model.rig.aims else [])])
-
-
-def describe_payload(payload: PayloadStatement) -> list[str]:
-    """Where the payload sits, what it weighs, and how to balance it."""
-    return [*describe_place(payload), *payload.advice]
-
-
-def describe_place(payload: PayloadStatement) -> list[str]:
-    """Where the payload sits and what it weighs."""
-    return [f"against the URDF (± 95 %): {line}" for line in payload.lines]
-
-
-def describe_model(found: Identified) -> list[str]:
-    """Parameters with uncertainty, accuracy, and the nearest bodies."""
-    from gimbal_pin.regression import Method
-    from gimbal_pin.report.evaluation import known, list_shown
-
-    method = found.estimate.method
-    trusted = f", the URDF's masses trusted to {100 * found.trust:.3g} % (--trust)" if method is Method.RIDGE else ""
-    rows, shown, force = known(found), list_shown(found), found.model.rig.force
-    bound = None if found.bound is None else found.bound[shown].tolist()
-    lines = [f"{len(found.names)} parameters by {method}{trusted}; deviations by {found.estimate.uncertainty}"]
-    lines += [str(tables.parameters([rows[k] for k in shown], bound)), tables.AWAY, *at_best(found)]
-    lines += [f"{said}; all of them in the model's file and --json" for said in tables.list_tables(found)]
-    lines += ["±: –: not estimated here, but taken as it was known"] if not found.estimate.std.all() else []
-    lines += ["", accuracy(found)]
-    lines += [f"note: {said}" for said in found.notes] + list_altered(found.altered)
-    lines += describe_agreement(found.agreement) if found.agreement else []
-    lines += [mounting(log, link, how) for log, links in found.mountings.items() for link, how in links.items()]
-    change = max(found.torque_change.values())
-    lines += [f"nearest physical parameters: {figures(change, 2)} {force} rms away in predicted torque, at most", ""]
-    lines += [*physique(found), ""]
-    return lines if found.is_of_two_rigs or found.bias is None else [*lines, found.bias.sentence]
-
-
-def describe_agreement(found: Agreement) -> list[str]:
-    """How many parameters agree in all logs, why others do not, and a line for each of these."""
-    return [found.sentence, *([str(tables.drifting_parameters(found))] if found.drifting else [])]
-
-
-def accuracy(found: Identified) -> str:
-    """Torque errors, and on which rows; where little of them tells, that too."""
-    held = found.held_out
-    used = min((held or found.train).used.values())
-    rest = "judged where a joint moves: near standstill dry friction bears any torque"
-    where = "data it was fitted to" if held is None else held.how
-    lines = [f"torque error on the {where}", str(tables.torque_errors(found))]
-    return "\n".join(lines if used > 0.995 else [*lines, rest])
-
-
-def at_best(found: Identified) -> list[str]:
-    """What the log itself leaves open, whoever estimates: Cramér and Rao's bound beside each interval."""
-    if found.bound is None:
-        return []
-    what = "± at best: of any unbiased estimate from these rows (Cramér and Rao, by the residual's colour up to 16 Hz)"
-    rows = zip(found.names, found.estimate.theta.tolist(), found.bound.tolist())
-    loose = [name for name, value, std in rows if std > CLOSE * abs(value)]
-    limit = f"the log tells these no closer than to ± {digits(100 * NORMAL_95 * CLOSE, 2)} % of their value"
-    return [what, *([f"{limit}, for they are small: {', '.join(loose)}"] if loose else [])]
-
-
-def physique(found: Identified) -> list[str]:
-    """The nearest bodies with 95 % intervals, and what of them is the URDF's: in tables no wider than a terminal."""
-    each = found.bodies
-
-    def several(head: str, cells: Mapping[str, list[Figure]], factor: float = 1.0) -> str:
-        rows = [(link, ", ".join(within(one, factor) for one in parts)) for link, parts in cells.items()]
-        return str(Table(("Body", head), rows, texts=2))
-
-    trust = f"± 95 %, the URDF's bodies trusted to {100 * found.trust:.3g} % (--trust)"
-    masses = [(b.link, within(b.mass), ", ".join(within(one, 1e3) for one in b.com)) for b in each]
-    return [
-        str(Table(("Body", "Mass, kg", "Centre of mass, mm"), masses, texts=3)),
-        several("Ixx, Iyy, Izz, kg m²", {body.link: [body.inertia[k] for k in (0, 2, 5)] for body in each}),
-        several("Ixy, Ixz, Iyz, kg m²", {body.link: [body.inertia[k] for k in (1, 3, 4)] for body in each}),
-        f"{trust}; *: the log hardly shows it, it stays near the URDF's",
-    ]
-
-
-def within(figure: Figure, factor: float = 1.0) -> str:
-    """A figure and its 95 % interval, no finer than that tells; one that the log does not show, as the URDF's."""
-    half = NORMAL_95 * figure.std * factor
-    places = max(0, 1 - floor(log10(half))) if 0 < half < inf else 6
-    value = f"{figure.value * factor:.{places}f}"
-    return f"{value} ± {figures(half, 2)}" if figure.shown else f"{value}*"
-
-
-def several(found: Several) -> str:
-    """What is wrong; every camera's own parameters, the accuracy with it and its balance; then the gimbal's."""
-    parts = [f"warning: {said}" for said in found.warnings]
-    for name, one in found.identified.items():
-        camera = found.cameras[name]
-        rows = [
-            (symbol, unit, figures(value, 4), figures(NORMAL_95 * std, 2) if std else "–", figures(given, 4))
-            for symbol, unit, value, std, given in zip(
-                camera.names, camera.units, camera.value, camera.std, camera.urdf.tolist()
-            )
-        ]
-        parts += [name, str(Table(("Parameter", "Unit", "Value", "± 95 %", "URDF"), rows, texts=2))]
-        parts += [] if camera.std.all() else ["±: –: taken as its URDF says"]
-        parts += [accuracy(one), *describe_payload(found.payloads[name]), ""]
-    return "\n".join([*parts, found.sentence, f"with {found.first.model.rig.payload}", *describe_model(found.first)])
-
-
-def mounting(log: str, link: str, found: Mounting) -> str:
-    """How an IMU sits on its link, in degrees."""
-    turn, bias = (degrees(sum(x * x for x in vector.tolist()) ** 0.5) for vector in (found.misalignment, found.bias))
-    after = f", its gyro then differs from the encoders by {digits(degrees(found.after), 2)}°/s rms"
-    gap = "" if isnan(found.after) else after
-    return f"{log}: IMU of {link} is turned by {digits(turn)}°, its gyro's bias is {digits(bias)}°/s{gap}"
-
-
 def following(found: Progress, said: int) -> str:
     """One line on an online estimate: time, torque error, the most telling parameters; then events after `said`."""
     error = ", ".join(f"{joint} {digits(value, 2)}" for joint, value in found.torque_error.items())
@@ -423,9 +304,12 @@ def auto(found: Auto, verbose: bool = False) -> str:
 
     What was found, where the payload is and how to balance it, what to do, what not to trust; then a line per joint.
     """
+    from gimbal_pin.report.sections.model import show_parameters, show_torque
+
     head, payload = found.summary, found.payload
     todo, doubts = (" ".join(lines[:SEVERAL]) for lines in (head.to_do, head.doubts))
-    lines = [f"found: {head.found}", *describe_place(payload)[:1], f"to do: {todo}", f"take care: {doubts}", ""]
+    place = [f"against the URDF (± 95 %): {line}" for line in payload.lines[:1]]
+    lines = [f"found: {head.found}", *place, f"to do: {todo}", f"take care: {doubts}", ""]
     lines.append(str(tables.overview(found, MOST_LINES - len(lines) - 4)))
     if found.held is None:
         lines += [] if not found.model.rig.aims else [f"no camera held on a platform: {found.why}"]
@@ -435,7 +319,7 @@ def auto(found: Auto, verbose: bool = False) -> str:
         lines.append(f"camera on a platform that moves, jitter rms, on {found.held_on}: {each}")
     if verbose:
         parts = [
-            identified(found.identified, found.payload),
+            join_text([show_parameters(found.identified, found.payload), show_torque(found.identified)]),
             *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
             tuning(found.tuning, verbose),
             tracking(found.tracking, found.judged, found.model.rig),

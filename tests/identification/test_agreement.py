@@ -12,7 +12,7 @@ from gimbal_pin.dynamics import Model, nominal, plant_with
 from gimbal_pin.effects import parse_effect
 from gimbal_pin.identification import Agreement, DriftReason, LogVerdict, compare_payload, identify
 from gimbal_pin.log import Log
-from gimbal_pin.report import text
+from gimbal_pin.report import show_parameters
 from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, prescribed
 
@@ -114,7 +114,7 @@ def test_what_drifts_is_printed_and_what_agrees_is_counted(rig: Rig) -> None:
     logs[2] = replace(logs[2], tau=np.asarray(logs[2].tau) * [1.0, 1.1])
     found = identify(rig, logs, filtering=EXACT, examined="noisy")
     assert found.agreement is not None
-    said = text.identified(found, compare_payload(found))
+    said = show_parameters(found, compare_payload(found)).to_text()
     assert found.agreement.sentence in said and "3 logs: " in said and "torque of tilt is scaled" in said
     saved = found.to_dict()["agreement"]
     assert (saved["reason"], saved["joint"]) == ("gain", "tilt")

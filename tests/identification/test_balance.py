@@ -15,7 +15,7 @@ from gimbal_pin.effects import PayloadShift
 from gimbal_pin.identification import Balance, Identified, compare_payload, identify
 from gimbal_pin.log import Array
 from gimbal_pin.regression import Filtering
-from gimbal_pin.report import text
+from gimbal_pin.report import show_parameters
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 
@@ -100,8 +100,8 @@ def test_the_json_holds_millimetres_and_nothing_where_nothing_is_mounted() -> No
 def test_one_sentence_alone_says_how_to_slide_the_payload() -> None:
     """The comparison with the URDF says where it sits: to slide it there is another way than to balance it."""
     one = found("turret", (0.02, 0.0, 0.0))
-    said = text.identified(one, compare_payload(one))
-    assert re.search(r"against the URDF \(± 95 %\): the payload sits (20|19\.9)\S* ± \S+ mm further forward", said)
+    said = show_parameters(one, compare_payload(one)).to_text()
+    assert re.search(r"against its URDF \(± 95 %\)\n  the payload sits (20|19\.9)\S* ± \S+ mm further forward", said)
     assert len(re.findall("slide", said)) == 1 and "to balance the payload, slide it" in said
 
 

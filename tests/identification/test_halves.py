@@ -9,7 +9,7 @@ import numpy as np
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.identification import Identified, compare_payload, identify, keep_held_out_accuracy
 from gimbal_pin.regression import Filtering
-from gimbal_pin.report import text
+from gimbal_pin.report import show_parameters
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 
@@ -33,9 +33,8 @@ def test_a_swapped_payload_is_suspected_and_none_where_none_was() -> None:
     assert swapped.parting is not None and swapped.parting > 2.0 and "--follow" in swapped.notes[-1]
     assert swapped.to_dict()["halves_apart"] == swapped.parting
     assert swapped.is_of_two_rigs and not same.is_of_two_rigs
-    assert "balance" in text.identified(same, compare_payload(same)) and "balance" not in text.identified(
-        swapped, compare_payload(swapped)
-    )
+    told, of_two = (show_parameters(one, compare_payload(one)).to_text() for one in (same, swapped))
+    assert "balance" in told and "balance" not in of_two
 
 
 def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() -> None:

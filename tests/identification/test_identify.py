@@ -14,7 +14,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.regression import (
     Filtering,
 )
-from gimbal_pin.report import text
+from gimbal_pin.report import show_parameters, show_torque
 from gimbal_pin.rig import Rig
 from tests.bench_logs import closed_loop, fourier, oracle, prescribed
 from tests.checks.corruption import CORRUPTIONS
@@ -163,7 +163,10 @@ def test_no_table_is_wider_than_a_terminal() -> None:
     """Every line that is laid out in columns fits 120; what a result prints is lines, not arrays."""
     rig = Rig.load("thesis")
     found = identify(rig, [prescribed(nominal(rig), 1, 10.0, torque_noise=0.02, dt=4e-3)])
-    told = text.identified(found, compare_payload(found)).splitlines()
+    told = [
+        *show_parameters(found, compare_payload(found)).to_text().splitlines(),
+        *show_torque(found).to_text().splitlines(),
+    ]
     tables = [line for line in told if "   " in line.strip() or line.startswith("body ")]
     assert len(tables) > len(found.names) and max(map(len, tables)) <= 120
     short = str(found)
@@ -177,7 +180,7 @@ def test_what_is_wrong_with_the_logs_and_the_parameters_is_said_first(turret: Ri
     bad = CORRUPTIONS["controller-formula"](log, np.random.default_rng(0))
     found = identify(turret, [bad], examined="noisy")
     assert "controller's formula" in found.warnings[0]
-    assert text.identified(found, compare_payload(found)).startswith(f"warning: {found.warnings[0]}\n")
+    assert show_parameters(found, compare_payload(found)).to_text().startswith(f"Warning\n  {found.warnings[0]}\n")
     assert found.to_dict()["warnings"] == list(found.warnings)
     assert not identify(turret, [bad]).faults  # nobody asked
 

@@ -27,7 +27,7 @@ from gimbal_pin.identification import (
 )
 from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, find_likeliest_bodies, fit_misfit, fit_weighted
-from gimbal_pin.report import text
+from gimbal_pin.report import show_parameters, show_torque, text
 from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, fourier, prescribed, rows_of
 from tests.command_line import Run, result
@@ -109,12 +109,13 @@ def test_a_joint_that_is_not_explained_is_said_first(turret: Rig) -> None:
     found = identify(turret, [rippling(log, 1.0)], filtering=EXACT)
     first, fit = found.warnings[0], found.held_out.fit_percent["pan"]
     assert first.startswith("pan is not explained: ") and "run diagnose" in first and fit < 90
-    assert text.identified(found, compare_payload(found)).startswith(f"warning: {first}\n")
+    assert show_parameters(found, compare_payload(found)).to_text().startswith(f"Warning\n  {first}\n")
     assert not any(said.startswith("tilt is not explained") for said in found.warnings)
     assert not any("not explained" in said for said in identify(turret, [log], filtering=EXACT).warnings)
     assert found.opinions == {"pan": Opinion.NOT_EXPLAINED, "tilt": Opinion.EXPLAINED}
     assert found.to_dict()["misfit"]["pan"]["opinion"] == "not explained"
-    assert "not explained" in text.accuracy(found) and "explained" in text.accuracy(found)
+    told = show_torque(found).to_text()
+    assert "not explained" in told and " explained" in told.replace("not explained", "")
     assert found.to_dict()["misfit"]["pan"]["torque_rms"] > 10 * found.to_dict()["misfit"]["tilt"]["torque_rms"]
 
 

@@ -19,7 +19,7 @@ from gimbal_pin.identification import Identified, Several, given_beta, identify,
 from gimbal_pin.identification.payloads import Carried, get_stated_payload
 from gimbal_pin.log import Array, Log, read_log, write_log
 from gimbal_pin.regression import Filtering
-from gimbal_pin.report import text
+from gimbal_pin.report import show_cameras
 from gimbal_pin.rig import Rig, find_payload
 from tests.bench_logs import fourier, prescribed
 from tests.command_line import Run, refused, result
@@ -234,9 +234,13 @@ def test_deviations_of_several_cameras_hold_what_the_model_lacks() -> None:
 
 def test_a_joint_that_is_not_explained_with_some_camera_is_said_first() -> None:
     found = toothed()
-    said = [f"warning: with {payload}: tilt is not explained: " for payload in ("mirrorless", "cinema")]
-    lines = text.several(found).splitlines()
-    assert all(line.startswith(one) for line, one in zip(lines, said)) and not any("pan is not" in x for x in lines)
+    said = [f"  with {payload}: tilt is not explained: " for payload in ("mirrorless", "cinema")]
+    first, *lines = show_cameras(found).to_text().splitlines()
+    assert (
+        first == "Warning"
+        and all(line.startswith(one) for line, one in zip(lines, said))
+        and not any("pan is not" in x for x in lines)
+    )
     assert found.to_dict()["warnings"][0] in lines[0]
 
 

@@ -9,7 +9,7 @@ from gimbal_pin.dynamics import Model, name_columns, nominal, reduce_parameters
 from gimbal_pin.identification import compare_payload, identify
 from gimbal_pin.log import Log
 from gimbal_pin.pointing import simulate_shaken_log, unbalance_payload
-from gimbal_pin.report import text
+from gimbal_pin.report import show_parameters
 from gimbal_pin.rig import Rig
 
 DT = 1e-3
@@ -34,7 +34,7 @@ def test_a_shaken_log_is_used_as_far_as_it_tells(shaken: tuple[Rig, Model, Log])
     assert (found.estimate.std < 1.5 * found.bound).all()
     freedom = (found.estimate.rows - len(found.names)) / rig.n
     assert (found.estimate.std > (1 - 3 / np.sqrt(2 * freedom)) * found.bound).all()
-    told = text.identified(found, compare_payload(found))
+    told = show_parameters(found, compare_payload(found)).to_text()
     assert "± at best" in told and "for they are small: " in told
     assert found.to_dict()["least_std"][found.names[0]] == found.bound[0]
 

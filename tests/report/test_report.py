@@ -35,6 +35,8 @@ from gimbal_pin.report import (
     joints_of,
     pages,
     plots,
+    show_parameters,
+    show_torque,
     summary,
     tables,
     text,
@@ -43,7 +45,6 @@ from gimbal_pin.report import (
 from gimbal_pin.report import format as numbers
 from gimbal_pin.report.sections.control import tracking
 from gimbal_pin.report.sections.data import data, rig_section
-from gimbal_pin.report.sections.model import parameters, torque
 from gimbal_pin.report.view import record
 from gimbal_pin.rig import Rig, to_sliding
 from tests.browsing import needs_browser, visit, wide
@@ -327,7 +328,7 @@ def test_the_rows_shown_are_the_rows_judged(holdout: str) -> None:
 
 
 def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:
-    section = parameters(walk.found, evaluate(walk.found, walk.logs), compare_payload(walk.found))
+    section = show_parameters(walk.found, compare_payload(walk.found), evaluate(walk.found, walk.logs))
     rows = cells(section, "Base parameters") + cells(section, "Friction and other effects")
     theta, std = walk.found.estimate.theta, walk.found.estimate.std
     assert len(rows) == len(theta)
@@ -348,11 +349,12 @@ def test_a_table_of_torque_is_a_line_and_folded_on_the_page(walk: Walk) -> None:
     torque = np.array(table.basis(Sample(pan, still, still, still, still, still))).T @ (0.5 * np.cos(5 * knots))
     tau = log.tau + np.column_stack([torque, still])
     found = identify(walk.rig, [replace(log, tau=tau)], [table], filtering=Filtering(8.0), holdout="none")
-    lines = text.describe_model(found)
+    lines = show_parameters(found, compare_payload(found)).to_text().splitlines()
     (said,) = (line for line in lines if "torque-table" in line)
     assert "31 values" in said and re.search(r"0\.\d+ ± 0\.\d+ where it is largest, at −?\d+\.\d+°", said)
-    assert len("\n".join(lines).splitlines()) <= len("\n".join(text.describe_model(walk.found)).splitlines()) + 2
-    section = parameters(found, evaluate(found, [replace(log, tau=tau)]), compare_payload(found))
+    plain = show_parameters(walk.found, compare_payload(walk.found)).to_text().splitlines()
+    assert not walk.found.warnings and len(lines) <= len(plain) + 1 + len(found.warnings) + 2
+    section = show_parameters(found, compare_payload(found), evaluate(found, [replace(log, tau=tau)]))
     assert len(cells(section, "Friction and other effects")) == 4
     assert str(section.html).count("pan.angle_") >= 31 and "<details><summary>pan: torque-table" in section.html
     assert len(found.to_dict()["base_parameters"]) == len(walk.found.names) + 31
@@ -524,8 +526,8 @@ def test_sliding_joints_are_shown_in_millimetres(slid: Walk) -> None:
     assert "−200\u00a0mm … 200\u00a0mm" in text and "°" not in text and "position, mm" in text
     evaluated = evaluate(slid.found, slid.logs)
     several = (
-        parameters(slid.found, evaluated, compare_payload(slid.found)),
-        torque(slid.found, evaluated),
+        show_parameters(slid.found, compare_payload(slid.found), evaluated),
+        show_torque(slid.found, evaluated),
         tracking(slid.result, rig, judged=slid.judged),
     )
     words = parsed(f"<div>{text}{join(one.html for one in several)}</div>").text_content().replace("\u00a0", " ")
@@ -542,7 +544,11 @@ def test_the_terminal_and_json_have_the_units_of_joints_that_slide(slid: Walk) -
     wrong = diagnose(rig, [log], rng=0)
     (spring,) = wrong.findings
     assert spring.cause == "cable-spring" and {p.unit for p in spring.parameters} == {"N/m", "m"}
-    shown = text.check(check(rig)), text.identified(slid.found, compare_payload(slid.found)), text.diagnosis(wrong, {})
+    shown = (
+        text.check(check(rig)),
+        show_parameters(slid.found, compare_payload(slid.found)).to_text(),
+        text.diagnosis(wrong, {}),
+    )
     shown += tuple(text.tuning(one, verbose=True) for one in slid.tunings.values())
     files = to_json(slid.found.to_dict()), to_json(wrong.to_dict()), to_json(slid.tunings["pid"].to_dict())
     for said in (*shown, *files):
@@ -564,9 +570,9 @@ def test_a_rig_without_a_camera_hears_nothing_of_one(slid: Walk) -> None:
     assert payload.lines
     shown = whole(slid, "", why="its joints cannot turn sledge to where it should look")
     words = parsed(shown).xpath("//main")[0].text_content() + str(
-        parameters(slid.found, evaluate(slid.found, slid.logs), payload).html
+        show_parameters(slid.found, payload, evaluate(slid.found, slid.logs)).html
     )
-    words += text.identified(slid.found, payload)
+    words += show_parameters(slid.found, payload).to_text()
     assert not re.search(r"camera|Camera|line of sight|balance|Balance|slide the|payload", words)
 
 

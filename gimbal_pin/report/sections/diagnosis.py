@@ -19,6 +19,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import Joint, joints_of, list_altered, listed, torque_unit
 from gimbal_pin.report.html import Element, Section, bullets, folded, heading, paragraph, toned
+from gimbal_pin.report.sections.model import show_payload
 from gimbal_pin.report.table import Content
 
 WRONG = "What the simulation gets wrong"
@@ -70,8 +71,7 @@ def diagnosis(found: Diagnosis) -> Section:
             parts.append(paragraph(f"Tracking errors: {describe_motion(found.after.rig)}.", "side"))
         parts += [paragraph(f"{line}.") for line in describe_worse_tracking(found.tracking)]
     if found.given.lines and found.after.rig.aims:
-        parts += [heading("The payload against its URDF (± 95 %)"), bullets((*found.given.lines, *found.given.advice))]
-        parts += qualify_payload(found)
+        parts += [*show_payload(found.given), *qualify_payload(found)]
     notes = [*found.notes, *tables.list_unnamed(found), *list_altered(found.altered)]
     parts += [folded("Notes", bullets(notes), is_detail=False)] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"

@@ -4,30 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from math import degrees, isnan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.effects import Sample
-from gimbal_pin.errors import NORMAL_95
-from gimbal_pin.identification import Identified, PayloadStatement
+from gimbal_pin.errors import NORMAL_95, digits
+from gimbal_pin.identification import Identified, PayloadStatement, Several
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.evaluation import Evaluated, Known, Part, find_tables, known, list_shown
 from gimbal_pin.report.format import (
+    DASH,
     Joint,
     figures,
     file_name,
     forces,
     joints_of,
+    list_altered,
     listed,
     rows_named,
     torque_text,
     torque_unit,
 )
-from gimbal_pin.report.html import Section, bullets, folded, heading, paragraph
+from gimbal_pin.report.html import Element, Section, bullets, folded, heading, list_warnings, paragraph
+from gimbal_pin.report.table import Table
 
 Flags = NDArray[np.bool_]
 
@@ -43,53 +47,104 @@ JUDGED = 0.5
 """Share of a row's samples that must be judged for the row to count."""
 CLOUD = 900
 """Most dots in a cloud."""
+LOOSE = 0.1
+"""Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
 
 
-def parameters(found: Identified, evaluated: Evaluated, payload: PayloadStatement) -> Section:
-    """Return base parameters and friction with 95 % intervals, the torque that each moves, and the payload's place."""
-    rows, width = known(found, evaluated), len(found.reduction.independent)
-    every = [rows[k] for k in list_shown(found)]
-    tabled = zip(tables.list_tables(found), find_tables(found).values())
-    force, aims = forces(joints_of(found.model.rig)), found.model.rig.aims
-    bound = None if found.bound is None else found.bound[list_shown(found)].tolist()
-    caption = (
-        "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
-        "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."
-    )
-    alt = f"Dot-and-whisker plot of {len(every)} parameters, scaled by the torque they move"
-    friction = f"Friction torque over rate of {', '.join(found.model.rig.joints)}"
-    bands = "Torque of all effects over the joint's rate, to one scale: where the 95 % band is wide, it is guessed."
+def show_parameters(found: Identified, payload: PayloadStatement, evaluated: Evaluated | None = None) -> Section:
+    """Return warnings, base parameters and friction with 95 % intervals, the nearest bodies, and the payload's place.
+
+    `evaluated`: the rows that it is judged by; None: nothing is drawn, and no torque told that a parameter moves.
+    """
+    notes = [*found.notes, *list_altered(found.altered), *list_mountings(found)]
     parts: list[object] = [
-        paragraph(overall(found, every)),
-        plots.Drawing(partial(whiskers, every, force), alt, caption),
+        *list_warnings(found.warnings),
+        *list_parameter_parts(found, evaluated),
+        *(show_payload(payload) if found.model.rig.aims else []),
+        *([folded("Notes", bullets(notes), is_detail=False)] if notes else []),
+    ]
+    return Section("Parameters", parts, "What the log says of the rig, with 95 % intervals.")
+
+
+def show_cameras(found: Several) -> Section:
+    """Return what is wrong; every camera's own parameters, accuracy and balance; then the gimbal's."""
+    parts: list[object] = [*list_warnings(found.warnings)]
+    for name, camera in found.cameras.items():
+        parts += [heading(name), tables.tabulate_camera(camera), tables.torque_errors(found.identified[name])]
+        parts += show_payload(found.payloads[name])
+    parts += [heading(f"The gimbal, with {found.first.model.rig.payload}"), paragraph(found.sentence)]
+    return Section("Cameras", [*parts, *list_parameter_parts(found.first)])
+
+
+def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) -> list[object]:
+    """Return base parameters, friction and bodies as parts of a section."""
+    rows, width, agreement = known(found, evaluated), len(found.reduction.independent), found.agreement
+    every, force = [rows[k] for k in list_shown(found)], forces(joints_of(found.model.rig))
+    bound = None if found.bound is None else found.bound[list_shown(found)].tolist()
+    tabled = zip(tables.list_tables(found), find_tables(found).values())
+    return [
+        paragraph(describe_estimate(found, every)),
+        *([] if evaluated is None else [picture_moved(every, force)]),
         heading("Base parameters"),
         paragraph(
             f"The combinations of masses, first moments and inertias that joint torques can show; {tables.AWAY}.",
             "side",
         ),
         tables.parameters(every[:width], bound and bound[:width], "Base parameters", force),
-        *(paragraph(f"Against the URDF (± 95 %): {line}.") for line in payload.lines if aims),
-        *([heading("Balance"), bullets(payload.advice)] if payload.advice and aims else []),
         heading("Friction and other effects"),
         tables.parameters(every[width:], bound and bound[width:], "Friction and other effects", force),
-        *(folded(line, tables.parameters([rows[k] for k in place], None, line, force)) for line, place in tabled),
-        plots.Drawing(partial(curves, found, evaluated), friction, bands),
+        *(show_table(line, tables.parameters([rows[k] for k in place], None, line, force)) for line, place in tabled),
+        *([] if evaluated is None else [picture_effects(found, evaluated)]),
+        *describe_bound(found),
+        *([] if agreement is None else [paragraph(f"{agreement.sentence}.")]),
+        *([] if agreement is None or not agreement.drifting else [tables.drifting_parameters(agreement)]),
+        heading("The nearest bodies"),
+        tables.tabulate_bodies(found.bodies),
+        paragraph(
+            f"± 95 %, the URDF's bodies trusted to {100 * found.trust:.3g} % (--trust). *: the log hardly shows it, it "
+            "stays near the URDF's.",
+            "side",
+        ),
     ]
-    return Section("Parameters", parts, "What the log says of the rig, with 95 % intervals.")
 
 
-def overall(found: Identified, every: Sequence[Known]) -> str:
-    """Say how many there are, which are in doubt, and whether bodies exist that have them."""
-    doubtful = [short(one.name) for one in every if one.tone == "poor"]
-    doubt = (
-        f"of those that move much torque, the log leaves {listed(doubtful)} in doubt"
-        if doubtful
-        else "none that moves much torque is in doubt"
+def show_table(line: str, table: Table) -> Element:
+    """Return a line on a table of torque; on a page it opens all the table's values."""
+    return Element(folded(line, table).html, f"{line}; all of them in the model's file and --json")
+
+
+def show_payload(payload: PayloadStatement) -> list[Element]:
+    """Where the payload sits and what it weighs against the given model, and how to balance it."""
+    lines = (*payload.lines, *payload.advice)
+    return [heading("The payload against its URDF (± 95 %)"), bullets(lines)] if lines else []
+
+
+def picture_moved(every: Sequence[Known], force: str) -> plots.Drawing:
+    """Return the parameters in the torque that each moves, as a picture."""
+    caption = (
+        "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
+        "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."
     )
+    alt = f"Dot-and-whisker plot of {len(every)} parameters, scaled by the torque they move"
+    return plots.Drawing(partial(whiskers, every, force), alt, caption)
+
+
+def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
+    """Return every joint's effects over its rate as a picture."""
+    alt = f"Friction torque over rate of {', '.join(found.model.rig.joints)}"
+    caption = "Torque of all effects over the joint's rate, to one scale: where the 95 % band is wide, it is guessed."
+    return plots.Drawing(partial(curves, found, evaluated), alt, caption)
+
+
+def describe_estimate(found: Identified, every: Sequence[Known]) -> str:
+    """Say how many parameters there are, which are in doubt, and whether bodies exist that have them."""
+    doubtful = [short(one.name) for one in every if one.tone == "poor" and one.reach]
+    doubt = f"; of those that move much torque, the log leaves {listed(doubtful)} in doubt" if doubtful else ""
     condition = figures(found.estimate.condition_number, 2)
-    method = f"{len(found.names)} parameters by the {found.estimate.method} estimator"
-    text = f"{method}, {doubt}; condition number {condition} (columns of unit size)."
-    if found.bias is not None:
+    method = f"{len(found.names)} parameters by {found.estimate.method}, deviations by {found.estimate.uncertainty}"
+    text = f"{method}{doubt}; condition number {condition} (columns of unit size)."
+    text += "" if found.estimate.std.all() else f" {DASH}: not estimated here, but taken as it was known."
+    if found.bias is not None and not found.is_of_two_rigs:
         text = f"{text} {found.bias.sentence[0].upper()}{found.bias.sentence[1:]}."
     if found.physical:
         return f"{text} Bodies exist that have these parameters."
@@ -98,6 +153,29 @@ def overall(found: Identified, every: Sequence[Known]) -> str:
         f"{text} No bodies exist that have exactly these. The nearest that do, {figures(found.consistent.distance, 2)} "
         f"standard deviations away, change the torque by at most {change} rms; they go back into the URDF."
     )
+
+
+def describe_bound(found: Identified) -> list[Element]:
+    """Say what the log itself leaves open, whoever estimates: Cramér and Rao's bound beside each interval."""
+    if found.bound is None:
+        return []
+    text = "± at best: of any unbiased estimate from these rows (Cramér and Rao, by the residual's colour up to 16 Hz)."
+    rows = zip(found.names, found.estimate.theta.tolist(), found.bound.tolist())
+    if loose := [short(name) for name, value, std in rows if std > LOOSE * abs(value)]:
+        text += f" No closer than to ± {digits(100 * NORMAL_95 * LOOSE, 2)} %, for they are small: {', '.join(loose)}."
+    return [paragraph(text, "side")]
+
+
+def list_mountings(found: Identified) -> list[str]:
+    """Say how IMUs sit on their links, in degrees."""
+    lines = []
+    for log, links in found.mountings.items():
+        for link, how in links.items():
+            turn, bias = (f"{digits(np.degrees(np.linalg.norm(x)))}°" for x in (how.misalignment, how.bias))
+            after = f", its gyro then differs from the encoders by {digits(degrees(how.after), 2)}°/s rms"
+            gap = "" if isnan(how.after) else after
+            lines.append(f"{log}: IMU of {link} is turned by {turn}, its gyro's bias is {bias}/s{gap}")
+    return lines
 
 
 def short(name: str) -> str:
@@ -155,10 +233,23 @@ def band(found: Identified, j: int, v: Array, slide: Array) -> tuple[Array, Arra
     return A @ found.estimate.theta[places], NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
 
 
-def torque(found: Identified, evaluated: Evaluated) -> Section:
-    """Return the fit's figures, the torques over time, and the residual over time, over rate and as a histogram."""
-    joints, held = joints_of(found.model.rig), found.held_out is not None
-    where = f"on {rows_named(evaluated.how)}, which the fit did not see" if held else "on the rows that were fitted"
+def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Section:
+    """Return the fit's figures, and where rows are given the torques and the residual, over time and rate."""
+    where = f"on {rows_named(found.held_out.how)}, which the fit did not see" if found.held_out else "on its own rows"
+    parts: list[object] = [
+        paragraph(
+            f"Everything below is filtered at {found.filtering.cutoff:g} Hz, measured and predicted alike. A joint is "
+            "judged where it moves: near standstill dry friction bears any torque, and motion does not tell which.",
+            "side",
+        ),
+        tables.torque_errors(found, evaluated),
+    ]
+    parts += [] if evaluated is None else picture_residuals(joints_of(found.model.rig), evaluated, where)
+    return Section("Torque", parts, f"Measured against predicted, {where}.")
+
+
+def picture_residuals(joints: tuple[Joint, ...], evaluated: Evaluated, where: str) -> list[object]:
+    """Return pictures of the torques over time, and of the residual over rate and as a histogram."""
     window, whole = worst(evaluated)
     names = ", ".join(evaluated.joints)
     caption = (
@@ -172,19 +263,12 @@ def torque(found: Identified, evaluated: Evaluated) -> Section:
         "bend is what the model does not know. Below, its distribution against a normal one of the same size."
     )
     alt = f"Measured and predicted torque and residual of {names} over time"
-    parts: list[object] = [
-        paragraph(
-            f"Everything below is filtered at {found.filtering.cutoff:g} Hz, measured and predicted alike. A joint is "
-            "judged where it moves: near standstill dry friction bears any torque, and motion does not tell which."
-        ),
-        tables.torque_errors(found, evaluated),
+    over_rates = f"Residual torque of {names} over rate, and its histogram"
+    return [
         plots.Drawing(partial(overlays, joints, window), alt, caption),
         heading("What is left"),
-        plots.Drawing(
-            partial(clouds, joints, evaluated), f"Residual torque of {names} over rate, and its histogram", left
-        ),
+        plots.Drawing(partial(clouds, joints, evaluated), over_rates, left),
     ]
-    return Section("Torque", parts, f"Measured against predicted, {where}.")
 
 
 def worst(evaluated: Evaluated) -> tuple[Part, bool]:
