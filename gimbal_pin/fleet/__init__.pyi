@@ -9,11 +9,11 @@ from .fleet import Verdict as Verdict
 from .manifest import read_manifest as read_manifest
 from .montecarlo import MonteCarlo as MonteCarlo
 from .montecarlo import monte_carlo as monte_carlo
+from .montecarlo import rank_influences as rank_influences
 from .population import Comparison as Comparison
 from .population import Deviation as Deviation
 from .population import DeviationKind as DeviationKind
 from .population import compare_units as compare_units
-from .sensitivity import rank_influences as rank_influences
 from .variation import RigDesign as RigDesign
 from .variation import Variation as Variation
 from .variation import Vary as Vary

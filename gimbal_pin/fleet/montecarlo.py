@@ -7,12 +7,12 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import binomtest
+from scipy.special import ndtri
+from scipy.stats import binomtest, spearmanr
 
 from gimbal_pin.control.tuning import Stored, Tuning
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.fleet.engine import Capacity, ExecutorFactory, check_installed, compute_table
-from gimbal_pin.fleet.sensitivity import CONFIDENCE, Influence, rank_influences
 from gimbal_pin.fleet.study import Limit, list_figures, make_study, parse_limit
 from gimbal_pin.fleet.variation import RigDesign, Variation, Vary, choose_default_vary
 from gimbal_pin.log.io.files import to_plain
@@ -23,6 +23,10 @@ from gimbal_pin.rig.rig import Rig
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+CONFIDENCE = 0.95
+"""Of every interval that is stated."""
+RESAMPLED = 200
+"""Bootstrap samples behind the confidence of a Sobol index."""
 SHOWN = 10
 """Rigs that are looked at one by one."""
 
@@ -45,6 +49,27 @@ class Spread:
     p5: float
     p95: float
     worst: float
+
+
+@dataclass(frozen=True)
+class Influence:
+    """What an input does to how much of the specification a rig uses.
+
+    Attributes:
+        input: The input.
+        first: First-order Sobol index: the share of the variance that it explains alone; None: no such design.
+        first_confidence: Half of its interval of 95 % confidence.
+        total: Total index: the share that would be left if all others were known.
+        total_confidence: The same of it.
+        rank_correlation: Spearman's; None in a Sobol design.
+    """
+
+    input: str
+    first: float | None = None
+    first_confidence: float | None = None
+    total: float | None = None
+    total_confidence: float | None = None
+    rank_correlation: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +192,7 @@ def summarise_rigs(
     used = np.max([np.where(ran, figures[own.figure], np.inf) / own.bound for own in asked], axis=0)
     drawn = np.isin(np.arange(len(design)) % design.group, [0, design.group - 1])  # A and B are independent
     worst = table.iloc[np.argsort(-used, kind="stable")[:SHOWN]].astype(object)
+    spread = table[drawn & ran][[*units]].astype(float).quantile([0.5, 0.05, 0.95, 1.0], interpolation="nearest")
     return MonteCarlo(
         rig=rig.name,
         payload=rig.payload,
@@ -175,7 +201,7 @@ def summarise_rigs(
         inputs=design.inputs,
         specification=limits,
         yield_=estimate_yield(used[drawn] < 1.0) if limits else None,
-        figures={name: summarise_spread(own[drawn & ran]) for name, own in figures.items() if (drawn & ran).any()},
+        figures={name: Spread(*own) for name, own in spread.items() if (drawn & ran).any()},
         sensitivity=rank_influences(design, used),
         worst=tuple(worst.where(worst.notna(), None).to_dict("records")),
         units=units,
@@ -189,6 +215,43 @@ def estimate_yield(met: Array) -> Yield:
     return Yield(float(met.mean()), float(found.low), float(found.high), len(met))
 
 
-def summarise_spread(values: Array) -> Spread:
-    """Return how values are spread, each of them one that occurs."""
-    return Spread(*np.quantile(values, [0.5, 0.05, 0.95, 1.0], method="nearest").tolist())
+def rank_influences(design: RigDesign, used: Array) -> tuple[Influence, ...]:
+    """Return what each input does to the values of a design's rigs, (N,), largest first; infinite: it failed.
+
+    A base point of which a rig failed has no indices and is left out whole; a rank it has.
+    """
+    if design.sobol:
+        points = used.reshape(-1, design.group)
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points) < 2 or np.ptp(points) == 0:
+            return tuple(map(Influence, design.inputs))
+        rows = zip(design.inputs, estimate_sobol_indices(points, design.seed).T.tolist())
+        return tuple(sorted((Influence(name, *row) for name, row in rows), key=lambda own: -abs(own.total or 0.0)))
+    if len(used) < 3 or np.all(used == used[0]):
+        return tuple(map(Influence, design.inputs))
+    shares = np.array([unit.shares for unit in design]).T
+    ranks = ((name, float(spearmanr(own, used).statistic)) for name, own in zip(design.inputs, shares))
+    found = (Influence(name, rank_correlation=rank) for name, rank in ranks)
+    return tuple(sorted(found, key=lambda own: -abs(own.rank_correlation or 0.0)))
+
+
+def estimate_sobol_indices(points: Array, seed: int) -> Array:
+    """Return first-order indices, half of their intervals, total indices, half of theirs, (4, d).
+
+    Args:
+        points: Values of A, of A with each input from B, and of B, (N, d + 2).
+        seed: Seed of the bootstrap.
+    """
+    resampled = np.random.default_rng(seed).integers(len(points), size=(len(points), RESAMPLED))
+    centred = points - points.mean()
+    std = np.std([compute_sobol_indices(centred[own]) for own in resampled.T], axis=0, ddof=1)
+    return np.stack([compute_sobol_indices(centred), ndtri(0.5 + CONFIDENCE / 2) * std], axis=1).reshape(4, -1)
+
+
+def compute_sobol_indices(centred: Array) -> Array:
+    """``S = mean(f_B (f_AB - f_A)) / V,  T = mean((f_A - f_AB)²) / 2 V``, (2, d), from centred values (N, d + 2).
+
+    Saltelli et al., Computer Physics Communications 181 (2010), table 2 (b) and (f).
+    """
+    a, mixed, b = centred[:, :1], centred[:, 1:-1], centred[:, -1:]
+    return np.array([(b * (mixed - a)).mean(axis=0), ((a - mixed) ** 2).mean(axis=0) / 2]) / np.var([a, b])

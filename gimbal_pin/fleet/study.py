@@ -106,14 +106,12 @@ class Study:
         """Return what the results depend on."""
         model, law, known = self.variation.model, self.law, self.variation.estimated
         believed = convert_model(getattr(law, "model", model))
+        gains = None if law is None else [law.gains, repr(vars(law).get("robust")), believed]
         return {
             "rig": model.rig.name,
             "model": [describe_rig(model.rig), convert_model(model)],
             "covariance": None if known is None else known.covariance.tolist(),
-            "controller": [
-                vars(self.wish),
-                None if law is None else [law.gains, repr(vars(law).get("robust")), believed],
-            ],
+            "controller": [vars(self.wish), gains],
             "seconds": self.seconds,
             "platform": self.recipe is not None,
             "vary": asdict(self.variation.vary),
@@ -125,8 +123,8 @@ class Study:
         inputs: dict[str, Value] = {name: values[name] for name in self.variation.inputs}
         try:
             body = self.variation.make_body(values)
-            plant = self.add_torque_noise(self.variation.make_plant(body, values), values, unit.seed)
-            law = tune(body, **vars(self.wish)).controller if self.law is None else self.law
+            plant = self.add_torque_noise(self.variation.make_plant(body, values), values["torque_noise"], unit.seed)
+            law = self.law or tune(body, **vars(self.wish)).controller
             if self.recipe is None:
                 return {**inputs, **self.simulate_step(law, plant, values, unit.seed)}
             own = replace(self.recipe, model=body, law=self.recipe.law and law)
@@ -134,42 +132,34 @@ class Study:
         except GimbalPinError as error:
             return {**inputs, "error": str(error)}
 
-    def add_torque_noise(self, plant: Model, values: Values, seed: int) -> Model:
-        """Return the plant with noise on its torques."""
-        if not values["torque_noise"]:
+    def add_torque_noise(self, plant: Model, std: float, seed: int) -> Model:
+        """Return the plant with white noise on its torques, N m."""
+        if not std:
             return plant
         shape = plant.rig.n, round(self.seconds / self.wish.dt) + 1
-        draws = values["torque_noise"] * np.random.default_rng([seed, 1]).standard_normal(shape)
-        noise = [FlawedDrive(joint, 0.0, draws=tuple(own)) for joint, own in zip(plant.rig.joints, draws.tolist())]
+        draws = (std * np.random.default_rng([seed, 1]).standard_normal(shape)).tolist()
+        noise = [FlawedDrive(joint, 0.0, draws=tuple(own)) for joint, own in zip(plant.rig.joints, draws)]
         return replace(plant, drive=(*plant.drive, *noise))
 
-    def simulate_step(self, law: Law, plant: Model, values: Values, seed: int) -> dict[str, Value]:
+    def simulate_step(self, law: Law, plant: Model, values: Values, seed: int) -> dict[str, float]:
         """Return the figures of a step of all axes: of no overshoot 0, of a joint that did not settle infinite."""
         rig, sensors = plant.rig, Sensors.of(plant.rig, law.dt)
         if (density := values.get("gyro_noise")) is not None:
             sensors = replace(sensors, rate_std=np.full(rig.n, density / np.sqrt(2 * law.dt)))
         if (step := values.get("encoder_step")) is not None:
             sensors = replace(sensors, encoder_step=np.full(rig.n, step))
-        run = track(
-            plant,
-            {"own": law},
-            rng=np.random.default_rng([seed, 2]),
-            seconds=self.seconds,
-            sensors=sensors,
-            delay=self.wish.samples,
-            one_by_one=False,
-        ).experiments[0]
-        out = compute_torque_shares(rig, np.asarray(run.log.tau))
-        for joint, seen in run.joints.items():
+        noise, late, laws = np.random.default_rng([seed, 2]), self.wish.samples, {"own": law}
+        steps = track(plant, laws, rng=noise, seconds=self.seconds, sensors=sensors, delay=late, one_by_one=False)
+        out = compute_torque_shares(rig, np.asarray(steps.experiments[0].log.tau))
+        for joint, seen in steps.experiments[0].joints.items():
             stayed = isnan(seen.overshoot_percent)
-            settling = inf if isnan(seen.settling_time) else seen.settling_time
             out[f"rms_error_{joint}"] = seen.rms_error
             out[f"overshoot_percent_{joint}"] = 0.0 if stayed else seen.overshoot_percent
-            out[f"settling_time_{joint}"] = 0.0 if stayed else settling
+            out[f"settling_time_{joint}"] = 0.0 if stayed else inf if isnan(seen.settling_time) else seen.settling_time
         largest = {name: max(out[f"{name}_{joint}"] for joint in rig.joints) for name in STEPS}
         return {name: {**largest, **out}[name] for name in list_figures(rig, platform=False)}
 
-    def hold_camera(self, holder: Holder, plant: Model, values: Values, seed: int) -> dict[str, Value]:
+    def hold_camera(self, holder: Holder, plant: Model, values: Values, seed: int) -> dict[str, float]:
         """Return the figures of a camera held on profile S."""
         rig, station = plant.rig, Station.of(plant.rig)
         if (density := values.get("gyro_noise")) is not None:
@@ -197,25 +187,23 @@ def describe_rig(rig: Rig) -> list[str]:
 def make_study(
     variation: Variation, controller: Stored | Tuning | None, retune: bool, platform: bool, seconds: float
 ) -> Study:
-    """Return what every rig goes through; the controller knows the nominal one, or its own model."""
-    stored = controller.stored if isinstance(controller, Tuning) else controller
-    wish, law = (Wish(), None) if stored is None else (stored.wish, stored.law)
-    model = variation.model if stored is None else stored.model
-    recipe = make_recipe(model, wish, law) if platform else None
-    if retune:
-        return Study(variation, wish, None, seconds, recipe)
-    law = law or tune(variation.model, **vars(wish)).controller
-    return Study(variation, wish, law, seconds, recipe, None if recipe is None else recipe.holder(recipe.kind))
+    """Return what every rig goes through; the controller knows the nominal one, or its own model.
 
-
-def make_recipe(model: Model, wish: Wish, law: Law | None) -> Recipe:
-    """Return what holds a camera and knows a model; how platforms move is known from another motion.
+    How platforms move is known from another motion than that on which the camera is held.
 
     Raises:
         UsageError: The rig cannot hold its camera.
     """
-    rig = model.rig
-    if reason := unable(rig, WANTED):
-        raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", "state or change that in its YAML")
-    recipe = learn_recipe(rig, None, Station.of(rig), model, delay=wish.samples)
-    return replace(recipe, dt=wish.dt, law=law)
+    stored = controller.stored if isinstance(controller, Tuning) else controller
+    wish, law, model = (Wish(), None, variation.model) if stored is None else (stored.wish, stored.law, stored.model)
+    recipe, rig = None, model.rig
+    if platform:
+        if reason := unable(rig, WANTED):
+            mend = "state or change that in its YAML"
+            raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", mend)
+        recipe = learn_recipe(rig, None, Station.of(rig), model, delay=wish.samples)
+        recipe = replace(recipe, dt=wish.dt, law=law)
+    if retune:
+        return Study(variation, wish, None, seconds, recipe)
+    law = law or tune(variation.model, **vars(wish)).controller
+    return Study(variation, wish, law, seconds, recipe, None if recipe is None else recipe.holder(recipe.kind))
