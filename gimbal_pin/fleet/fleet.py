@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections import Counter
-from collections.abc import Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from itertools import chain
@@ -337,35 +337,31 @@ def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
         if earlier.get(key) != settings[key]:
             what = f"has the {key} {earlier.get(key)}, and these logs {settings[key]}"
             raise UsageError("--reference", f"{folder} {what}", f"compare units of one {key}")
-    return known
+    return known.reindex(columns=list(dict.fromkeys([*known, "verdict", "findings"])))
 
 
 def _read_findings(table: DataFrame) -> list[list[Finding]]:
     """Named causes and faults of each log; none of one that was not diagnosed."""
-    texts = table["findings"].astype(object).fillna("[]") if "findings" in table else ["[]"] * len(table)
+    texts = table["findings"].astype(object).fillna("[]")
     keys = [dict.fromkeys((one["cause"], one["joint"], one["status"]) for one in json.loads(text)) for text in texts]
     return [[key for key in own if key[2] in ("named", "data")] for own in keys]
 
 
 def _list_owners(table: DataFrame) -> tuple[dict[Finding, set[str]], set[str]]:
     """Finding → the units that have it, and the units that were diagnosed."""
-    owners: dict[Finding, set[str]] = {}
+    owners = defaultdict[Finding, set[str]](set)
     for unit, findings in zip(table["serial"], _read_findings(table)):
         for key in findings:
-            owners.setdefault(key, set()).add(unit)
-    return owners, set(table["serial"][table["verdict"].notna()]) if "verdict" in table else set()
+            owners[key].add(unit)
+    return owners, set(table["serial"][table["verdict"].notna()])
 
 
-def _find_own(table: DataFrame, siblings: DataFrame) -> list[list[Finding]]:
-    """Of each log the findings that less than `MAJORITY` of its unit's siblings have."""
+def _find_own(table: DataFrame, siblings: DataFrame) -> Iterator[list[Finding]]:
+    """Yield of each log the findings that less than `MAJORITY` of its unit's siblings have."""
     owners, diagnosed = _list_owners(siblings)
-
-    def is_own(unit: str, key: Finding) -> bool:
+    for unit, keys in zip(table["serial"], _read_findings(table)):
         others = diagnosed - {unit}
-        return bool(others) and len(owners.get(key, set()) - {unit}) < MAJORITY * len(others)
-
-    rows = zip(table["serial"], _read_findings(table))
-    return [[key for key in keys if is_own(unit, key)] for unit, keys in rows]
+        yield [key for key in keys if len(owners[key] & others) < MAJORITY * len(others)]
 
 
 def _list_parameters(table: DataFrame) -> dict[str, str]:
@@ -382,7 +378,7 @@ def _judge_fleet(
     import pandas as pd
 
     for rows in (table,) if earlier is None else (table, earlier):
-        rows["own"] = _find_own(rows, table if earlier is None else earlier)
+        rows["own"] = list(_find_own(rows, table if earlier is None else earlier))
         rows["spoilt"] = [any(status == "data" for *_, status in own) for own in rows["own"]]
     used = table[table["error"].isna() & ~table["spoilt"]]
     if used.empty:
@@ -401,11 +397,16 @@ def _judge_fleet(
         for kind in ("value", "std")
     )
     compared = compare_units(values, stds, logs["label"].tolist(), logs["time"], reference=of_fleet)
-    is_vague = _find_vague(compared, stds.set_axis(logs["label"]), siblings)
+    known = compared.population
+    errors = (1 / (stds**2 + known["repeat"] ** 2)).groupby(
+        logs["label"].to_numpy()
+    ).sum() ** -0.5  # without any value infinite
+    is_vague = errors > np.hypot(known["spread"], SCATTER * errors.loc[siblings].median())
     judged = [_judge_unit(str(unit), rows, compared, is_vague) for unit, rows in table.groupby("serial", sort=True)]
     order = [Verdict.FAIL, Verdict.RETEST, Verdict.PASS]
     judged.sort(key=lambda one: (order.index(one.verdict), min((own.p_value for own in one.deviations), default=1.0)))
     owners, diagnosed = _list_owners(table)
+    common = sorted(owners.items(), key=lambda one: -len(one[1]))
     return Fleet(
         rig=rig.name,
         payload=rig.payload,
@@ -413,22 +414,12 @@ def _judge_fleet(
         logs=len(table),
         failed=int(table["error"].notna().sum()),
         units=tuple(judged),
-        population=compared.population.assign(unit=units, detectable=compared.detectable.loc[siblings].median()),
+        population=known.assign(unit=units, detectable=compared.detectable.loc[siblings].median()),
         estimates=compared.values,
-        causes=tuple(
-            FleetCause(cause, joint, len(having), len(diagnosed))
-            for (cause, joint, _), having in sorted(owners.items(), key=lambda one: -len(one[1]))
-        ),
+        causes=tuple(FleetCause(cause, joint, len(having), len(diagnosed)) for (cause, joint, _), having in common),
         is_dated=manifest.is_dated,
         table=table.drop(columns=["own", "reported"]),
     )
-
-
-def _find_vague(compared: Comparison, stds: DataFrame, siblings: list[str]) -> DataFrame:
-    """Whether a unit's logs, together, tell a parameter worse than `Reason.UNCERTAIN` allows: units by parameters."""
-    known = compared.population
-    errors = (1 / (stds**2 + known["repeat"] ** 2)).groupby(level=0).sum() ** -0.5  # without any such value infinite
-    return errors > np.hypot(known["spread"], SCATTER * errors.loc[siblings].median())
 
 
 def _find_start(rows: DataFrame, key: Finding) -> str | None:
@@ -441,28 +432,20 @@ def _find_start(rows: DataFrame, key: Finding) -> str | None:
 def _judge_unit(unit: str, rows: DataFrame, compared: Comparison, is_vague: DataFrame) -> JudgedUnit:
     """Return a unit's verdict from its logs."""
     uncertain = tuple(is_vague.columns[is_vague.loc[unit]]) if unit in is_vague.index else ()
-    failed, has_error = rows[rows["error"].notna()], rows["error"].notna()
     deviations = tuple(own for own in compared.deviations if own.unit == unit)
+    failed = rows[rows["error"].notna()]
+    keys = dict.fromkeys(chain(*rows["own"]))
+    own = [UnitCause(cause, joint, status, _find_start(rows, (cause, joint, status))) for cause, joint, status in keys]
     fails = {
         Reason.ODD_PARAMETER: bool(deviations),
-        Reason.OWN_CAUSE: any(status == "named" for own in rows["own"][~rows["spoilt"]] for *_, status in own),
+        Reason.OWN_CAUSE: any(status == "named" for *_, status in chain(*rows["own"][~rows["spoilt"]])),
     }
     doubts = {
-        Reason.DATA: bool((has_error & rows["reported"] | rows["spoilt"]).any()),
-        Reason.ERROR: bool((has_error & ~rows["reported"]).any()),
+        Reason.DATA: bool(failed["reported"].any() or rows["spoilt"].any()),
+        Reason.ERROR: not failed["reported"].all(),
         Reason.UNCERTAIN: bool(uncertain),
     }
     verdict = Verdict.FAIL if any(fails.values()) else Verdict.RETEST if any(doubts.values()) else Verdict.PASS
-    return JudgedUnit(
-        unit,
-        verdict,
-        tuple(reason for reason, holds in {**fails, **doubts}.items() if holds),
-        len(rows),
-        deviations,
-        tuple(
-            UnitCause(cause, joint, status, _find_start(rows, (cause, joint, status)))
-            for cause, joint, status in dict.fromkeys(chain(*rows["own"]))
-        ),
-        uncertain,
-        tuple(error.replace(log, PurePosixPath(log).name) for log, error in zip(failed["log"], failed["error"])),
-    )
+    reasons = tuple(reason for reason, holds in {**fails, **doubts}.items() if holds)
+    errors = tuple(error.replace(log, PurePosixPath(log).name) for log, error in zip(failed["log"], failed["error"]))
+    return JudgedUnit(unit, verdict, reasons, len(rows), deviations, tuple(own), uncertain, errors)

@@ -45,29 +45,28 @@ def _make_panels(count: int, top: float) -> tuple[Figure, Sequence[Axes]]:
 
 def describe_monte_carlo(found: MonteCarlo) -> Document:
     """Return how many rigs meet what was asked for, how the figures are spread, what costs most, and the worst."""
-    own, lead = (
-        found.yield_,
-        "What each input does to how much of the specification a rig uses; without one, to the first figure.",
-    )
-    top = [
-        Card("Rigs", str(found.count), f"{len(found.inputs)} inputs vary"),
-        Card("Not simulated", str(found.failed), "impossible, or diverged", "poor" if found.failed else "good"),
-    ]
-    if own is not None:
+    failed = Card("Not simulated", str(found.failed), "impossible, or diverged", "poor" if found.failed else "good")
+    top = [Card("Rigs", str(found.count), f"{len(found.inputs)} inputs vary"), failed]
+    said = f"{found.count} rig{'s' * (found.count != 1)}"
+    said += f", {found.failed} of which could not be simulated" if found.failed else ""
+    if own := found.yield_:
         share, low, high = (percent(100 * x) for x in (own.value, own.low, own.high))
         top.insert(0, Card("Yield", share, f"{low} to {high}, 95 % confidence"))
+        asked = " and ".join(limit.text for limit in found.specification)
+        said = f"{share} meet {asked} (95 % confidence: {low} to {high} of {own.of}); {said}."
+    else:
+        said += "; nothing was asked of them."
     picture = plots.Drawing(
         partial(_draw_distributions, found),
         "Histograms of the figures over all rigs",
         "All rigs that could be simulated; dashed: the specification.",
     )
-    influences = [_tabulate_influences(found)] if found.sensitivity else []
-    worst = "Rigs that failed, then those that use most."
+    lead = "What each input does to how much of the specification a rig uses; without one, to the first figure."
     sections = [
-        Section("Yield", [paragraph(_describe_yield(found)), cards(top)], ""),
-        Section("Distributions", [picture, _tabulate_spreads(found)], ""),
-        Section("What costs most", influences, lead),
-        Section("The worst", [_tabulate_worst(found)], worst),
+        Section("Yield", [paragraph(f"{found.rig}: {said}"), cards(top)]),
+        Section("Distributions", [picture, _tabulate_spreads(found)]),
+        Section("What costs most", [_tabulate_influences(found)] if found.sensitivity else [], lead),
+        Section("The worst", [_tabulate_worst(found)], "Rigs that failed, then those that use most."),
     ]
     return Document(f"Monte Carlo: {found.rig}", found.payload or "", sections)
 
@@ -80,17 +79,6 @@ def _format_figure(unit: str, value: float | None) -> str:
 def _label_figure(found: MonteCarlo, name: str) -> str:
     """Return a figure's name with its unit."""
     return f"{name}, {found.units[name] or 'share of the limit'}"
-
-
-def _describe_yield(found: MonteCarlo) -> str:
-    """How many rigs meet what was asked for, in a sentence."""
-    rigs = f"{found.count} rig{'s' * (found.count != 1)}"
-    rigs += f", {found.failed} of which could not be simulated" if found.failed else ""
-    if found.yield_ is None:
-        return f"{found.rig}: {rigs}; nothing was asked of them."
-    own, asked = found.yield_, " and ".join(limit.text for limit in found.specification)
-    bounds = f"95 % confidence: {percent(100 * own.low)} to {percent(100 * own.high)} of {own.of}"
-    return f"{found.rig}: {percent(100 * own.value)} meet {asked} ({bounds}); {rigs}."
 
 
 def _tabulate_spreads(found: MonteCarlo) -> Table:
@@ -184,9 +172,9 @@ def describe_fleet(found: Fleet) -> Document:
     rows = [(one.cause, one.joint or "the rig", f"{one.units} of {one.of}") for one in found.causes[:FIRST]]
     causes = [Table(["Cause", "Joint", "Units"], rows, texts=2, label="Causes")] if rows else []
     sections = [
-        Section("Verdict", verdicts, ""),
-        Section("Parameters", [strip, _tabulate_population(found)], ""),
-        Section("Changes", [drawn] if changes else [], ""),
+        Section("Verdict", verdicts),
+        Section("Parameters", [strip, _tabulate_population(found)]),
+        Section("Changes", [drawn] if changes else []),
         Section("Causes", causes, "What diagnose names, and of how many units."),
     ]
     return Document(f"Fleet: {found.rig}", found.payload or "", sections)

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
-from scipy.stats import qmc
+from scipy import stats
 
 from gimbal_pin.control.laws.uncertainty import change_parameters, estimate
 from gimbal_pin.dynamics.apply import plant_with
@@ -34,35 +33,18 @@ MIN_PROBABILITY = 1e-12
 """Smallest probability at which a distribution is looked up: seven deviations of a normal one."""
 
 
-class Distribution(NamedTuple):
-    """A number's distribution: "uniform" from `a` to `b`, or "normal" of mean `a` and deviation `b`."""
-
-    kind: str
-    a: float
-    b: float
-
-    @property
-    def width(self) -> float:
-        """Length of the interval, or the deviation; 0 of a number that does not vary."""
-        return self.b - self.a if self.kind == "uniform" else self.b
-
-    def quantile(self, share: float) -> float:
-        """``F⁻¹(share)``: the value that this share of all draws does not exceed."""
-        inside = min(max(share, MIN_PROBABILITY), 1 - MIN_PROBABILITY)
-        return self.a + self.width * (inside if self.kind == "uniform" else float(ndtri(inside)))
-
-
-def parse_distribution(written: Any, place: str) -> Distribution:
-    """Return what a file states of a number."""
+def parse_distribution(written: Any, place: str) -> Any:
+    """Return what a file states of a number: the number, or its distribution of `scipy.stats` where it varies."""
     kind, *numbers = written if isinstance(written, (list, tuple)) and written else ("uniform", written, written)
     real = [isinstance(x, (int, float)) and not isinstance(x, bool) and isfinite(x) for x in numbers]
     if kind not in ("uniform", "normal") or real != [True, True]:
         raise UsageError(place, f"is {written!r}", DISTRIBUTION_SYNTAX)
-    found = Distribution(kind, *map(float, numbers))
-    if found.width < 0:
+    first, second = map(float, numbers)
+    scale = second - first if kind == "uniform" else second
+    if scale < 0:
         wrong = "lowest exceeds its highest" if kind == "uniform" else "deviation is negative"
         raise UsageError(place, f"is {written!r}, whose {wrong}", DISTRIBUTION_SYNTAX)
-    return found
+    return {"uniform": stats.uniform, "normal": stats.norm}[kind](first, scale) if scale else first
 
 
 @dataclass(frozen=True)
@@ -133,7 +115,7 @@ class Variation:
         return (estimate(self.model) or (None,))[0]
 
     @cached_property
-    def distributions(self) -> Mapping[str, Distribution]:
+    def distributions(self) -> Mapping[str, Any]:
         """All numbers, fixed ones too, by their names."""
         vary, rig, known = self.vary, self.model.rig, self.estimated
         if unknown := set(vary.payload) - {*"xyz", "mass"}:
@@ -149,12 +131,13 @@ class Variation:
     @cached_property
     def inputs(self) -> tuple[str, ...]:
         """Names of those that vary."""
-        return tuple(name for name, own in self.distributions.items() if own.width)
+        return tuple(name for name, own in self.distributions.items() if not isinstance(own, float))
 
     def values(self, shares: Sequence[float]) -> dict[str, float]:
         """Return all numbers, from the inputs' places in their distributions, 0 to 1."""
-        at = dict(zip(self.inputs, shares))
-        return {name: own.quantile(at.get(name, 0.5)) for name, own in self.distributions.items()}
+        inside = np.clip(shares, MIN_PROBABILITY, 1 - MIN_PROBABILITY)
+        drawn = {name: float(self.distributions[name].ppf(share)) for name, share in zip(self.inputs, inside)}
+        return {**self.distributions, **drawn}
 
     def check(self) -> None:
         """Raise what there is against the file: a rig at the inputs' upper quartiles can be made."""
@@ -175,12 +158,8 @@ class Variation:
             model = change_parameters(model, factor_covariance(self.estimated.covariance) @ off)
         phi = model.rig.phi * np.repeat([1 + values[f"inertials.{link}"] for link in rig.links[: rig.n]], 10)
         share = {joint: 1 + values[f"friction.{joint}"] for joint in rig.joints}
-        rubbed = [
-            replace(term, values=tuple(x * share[term.effect.joint] for x in term.values))
-            if is_motor_friction(term.effect)
-            else term
-            for term in model.terms
-        ]
+        factors = [share[term.effect.joint] if is_motor_friction(term.effect) else 1.0 for term in model.terms]
+        rubbed = (replace(t, values=tuple(x * factor for x in t.values)) for t, factor in zip(model.terms, factors))
         model = replace(model, rig=_replace_bodies(model.rig, phi), terms=tuple(rubbed), estimated=None)
         place = [values.get(f"payload.{axis}", 0.0) / 1000 for axis in "xyz"]
         causes: list[PayloadShift | PayloadMass] = [PayloadShift(*place)] if any(place) else []
@@ -257,16 +236,16 @@ class RigDesign(Sequence[Unit]):
     @cached_property
     def base_points(self) -> Array:
         """Scrambled Sobol sequence of A and B, (size, 2 inputs)."""
-        return np.asarray(qmc.Sobol(2 * len(self.inputs), seed=self.seed).random(self.size))
+        return np.asarray(stats.qmc.Sobol(2 * len(self.inputs), seed=self.seed).random(self.size))
 
     def __getitem__(self, place: Any) -> Any:
         """Draw one rig."""
         k = range(len(self))[place]
         own, shared = (np.random.default_rng([self.seed, word, n]) for word, n in ((1, k), (2, 0)))
-        if not self.sobol:
+        if self.sobol:
+            (a, b), step = np.split(self.base_points[k // self.group], 2), k % self.group
+            shares = b if step == self.group - 1 else np.where(np.arange(len(a)) == step - 1, b, a)
+        else:
             shares = own.random(len(self.inputs))
-            return Unit(tuple(shares.tolist()), int((own if self.own_noise else shared).integers(2**63)))
-        a, b = np.split(self.base_points[k // self.group], 2)
-        step = k % self.group
-        shares = b if step == self.group - 1 else np.where(np.arange(len(a)) == step - 1, b, a)
-        return Unit(tuple(shares.tolist()), int(shared.integers(2**63)))
+        noise = own if self.own_noise and not self.sobol else shared
+        return Unit(tuple(shares.tolist()), int(noise.integers(2**63)))
