@@ -46,10 +46,10 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 223,
-    "percent of functions that are one word": 32,
-    "upper-case constants": 919,
-    "distinct deep names imported by the tests": 121,
+    "names at the top of more than one module": 219,
+    "percent of functions that are one word": 31,
+    "upper-case constants": 917,
+    "distinct deep names imported by the tests": 120,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

@@ -72,6 +72,7 @@ def track(
     from gimbal_pin.pointing import parse_fault, verify
     from gimbal_pin.report import pages
     from gimbal_pin.report.camera_chart import chart
+    from gimbal_pin.report.sections.control import show_tracking
 
     moving, motions = platform != "none" or platform_log is not None, "--platform S, --platform-log FILE"
     if controller is None and not moving:
@@ -104,12 +105,12 @@ def track(
             delay=late,
         )  # fmt: skip
         draw(partial(chart, held), plot)
+    stood = "the controller's own model" if model is None else f"the model in {model}"
     if report is not None:
-        stood = "the controller's own model" if model is None else f"the model in {model}"
         atomic_write(report, pages.carried(loaded, held, steps, stood, judged))
     if animation is not None and held is not None:
         atomic_write(animation, pages.moving(loaded, held))
-    told = [] if steps is None or judged is None else [text.tracking(steps, judged, loaded)]
+    told = [] if judged is None else [show_tracking(judged, loaded, steps, stood).to_text(verbose)]
     told += [] if held is None else [text.verified(held, verbose)]
     own_rows, more = ({} if one is None else one.to_dict() for one in (steps, held))
     own_rows |= {} if judged is None else {"judged": judged.to_dict()}

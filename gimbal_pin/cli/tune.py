@@ -9,7 +9,6 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import choose_filter, load_logs, load_rig, read_payload
 from gimbal_pin.cli.present import draw, present
-from gimbal_pin.report import text
 
 
 def tune(
@@ -37,6 +36,8 @@ def tune(
     from gimbal_pin.control.tuning import tune as run
     from gimbal_pin.identification import identify
     from gimbal_pin.identification.model_file import is_model, read_model
+    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.sections.control import show_controller, show_tracking
 
     if len(source) == 1 and is_model(source[0]):
         model = read_model(source[0], load_rig(rig, payload or read_payload(source[0])))
@@ -50,5 +51,5 @@ def tune(
         write_controller(found, output, output.parent)
     draw(found.plot, plot)
     judged = judge_controllers(model, pair_rivals(found.stored), rng=0, plants=plants, delay=found.wish.delay)
-    told = f"{text.tuning(found, verbose)}\n\n{text.judgement(judged, model.rig)}"
-    present(told, {**found.to_dict(), "judged": judged.to_dict()}, json)
+    sections = show_controller(found), show_tracking(judged, model.rig)
+    present(join_text(sections, verbose), {**found.to_dict(), "judged": judged.to_dict()}, json)

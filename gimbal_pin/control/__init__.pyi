@@ -28,6 +28,7 @@ from .laws.carried import CarriedTorque as CarriedTorque
 from .laws.computed_torque import lyapunov as lyapunov
 from .laws.design import Wish as Wish
 from .laws.equal import Equal as Equal
+from .laws.reasons import ReasonKind as ReasonKind
 from .laws.uncertainty import draw_model as draw_model
 from .laws.uncertainty import estimate as estimate
 from .laws.uncertainty import home as home

@@ -18,13 +18,14 @@ from gimbal_pin.control.laws.computed_torque import CompensatedPid, lyapunov
 from gimbal_pin.control.laws.design import Wish, braking, granted, inner, layered, lowered, seen_inertia
 from gimbal_pin.control.laws.reasons import (
     UNSEEN,
+    GainReason,
     about_inertia,
     about_layer,
     about_loops,
     about_model,
     about_sampling,
     doubts,
-    grouped,
+    group_reasons,
 )
 from gimbal_pin.control.laws.uncertainty import DRAWS, Ratios, drawn, widened
 from gimbal_pin.dynamics.model import Model, convert_model, read_model_data
@@ -59,7 +60,7 @@ class Tuning:
         draws: How many were drawn; 0: the model has no covariance, and `worst` is `margins`.
         ratios: Gains of the plant over what the law believes that `worst` is of, one tuple per joint.
         robust: Lyapunov redesign, or None.
-        reasons: Sentences.
+        reasons: Why the gains are what they are.
         doubts: Which joints' loops should not be closed, and why; in sentences.
     """
 
@@ -74,7 +75,7 @@ class Tuning:
     draws: int
     ratios: Ratios
     robust: Robust | None
-    reasons: tuple[str, ...]
+    reasons: tuple[GainReason, ...]
     doubts: tuple[str, ...] = ()
 
     __repr__ = brief
@@ -96,7 +97,7 @@ class Tuning:
         return Stored(self.controller, self.model, self.wish, dict(zip(self.model.rig.joints, self.bandwidth_hz)))
 
     def __str__(self) -> str:
-        """A line per joint: gains, bandwidth and margins; `text.tuning` has the table."""
+        """A line per joint: gains, bandwidth and margins; `show_controller` has the table."""
         rig = self.model.rig
         rows = zip(rig.joints, self.gains, self.bandwidth_hz, self.margins)
         each = (
@@ -105,7 +106,7 @@ class Tuning:
             for joint, pid, hz, found in rows
         )
         warned = (f"warning: {said}" for said in self.warnings)
-        return "\n".join([*warned, f"{self.wish.kind} for {rig.name}", *each, *self.doubts, *self.reasons])
+        return "\n".join([*warned, f"{self.wish.kind} for {rig.name}", *each, *self.doubts, *map(str, self.reasons)])
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -158,7 +159,7 @@ class Tuning:
             "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
             "robust": None if law is None else {"gain": law.gain, **asdict(law.bounds)},
             "warnings": list(self.warnings),
-            "reasons": list(self.reasons),
+            "reasons": list(map(str, self.reasons)),
             "doubts": list(self.doubts),
             "model": {**convert_model(self.model), **describe_uncertainty(self.model.estimated)},
         }
@@ -235,12 +236,13 @@ def tune(
     reasons += about_loops(model, wish, hertz, found, least if over is not None else None)
     if known is None:
         inertias = [rig.in_units(joint, "kg m²") for joint in rig.joints]
-        reasons += grouped(rig.joints, [about_inertia(*row) for row in zip(nominal, believed, inertias)])
+        reasons += group_reasons(rig.joints, [about_inertia(*row) for row in zip(nominal, believed, inertias)])
     else:
         reasons += [about_model(known, rig.force)] + ([about_layer(law)] if robust else [])
     draws, brakes = 0 if over is None else DRAWS, braking(model)
     unsure = () if over is None else doubts(model.rig.joints, over, least)
-    unsure += tuple(grouped([one.joint for one in model.doubts if one.unsafe], [UNSEEN] * len(model.doubts)))
+    unseen = group_reasons([one.joint for one in model.doubts if one.unsafe], [UNSEEN] * len(model.doubts))
+    unsure += tuple(map(str, unseen))
     return Tuning(model, wish, hertz, gains, nominal, brakes, found, least, draws, ratios, law, tuple(reasons), unsure)
 
 

@@ -18,7 +18,7 @@ from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.format import controller_name
 from gimbal_pin.report.html import Document, Section, join, paragraph
 from gimbal_pin.report.sections.camera import pointing
-from gimbal_pin.report.sections.control import margins, tracking
+from gimbal_pin.report.sections.control import show_controller, show_tracking
 from gimbal_pin.report.sections.data import data, rig_section
 from gimbal_pin.report.sections.diagnosis import WRONG, diagnosis
 from gimbal_pin.report.sections.model import show_parameters, show_torque
@@ -50,8 +50,8 @@ def full(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> str:
         animation(recording, STEPS.format(law)),
         show_parameters(own, found.payload, evaluated),
         show_torque(own, evaluated),
-        margins(found.tuning),
-        tracking(found.tracking, rig, found.plant, found.judged),
+        show_controller(found.tuning),
+        show_tracking(found.judged, rig, found.tracking, found.plant),
         *([] if held is None else [pointing(held, HELD.format(found.held_on))]),
         *([Section("Camera", [paragraph(NOT_HELD.format(found.why))])] if found.why and rig.aims else []),
         data(rig, logs),
@@ -73,8 +73,8 @@ def carried(
     parts: list[Section] = []
     if held is not None:
         parts += [pointing(held), animation(moving(rig, held), SCENE)]
-    if steps is not None:
-        parts.append(tracking(steps, rig, plant, judged))
+    if judged is not None:
+        parts.append(show_tracking(judged, rig, steps, plant))
     return Document(rig.title, rig.config.description, [*parts, rig_section(rig)]).to_html()
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gimbal_pin.control.laws.reasons import ReasonKind, list_compensated
 from gimbal_pin.control.tuning import RIVAL
 from gimbal_pin.diagnosis.result import MEASURED
 from gimbal_pin.effects import CAUSES
@@ -181,11 +182,11 @@ def to_do(wrong: Diagnosis | None, tuning: Tuning | None, payload: PayloadStatem
         return tuple(f"{fault.next_experiment[:1].upper()}{fault.next_experiment[1:]}." for fault in wrong.spoiling)
     open_, known = [], []
     slid = () if payload is None else tuple(f"{one[:1].upper()}{one[1:]}." for one in payload.advice[:1])
-    compensated = "" if tuning is None else "; ".join(why for why in tuning.reasons if why.startswith("compensated"))
+    compensated = [] if tuning is None else list_compensated(tuning.model, tuning.wish.kind)
     for finding in [] if wrong is None else wrong.lacking:
         if finding.open:
             open_.append(f"Find out whether it is {named(finding)}: {finding.experiment}.")
-        elif finding.cause != MEASURED and f"{finding.cause} at {finding.joint}" not in compensated:
+        elif finding.cause != MEASURED and (finding.cause, finding.joint) not in compensated:
             known.append(f"Against {named(finding)}: {CAUSES[finding.cause].compensation}.")
     if tuning is not None and tuning.doubts:
         richer = "Record a richer log, for which 'gimbal-pin excite' designs the motion, before a controller runs."
@@ -206,7 +207,11 @@ def cautions(tuning: Tuning | None, result: Tracking | None, judged: Judgement |
     """Return what speaks against taking the headline at its word."""
     found = []
     if tuning is not None:  # where the controller is not to be run, a PID for the same model is no safer
-        safer = [f"{why[:1].upper()}{why[1:]}." for why in tuning.reasons if "is safer" in why]
+        safer = [
+            f"{why.sentence[:1].upper()}{why.sentence[1:]}."
+            for why in tuning.reasons
+            if why.kind is ReasonKind.PID_SAFER
+        ]
         found = [f"{doubt}." for doubt in tuning.doubts] or safer
     if judged is not None and (worse := outdone(judged)):
         found.append(f"On {listed(worse)}, a {controller_name(RIVAL)} follows at least as closely.")

@@ -30,7 +30,6 @@ from gimbal_pin.report.table import Content, Table
 if TYPE_CHECKING:
     from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.laws import Margins
-    from gimbal_pin.control.tracking import Tracking
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding, Residual
     from gimbal_pin.effects.parameter import Parameter
@@ -386,20 +385,6 @@ def judgement(found: Judgement, joints: Sequence[Joint]) -> Table:
     others = [controller_name(name) for name in names[1:-1]]
     head = ["Joint", *(f"{who} error" for who in ("Tuned", *others, "PID")), "Ratio", *(f"Ratio, {x}" for x in others)]
     return Table(head, rows, caption=JUDGED.format(found.plants))
-
-
-def followed(found: Tracking) -> Table:
-    """A line per controller: the worst joint of all steps."""
-    rows = []
-    for name in dict.fromkeys(run.controller for run in found.experiments):
-        runs = [run for run in found.experiments if run.controller == name]
-        own = [metrics for run in runs for metrics in run.joints.values()]
-        overshoot = max((m.overshoot_percent for m in own if not isnan(m.overshoot_percent)), default=nan)
-        crossing = max((run.cross_axis_peak for run in runs if not isnan(run.cross_axis_peak)), default=nan)
-        sizes = [angle(max(m.rms_error for m in own)), f"{figures(overshoot, 2)} %", angle(crossing)]
-        rows.append([controller_name(name), *sizes, f"{figures(100 * max(m.saturated for m in own), 2)} %"])
-    head = ["Controller", "RMS error", "Overshoot", "Error of still axes", "At torque limit"]
-    return Table(head, rows, label="Steps")
 
 
 def overview(found: Auto, most: int) -> Table:

@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from gimbal_pin.errors import NORMAL_95, digits
 from gimbal_pin.report import tables
-from gimbal_pin.report.format import angle, controller_name, figures, joint_shown, joints_of, listed
+from gimbal_pin.report.format import angle, controller_name, figures, joint_shown, listed
 from gimbal_pin.report.html import join_text
 from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
     from gimbal_pin.checks import Alteration
-    from gimbal_pin.control.judging import Judgement
-    from gimbal_pin.control.tracking import Tracking
-    from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Rehearsal, Rehearsed
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
@@ -28,7 +25,6 @@ if TYPE_CHECKING:
     from gimbal_pin.log.io.inspection import Inspected
     from gimbal_pin.pointing.result import Verified
     from gimbal_pin.report.pipeline import Auto
-    from gimbal_pin.rig.rig import Rig
 
 SEVERAL = 3
 """Most things to do, and most doubts, that `auto` prints; all are in the report."""
@@ -232,37 +228,6 @@ def describe_rehearsed(row: Rehearsed) -> tuple[str | None, ...]:
 # -- controllers -------------------------------------------------------------------------------------------------------
 
 
-def tuning(found: Tuning, verbose: bool = False) -> str:
-    """Gains and margins; why they are not what was asked for, with `verbose` every reason for them."""
-    loud = ("sampled at", "lowered", "is safer", "identify it better")
-    reasons = [why for why in found.reasons if verbose or any(word in why for word in loud)]
-    warned = (f"warning: {said}" for said in found.warnings)
-    lines = [*warned, *found.doubts, str(tables.loops(found)), *reasons, "", str(tables.drive_gains(found))]
-    fast = [
-        joint
-        for joint, own in zip(found.model.rig.joints, found.drive_gains)
-        if own.current is not None and own.odrive is None
-    ]
-    if fast:
-        lines.append(f"{listed(fast)}: no gains of ODrive's cascade integrate so fast; ask for a smaller --integral")
-    return "\n".join(lines)
-
-
-def tracking(found: Tracking, judged: Judgement, rig: Rig) -> str:
-    """How controllers are judged, and which joints the steps drive to their torque limits."""
-    from gimbal_pin.log.limited import describe_limits
-
-    every = [(one, {joint: metrics.saturated for joint, metrics in one.joints.items()}) for one in found.experiments]
-    weak = [(f"{one.name}, {controller_name(one.controller)}", describe_limits(shares)) for one, shares in every]
-    limits = [f"{who}: at the torque limit, of the time: {shares}" for who, shares in weak if shares]
-    return "\n".join([judgement(judged, rig), *limits])
-
-
-def judgement(found: Judgement, rig: Rig) -> str:
-    """What is claimed of a controller over a PID, and on what."""
-    return str(tables.judgement(found, joints_of(rig)))
-
-
 def exported(found: Exported, folder: Path) -> str:
     """Cost of a step, how the equations agree with Pinocchio, and how to build it."""
     rows = [[name, str(count)] for name, count in found.operations.items()]
@@ -304,6 +269,7 @@ def auto(found: Auto, verbose: bool = False) -> str:
 
     What was found, where the payload is and how to balance it, what to do, what not to trust; then a line per joint.
     """
+    from gimbal_pin.report.sections.control import show_controller, show_tracking
     from gimbal_pin.report.sections.model import show_parameters, show_torque
 
     head, payload = found.summary, found.payload
@@ -321,8 +287,8 @@ def auto(found: Auto, verbose: bool = False) -> str:
         parts = [
             join_text([show_parameters(found.identified, found.payload), show_torque(found.identified)]),
             *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
-            tuning(found.tuning, verbose),
-            tracking(found.tracking, found.judged, found.model.rig),
+            show_controller(found.tuning).to_text(verbose),
+            show_tracking(found.judged, found.model.rig, found.tracking).to_text(verbose),
             *([] if found.held is None else [verified(found.held, verbose)]),
         ]
         lines += [line for part in parts for line in ("", part)]

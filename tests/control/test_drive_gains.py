@@ -12,7 +12,7 @@ from numpy.polynomial import Polynomial
 
 from gimbal_pin.control import Pid, convert_gains, stored, tune
 from gimbal_pin.dynamics import nominal
-from gimbal_pin.report import text
+from gimbal_pin.report import show_controller
 from gimbal_pin.rig import Motor, Rig
 
 GAINS = st.builds(Pid.placed, st.floats(0.5, 30), st.floats(1, 2), st.floats(0, 0.15))
@@ -74,18 +74,18 @@ def test_what_no_cascade_can_do_is_said() -> None:
     rig = Rig.load("turret")
     fast = tune(nominal(rig), kind="pid", bandwidth_hz=2.0, integral=0.5)
     assert all(own.current is not None and own.odrive is None for own in fast.drive_gains)
-    assert "pan and tilt: no gains of ODrive's cascade" in text.tuning(fast)
+    assert "pan and tilt: no gains of ODrive's cascade" in show_controller(fast).to_text()
 
 
 def test_only_units_whose_constants_are_known() -> None:
     rig = Rig.load("turret")
     bare = replace(rig, motors=tuple(replace(motor, torque_constant=None) for motor in rig.motors))
-    known, unknown = (text.tuning(tune(nominal(one), kind="pid")) for one in (rig, bare))
+    known, unknown = (show_controller(tune(nominal(one), kind="pid")).to_text() for one in (rig, bare))
     units = ("KP, A/rad", "KP, A/count", "ODrive")
     assert "KP, N m/rad" in known and all(unit in known for unit in units)
     assert "KP, N m/rad" in unknown and not any(unit in unknown for unit in units)
     uncounted = replace(rig, motors=tuple(replace(motor, encoder_bits=None) for motor in rig.motors))
-    said = text.tuning(tune(nominal(uncounted), kind="pid"))
+    said = show_controller(tune(nominal(uncounted), kind="pid")).to_text()
     assert "A/rad" in said and "A/count" not in said
 
 

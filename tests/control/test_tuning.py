@@ -15,7 +15,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from gimbal_pin.control import ComputedTorque, JointPid, Pid, Tuning, inertia, margins, poses, stored, track, tune
+from gimbal_pin.control import (
+    ComputedTorque,
+    JointPid,
+    Pid,
+    ReasonKind,
+    Tuning,
+    inertia,
+    margins,
+    poses,
+    stored,
+    track,
+    tune,
+)
 from gimbal_pin.dynamics import (
     Estimated,
     Model,
@@ -163,8 +175,8 @@ def test_too_much_bandwidth_is_lowered_to_the_disk_margin_and_said(thesis: Model
     tuning = tune(thesis, bandwidth_hz=60, delay=0.005, kind=kind)
     for hz, found in zip(tuning.bandwidth_hz, tuning.margins):
         assert hz < 20 and 0.5 <= found.disk_margin < 0.52
-    assert any("lowered" in reason and "60 Hz" in reason for reason in tuning.reasons)
-    assert not any("lowered" in reason for reason in tune(thesis, bandwidth_hz=5, kind=kind).reasons)
+    assert any(why.kind is ReasonKind.LOWERED and "60 Hz" in why.sentence for why in tuning.reasons)
+    assert not any(why.kind is ReasonKind.LOWERED for why in tune(thesis, bandwidth_hz=5, kind=kind).reasons)
 
 
 def test_more_delay_leaves_less_bandwidth_and_more_disk_margin_too(thesis: Model) -> None:
@@ -264,7 +276,7 @@ def test_redesign_keeps_the_margin_it_states(thesis: Model) -> None:
 
 def test_redesign_is_left_out_where_there_is_no_margin_for_it(thesis: Model) -> None:
     tuning = tune(thesis, robust=True, bandwidth_hz=60)
-    assert tuning.robust is None and any("no Lyapunov redesign" in reason for reason in tuning.reasons)
+    assert tuning.robust is None and any("no Lyapunov redesign" in str(why) for why in tuning.reasons)
 
 
 def with_std(rig: Rig, share: float) -> Model:
@@ -282,8 +294,8 @@ def with_std(rig: Rig, share: float) -> Model:
 def test_a_doubtful_model_makes_pid_the_advice() -> None:
     rig = Rig.load("thesis")
     sure, doubtful = tune(with_std(rig, 0.001)), tune(with_std(rig, 0.3))
-    assert not any("PID is safer" in reason for reason in sure.reasons)
-    assert any("PID is safer" in reason for reason in doubtful.reasons)
+    assert not any(why.kind is ReasonKind.PID_SAFER for why in sure.reasons)
+    assert any(why.kind is ReasonKind.PID_SAFER for why in doubtful.reasons)
 
 
 def test_more_uncertainty_asks_for_a_larger_correction() -> None:
@@ -360,12 +372,12 @@ def test_the_rate_is_the_logs_unless_told_and_a_rate_that_nobody_knows_is_said(t
     found, told = tune(logged, disk_margin=1.0), tune(logged, disk_margin=1.0, dt=0.002)
     assert (found.wish.dt, found.wish.delay, found.controller.dt) == (0.004, 0.004, 0.004)
     assert (told.wish.dt, told.wish.delay) == (0.002, 0.002)
-    assert found.reasons[0].startswith("sampled at 250 Hz, as the logs were")
-    assert not any("sampled at" in why for why in told.reasons)
+    assert found.reasons[0].sentence.startswith("sampled at 250 Hz, as the logs were")
+    assert not any(why.kind is ReasonKind.ASSUMED for why in told.reasons)
     # All of a loop's times scale with its interval, and so does the bandwidth that a margin leaves.
     assert told.bandwidth_hz == pytest.approx([2 * hz for hz in found.bandwidth_hz], rel=0.02)
     # Steps are simulated with the delay that was asked for, and not with a whole slow sample.
     asked = tune(logged, delay=0.001, dt=0.01)
     steps = track(thesis, {"own": asked.controller}, rng=0, delay=asked.wish.samples, one_by_one=False).experiments[0]
     assert max(one.saturated for one in steps.joints.values()) < 0.2
-    assert "not known" in tune(thesis).reasons[0] and tune(thesis).wish.dt == 0.001
+    assert "not known" in tune(thesis).reasons[0].sentence and tune(thesis).wish.dt == 0.001

@@ -27,7 +27,7 @@ from gimbal_pin.identification import (
 )
 from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, find_likeliest_bodies, fit_misfit, fit_weighted
-from gimbal_pin.report import show_parameters, show_torque, text
+from gimbal_pin.report import show_controller, show_parameters, show_torque
 from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, fourier, prescribed, rows_of
 from tests.command_line import Run, result
@@ -210,7 +210,7 @@ def test_a_model_that_holds_for_its_training_part_alone_is_refused_for_control(
     tuning = tune(read_model(path, turret))
     assert tuning.wish.dt == pytest.approx(toothed[0].dt)
     assert tuning.warnings == found.warnings[:1] and "tilt: not to be run" in tuning.doubts[-1]
-    assert text.tuning(tuning).startswith(f"warning: {found.warnings[0]}\ntilt: not to be run")
+    assert show_controller(tuning).to_text().startswith(f"Warning\n  {found.warnings[0]}\n  tilt: not to be run")
     older = {key: x for key, x in yaml.safe_load(path.read_text()).items() if key != "doubts"}
     path.write_text(yaml.safe_dump(older))
     assert not tune(read_model(path, turret)).doubts

@@ -35,15 +35,16 @@ from gimbal_pin.report import (
     joints_of,
     pages,
     plots,
+    show_controller,
     show_parameters,
     show_torque,
+    show_tracking,
     summary,
     tables,
     text,
     verdict,
 )
 from gimbal_pin.report import format as numbers
-from gimbal_pin.report.sections.control import tracking
 from gimbal_pin.report.sections.data import data, rig_section
 from gimbal_pin.report.view import record
 from gimbal_pin.rig import Rig, to_sliding
@@ -457,7 +458,7 @@ def test_page_and_terminal_claim_median_and_worst_of_the_perturbed_plants(walk: 
     ratio = found["ratios"]["computed-torque"]
     claimed = "{} ({})".format(*(numbers.figures(ratio[of]["pan"], 2) for of in ("median", "worst")))
     assert claimed in table and claimed in parsed(page).text_content() and "on 2 plants" in page
-    assert claimed in text.tracking(walk.result, walk.judged, walk.rig)
+    assert claimed in show_tracking(walk.judged, walk.rig).to_text()
 
 
 def test_the_better_figure_is_marked() -> None:
@@ -474,7 +475,7 @@ def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(wa
     first = [e for e in walk.result.experiments if e.name == "all-axes"]
     ahead = replace(walk.result, experiments=tuple(first))
     behind = replace(walk.result, experiments=tuple(first[::-1]))
-    assert tracking(ahead, walk.rig).html == tracking(behind, walk.rig).html
+    assert show_tracking(walk.judged, walk.rig, ahead).html == show_tracking(walk.judged, walk.rig, behind).html
 
 
 def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
@@ -528,7 +529,7 @@ def test_sliding_joints_are_shown_in_millimetres(slid: Walk) -> None:
     several = (
         show_parameters(slid.found, compare_payload(slid.found), evaluated),
         show_torque(slid.found, evaluated),
-        tracking(slid.result, rig, judged=slid.judged),
+        show_tracking(slid.judged, rig, slid.result),
     )
     words = parsed(f"<div>{text}{join(one.html for one in several)}</div>").text_content().replace("\u00a0", " ")
     head = parsed(str(summary(rig, slid.found, None, slid.result, slid.logs).section.html)).text_content()
@@ -549,7 +550,7 @@ def test_the_terminal_and_json_have_the_units_of_joints_that_slide(slid: Walk) -
         show_parameters(slid.found, compare_payload(slid.found)).to_text(),
         text.diagnosis(wrong, {}),
     )
-    shown += tuple(text.tuning(one, verbose=True) for one in slid.tunings.values())
+    shown += tuple(show_controller(one).to_text(detailed=True) for one in slid.tunings.values())
     files = to_json(slid.found.to_dict()), to_json(wrong.to_dict()), to_json(slid.tunings["pid"].to_dict())
     for said in (*shown, *files):
         assert not re.search(r"\bm?N m\b|\brad\b|/rad|\d kg m²", said), said

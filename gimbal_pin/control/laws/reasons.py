@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
 from math import isfinite
 
 from gimbal_pin.control.laws.computed_torque import Robust
@@ -13,47 +15,77 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import ALWAYS, Signal
 from gimbal_pin.errors import digits
 
+
+class ReasonKind(Enum):
+    """What a reason for gains says, as far as more than its sentence depends on it."""
+
+    USUAL = "as it was asked for"
+    ASSUMED = "nobody asked for it"
+    LOWERED = "lower than it was asked for"
+    UNCERTAIN = "the model is not known well enough"
+    PID_SAFER = "without the model it is safer"
+
+
+@dataclass(frozen=True)
+class GainReason:
+    """Why gains are what they are, in a sentence, and what kind of reason that is."""
+
+    sentence: str
+    kind: ReasonKind = ReasonKind.USUAL
+
+    def __str__(self) -> str:
+        """Return the sentence."""
+        return self.sentence
+
+
 UNSAFE_ALPHA = 0.5
 """Model errors from which on the inverted model does as much harm as good."""
-UNSEEN = "not to be run: beyond the data that were fitted its torque is unknown; identify it from more motion"
+UNSEEN = GainReason(
+    "not to be run: beyond the data that were fitted its torque is unknown; identify it from more motion",
+    ReasonKind.UNCERTAIN,
+)
 """What is said of joints whose model does not hold for what was held out."""
 
 
-def grouped(joints: Sequence[str], sentences: Sequence[str]) -> list[str]:
-    """Put the joints before their sentences, those that share one together."""
-    owners: dict[str, list[str]] = {}
-    for joint, sentence in zip(joints, sentences):
-        owners.setdefault(sentence, []).append(joint)
-    return [f"{', '.join(names)}: {sentence}" for sentence, names in owners.items()]
+def group_reasons(joints: Sequence[str], each: Sequence[GainReason]) -> list[GainReason]:
+    """Put the joints before their reasons, those that share one together."""
+    owners: dict[GainReason, list[str]] = {}
+    for joint, reason in zip(joints, each):
+        owners.setdefault(reason, []).append(joint)
+    return [GainReason(f"{', '.join(names)}: {one}", one.kind) for one, names in owners.items()]
 
 
 def about_loops(
     model: Model, wish: Wish, granted: Sequence[float], found: Sequence[Margins], least: Sequence[Margins] | None
-) -> list[str]:
+) -> list[GainReason]:
     """Say why the bandwidths and gains are what they are; `least`: the worst margins of all draws, if any."""
     joints, rows = model.rig.joints, zip(wish.per_joint(model.rig), granted, found, model.drives)
-    reasons = grouped(joints, [about_bandwidth(asked, hz, margins, wish, drive) for asked, hz, margins, drive in rows])
+    reasons = group_reasons(
+        joints, [about_bandwidth(asked, hz, margins, wish, drive) for asked, hz, margins, drive in rows]
+    )
     if least is not None:
-        reasons += grouped(joints, [about_draws(margins, wish) for margins in least])
+        reasons += group_reasons(joints, [about_draws(margins, wish) for margins in least])
     return [*reasons, about_gains(wish), *about_compensation(model, wish.kind)]
 
 
-def about_bandwidth(wanted: float, granted: float, found: Margins, wish: Wish, drive: Sequence[Signal] = ()) -> str:
+def about_bandwidth(
+    wanted: float, granted: float, found: Margins, wish: Wish, drive: Sequence[Signal] = ()
+) -> GainReason:
     """Say what was granted, and what it leaves; `drive`: what stands between command and torque."""
     margins = (
         f"phase margin {found.phase_margin_deg:.0f}°, gain margin {found.gain_margin_db:.1f} dB, "
         f"disk margin {found.disk_margin:.2f}, delay margin {1e3 * found.delay_margin:.1f} ms"
     )
     if granted == wanted:
-        return f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}; {margins}"
+        return GainReason(f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}; {margins}")
     late = f"with {digits(1e3 * (wish.delay + wish.dt / 2))} ms of delay and hold"
     late += "".join(f", and the drive's {name}" for name in dict.fromkeys(s.name for s in drive if s.linear))
     if not isfinite(wanted):
         share = f"{LAYERED:g} of the highest (the rest is for Lyapunov redesign)" if wish.robust else "the highest"
         why = f"{share} that keeps a disk margin of {wish.disk:g} {late}"
-        return f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}, {why}; {margins}"
+        return GainReason(f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}, {why}; {margins}")
     why = f"{digits(wanted)} Hz would leave a disk margin under {wish.disk:g} {late}"
-    return f"bandwidth lowered to {digits(granted)} Hz, as {why}; {margins}"
+    return GainReason(f"bandwidth lowered to {digits(granted)} Hz, as {why}; {margins}", ReasonKind.LOWERED)
 
 
 def doubts(joints: Sequence[str], over: Ratios, least: Sequence[Margins]) -> tuple[str, ...]:
@@ -67,11 +99,14 @@ def doubts(joints: Sequence[str], over: Ratios, least: Sequence[Margins]) -> tup
     most = [max(ratios) for ratios in over]
     rows = [(j, m, own) for j, m, own in zip(joints, most, least) if m >= 1 / (1 - UNSAFE_ALPHA)]
     said = [
-        f"not to be run: the logs leave its inertia open, its loop's gain may be {times(m)} what is believed and cross "
-        f"at {digits(own.crossover_hz)} Hz; identify it better first (gimbal-pin excite designs a motion)"
+        GainReason(
+            f"not to be run: the logs leave its inertia open, its loop's gain may be {times(m)} what is believed and "
+            f"cross at {digits(own.crossover_hz)} Hz; identify it better first (gimbal-pin excite designs a motion)",
+            ReasonKind.UNCERTAIN,
+        )
         for _, m, own in rows
     ]
-    return tuple(grouped([joint for joint, _, _ in rows], said))
+    return tuple(map(str, group_reasons([joint for joint, _, _ in rows], said)))
 
 
 def times(gain: float) -> str:
@@ -79,71 +114,86 @@ def times(gain: float) -> str:
     return "any number of times" if gain >= LARGEST * (1 - 1e-9) else f"{digits(gain, 2)} times"
 
 
-def about_sampling(wish: Wish, logged: float | None) -> str:
+def about_sampling(wish: Wish, logged: float | None) -> GainReason:
     """Say where a sampling interval comes from that nobody asked for."""
     known = "as the logs were" if logged else "as the rate of the logs is not known"
-    return f"sampled at {digits(1 / wish.dt)} Hz, {known}; where the controller runs at another rate, state it (dt)"
+    text = f"sampled at {digits(1 / wish.dt)} Hz, {known}; where the controller runs at another rate, state it (dt)"
+    return GainReason(text, ReasonKind.ASSUMED)
 
 
-def about_gains(wish: Wish) -> str:
+def about_gains(wish: Wish) -> GainReason:
     """Say what each gain is made of."""
     if wish.integral == 0:
         shape = f"ω = 2π · bandwidth, ζ = {wish.damping:g}"
-        return f"kp = ω², kd = 2 ζ ω with {shape}: the error's poles are s² + 2 ζ ω s + ω²"
+        return GainReason(f"kp = ω², kd = 2 ζ ω with {shape}: the error's poles are s² + 2 ζ ω s + ω²")
     poles = "(s² + 2 ζ ω s + ω²)(s + γ ω)"
     shape = f"ω = 2π · bandwidth, ζ = {wish.damping:g}, γ = {wish.integral:g}"
-    return f"kp = (1 + 2 ζ γ) ω², ki = γ ω³, kd = (2 ζ + γ) ω with {shape}: the error's poles are {poles}"
+    return GainReason(f"kp = (1 + 2 ζ γ) ω², ki = γ ω³, kd = (2 ζ + γ) ω with {shape}: the error's poles are {poles}")
 
 
-def about_draws(found: Margins, wish: Wish) -> str:
+def about_draws(found: Margins, wish: Wish) -> GainReason:
     """Say what the worst of the drawn models leaves."""
     if found.disk_margin == 0:
-        return f"the worst of {DRAWS} models drawn from the covariance makes the loop unstable: identify it better"
+        text = f"the worst of {DRAWS} models drawn from the covariance makes the loop unstable: identify it better"
+        return GainReason(text, ReasonKind.UNCERTAIN)
     worst = (
         f"the worst of {DRAWS} models drawn from the covariance has disk margin {found.disk_margin:.2f}, "
         f"phase margin {found.phase_margin_deg:.0f}°, crossover {digits(found.crossover_hz)} Hz"
     )
-    less = f", and no bandwidth would leave {wish.disk:g}: identify it better"
-    return worst + ("" if wish.kept(found.disk_margin) else less)
+    if wish.kept(found.disk_margin):
+        return GainReason(worst)
+    return GainReason(f"{worst}, and no bandwidth would leave {wish.disk:g}: identify it better", ReasonKind.UNCERTAIN)
 
 
-def about_compensation(model: Model, kind: str) -> list[str]:
-    """Say what of the model, beside its inertias and plain friction, the control law makes up for; one line at most."""
-    always = {cause.name for cause in ALWAYS}
-    terms = [f"{t.effect.name} at {t.effect.joint}" for t in model.terms if t.effect.name not in always]
-    drive = [f"{signal.name} at {signal.joint}" for signal in model.drive]
+def list_compensated(model: Model, kind: str) -> list[tuple[str, str | None]]:
+    """Return cause and joint of what a control law makes up for, beside the inertias and plain friction."""
     if kind == "pid":
-        return [f"the margins include {', '.join(dict.fromkeys(drive))}"] if drive else []
-    found = [*terms, *drive, *(f"{change.name} at {change.place}" for change in model.changes)]
-    return [f"compensated: {', '.join(dict.fromkeys(found))}"] if found else []
+        return []
+    always = {cause.name for cause in ALWAYS}
+    found = [(term.effect.name, term.effect.joint) for term in model.terms if term.effect.name not in always]
+    found += [(signal.name, signal.joint) for signal in model.drive]
+    return list(dict.fromkeys([*found, *((change.name, change.place) for change in model.changes)]))
 
 
-def about_inertia(nominal: float, ratios: Sequence[float], unit: str) -> str:
+def about_compensation(model: Model, kind: str) -> list[GainReason]:
+    """Say what of the model, beside its inertias and plain friction, the control law makes up for; one line at most."""
+    found, what = list_compensated(model, kind), "compensated:"
+    if kind == "pid":
+        found, what = list(dict.fromkeys((s.name, s.joint) for s in model.drive)), "the margins include"
+    named = ", ".join(f"{name} at {place}" for name, place in found)
+    return [GainReason(f"{what} {named}")] if named else []
+
+
+def about_inertia(nominal: float, ratios: Sequence[float], unit: str) -> GainReason:
     """Say how the inertia changes with the pose under a PID."""
     low, high = nominal / max(ratios), nominal / min(ratios)
-    return (
-        f"the inertia goes from {digits(low)} to {digits(high)} {unit} with the pose; the margins are the worst of them"
-    )
+    span = f"from {digits(low)} to {digits(high)} {unit}"
+    return GainReason(f"the inertia goes {span} with the pose; the margins are the worst of them")
 
 
-def about_model(known: Bounds, force: str) -> str:
+def about_model(known: Bounds, force: str) -> GainReason:
     """Say how far the model may be off, and when PID is safer."""
     sizes = f"α = {digits(known.alpha, 2)} in inertia and {digits(known.phi, 2)} {force} otherwise"
     off = f"the model may be off by {sizes} ({known.source})"
     if known.alpha >= UNSAFE_ALPHA:
-        return f"{off}: a PID is safer (tune --kind pid) until it is identified better"
+        return GainReason(
+            f"{off}: a PID is safer (tune --kind pid) until it is identified better", ReasonKind.PID_SAFER
+        )
     if known.cross_model > known.cross_pid:
         why = f"{digits(known.cross_model, 2)} rad/s² per rad/s², {digits(known.cross_pid, 2)} with PID"
-        return f"{off}: one joint may move another more than without a model ({why}): a PID is safer (tune --kind pid)"
-    return off
+        more = f"one joint may move another more than without a model ({why})"
+        return GainReason(f"{off}: {more}: a PID is safer (tune --kind pid)", ReasonKind.PID_SAFER)
+    return GainReason(off)
 
 
-def about_layer(law: Robust | None) -> str:
+def about_layer(law: Robust | None) -> GainReason:
     """Say what Lyapunov redesign adds, or why it cannot."""
     if law is None:
-        return "no Lyapunov redesign: the outer loop leaves no margin for its boundary layer; ask for less bandwidth"
+        return GainReason(
+            "no Lyapunov redesign: the outer loop leaves no margin for its boundary layer; ask for less bandwidth"
+        )
     at_rest = law.size([0.0], [0.0])
-    return (
+    return GainReason(
         f"Lyapunov redesign: up to {digits(at_rest, 2)} rad/s² at rest, gain {digits(law.gain, 2)} within a boundary "
         f"layer of {digits(at_rest / law.gain, 2)} rad/s²; the margins include it"
     )

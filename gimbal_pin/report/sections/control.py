@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from math import isfinite
 
 import numpy as np
 
 from gimbal_pin.control.judging import Judgement
+from gimbal_pin.control.laws.reasons import ReasonKind
 from gimbal_pin.control.tracking import Experiment, Tracking
 from gimbal_pin.control.tuning import RIVAL, Tuning
+from gimbal_pin.log.limited import describe_limits
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import controller_name, joints_of, listed
-from gimbal_pin.report.html import Section, bullets, folded, paragraph
-from gimbal_pin.report.table import join
+from gimbal_pin.report.html import Section, bullets, folded, list_warnings, notice, paragraph
 from gimbal_pin.report.tables import TOGETHER
 from gimbal_pin.rig.rig import Rig
 
@@ -25,44 +25,63 @@ CROWDED = 3
 """Controllers from which their names do not fit above one column."""
 
 
-def margins(tuning: Tuning) -> Section:
-    """Return the gains and margins of a tuning, and its loops."""
+def show_controller(tuning: Tuning) -> Section:
+    """Return the gains and margins of a tuning, why they are not what was asked for, and its loops."""
     wish, rig = tuning.wish, tuning.model.rig
     timing = f"Sampled every {1e3 * wish.dt:g} ms, {1e3 * wish.delay:g} ms from measurement to torque"
-    parts: list[object] = [paragraph(f"{timing}; damping {wish.damping:g}, disk margin of at least {wish.disk:g}.")]
-    parts += [tables.loops(tuning), folded("Why these gains", bullets(tuning.reasons))]
-    parts.append(folded("Gains for drives", join([tables.drive_gains(tuning)])))
+    usual, other = (
+        [one.sentence for one in tuning.reasons if (one.kind is ReasonKind.USUAL) == is_usual]
+        for is_usual in (True, False)
+    )
+    own = zip(rig.joints, tuning.drive_gains)
+    fast = [joint for joint, gains in own if gains.current is not None and gains.odrive is None]
+    no_cascade = "no gains of ODrive's cascade integrate so fast; ask for a smaller --integral"
     alt = f"Bode and Nyquist diagrams and disturbance answers of {', '.join(rig.joints)}"
     caption = (
         f"The loops of {controller_name(wish.kind)}, sampled and delayed as they will run: the further the "
         "Nyquist curves stay from −1, the safer."
     )
-    parts.append(plots.Drawing(tuning.plot, alt, caption, [joint.colour for joint in joints_of(rig)]))
+    parts: list[object] = [
+        *list_warnings((*tuning.warnings, *tuning.doubts)),
+        paragraph(f"{timing}; damping {wish.damping:g}, disk margin of at least {wish.disk:g}."),
+        tables.loops(tuning),
+        *([bullets(other)] if other else []),
+        folded("Why these gains", bullets(usual)),
+        folded("Gains for drives", tables.drive_gains(tuning), is_detail=False),
+        *([paragraph(f"{listed(fast)}: {no_cascade}", "side")] if fast else []),
+        plots.Drawing(tuning.plot, alt, caption, [joint.colour for joint in joints_of(rig)]),
+    ]
     lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
     return Section("Controller", parts, lead)
 
 
-def tracking(result: Tracking, rig: Rig, plant: str = "", judged: Judgement | None = None) -> Section:
+def show_tracking(judged: Judgement, rig: Rig, result: Tracking | None = None, plant: str = "") -> Section:
     """Return how controllers are judged on perturbed plants, and their steps.
 
     `plant`: what the steps are simulated on, within a sentence.
     """
-    # The baseline is drawn in grey, behind the others.
-    result = replace(result, experiments=tuple(sorted(result.experiments, key=lambda e: e.controller != RIVAL)))
-    joints = joints_of(rig)
-    steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
+    parts = [tables.judgement(judged, joints_of(rig)), *([] if result is None else list_steps(rig, result, plant))]
+    return Section("Tracking", parts, "Every controller meets the same steps and the same noise.")
+
+
+def list_steps(rig: Rig, result: Tracking, plant: str) -> list[object]:
+    """Return what is simulated, who is at the torque limit for long, and the picture of all axes together."""
+    steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints_of(rig))
     note = f" The plant is {plant}, with the rig's sensors, delay and torque limits." if plant else ""
-    note = f"{note} All of it is simulated, not run on the gimbal."
-    parts: list[object] = [] if judged is None else [tables.judgement(judged, joints)]
-    parts.append(paragraph(f"Minimum-jerk steps of {steps}.{note}"))
-    parts += [tables.followed(result)] if judged is None else []
-    together = [one for one in result.experiments if one.name == TOGETHER]
-    names = listed(controller_name(one.controller) for one in together)
+    parts: list[object] = [
+        paragraph(f"Minimum-jerk steps of {steps}.{note} All of it is simulated, not run on the gimbal.")
+    ]
+    shares = {
+        one: describe_limits({name: own.saturated for name, own in one.joints.items()}) for one in result.experiments
+    }
+    limits = [f"{one.name}, {controller_name(one.controller)}: {share}" for one, share in shares.items() if share]
+    parts += [notice("At the torque limit, of the time", bullets(limits))] if limits else []
+    # The baseline is drawn in grey, behind the others.
+    drawn = sorted((one for one in result.experiments if one.name == TOGETHER), key=lambda e: e.controller != RIVAL)
+    names = listed(controller_name(one.controller) for one in drawn)
     alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
     caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
-    parts.append(plots.Drawing(partial(steps_figure, rig, together), alt, caption))
-    lead = "Every controller meets the same steps and the same noise."
-    return Section("Tracking", parts, lead)
+    return [*parts, plots.Drawing(partial(steps_figure, rig, drawn), alt, caption)]
 
 
 def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
