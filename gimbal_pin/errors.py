@@ -9,10 +9,10 @@ FEW = 6
 """Most names in a message."""
 PLACE = 60
 """Most characters of the place where a message would be too long."""
-LONGEST = 280
+LONGEST_MESSAGE = 280
 """Most characters of a message: a line of 300 has room for the program's name and ``note:`` before it."""
 
-LARGEST = 1e7
+LARGEST_PLAIN = 1e7
 """From here on a number is written with a power of ten; below 1e-4, too."""
 UNSAFE = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
 """What a terminal obeys or hides instead of showing it: control bytes but the line feed, marks of writing direction and
@@ -27,13 +27,13 @@ def visible(text: str) -> str:
 
 
 def message(parts: Sequence[str], between: Sequence[str]) -> str:
-    """Join parts on one line of at most `LONGEST` characters, the longest of them shortened in their middles.
+    """Join parts on one line of at most `LONGEST_MESSAGE` characters, the longest of them shortened in their middles.
 
     Of several the first, the place, is shortened before all others: a path says least where it begins. The last, the
     mend, is shortened after all others: half a command is none.
     """
     shown = [visible(" ".join(part.split())) for part in parts]
-    room = LONGEST - sum(map(len, between))
+    room = LONGEST_MESSAGE - sum(map(len, between))
     if between and sum(map(len, shown)) > room and len(shown[0]) > PLACE:
         shown[0] = f"…{shown[0][1 - PLACE :]}"
     if len(shown) == 3 and (left := room - len(shown[0]) - len(shown[2])) > PLACE // 2:
@@ -109,7 +109,7 @@ def digits(value: float, count: int = 3) -> str:
     Zeros behind the point go; ``1.2e-05`` and ``2.1e+07`` have their powers.
     """
     text = f"{value:.{count}g}"
-    return f"{value:.0f}" if "e+" in text and abs(value) < LARGEST else text
+    return f"{value:.0f}" if "e+" in text and abs(value) < LARGEST_PLAIN else text
 
 
 def format_estimate(value: float, std: float, count: int = 3) -> str:

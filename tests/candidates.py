@@ -18,6 +18,6 @@ def worth(state: State, cause: Cause) -> float:
     return measure(state, cause).gain
 
 
-def refined(state: State, cause: Cause, step: float = shapes.COARSE) -> Cause:
+def refined(state: State, cause: Cause, step: float = shapes.COARSE_FACTOR) -> Cause:
     """Return the cause with its shape parameters where it gains most."""
-    return shapes.refined(state, cause, value, step)
+    return shapes.refine_shapes(state, cause, value, step)

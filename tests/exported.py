@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.control import Ahead, Aim, Carried, Memory, Stored, stored, tune
+from gimbal_pin.control import Ahead, Aim, BaseState, LawMemory, StoredController, stored, tune
 from gimbal_pin.control.laws.carried import CarriedMemory
 from gimbal_pin.dynamics import Model, Reference, nominal, plant_with
 from gimbal_pin.effects import parse_effect
@@ -49,7 +49,7 @@ class Twin(NamedTuple):
         folder: Its sources.
     """
 
-    stored: Stored
+    stored: StoredController
     pointer: Pointer
     library: Library
     folder: Path
@@ -124,7 +124,7 @@ def tracking_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
         floats(q + size * rng.normal(size=n)), floats(v + 10 * size * rng.normal(size=n)), floats(rng.normal(0, 1, n))
     )
     integral, before = floats(0.1 * size * rng.normal(size=n)), floats(aim.a + rng.normal(0, 0.1, n))
-    right, after = law.torque(0.5, q, v, aim, Memory(tuple(integral), tuple(before)))
+    right, after = law.torque(0.5, q, v, aim, LawMemory(tuple(integral), tuple(before)))
     held = single(integral, before).tobytes() + np.array([1, 0], np.uint32).tobytes()
     found, memory = tested.law.torque(0.5, q, v, aim, held)
     kept = np.frombuffer(memory, np.float32, n)
@@ -141,7 +141,7 @@ def holding_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
             floats(q + 1e-3 * rng.normal(size=n)),
             floats(rng.normal(0, 10 ** rng.uniform(-3, 0), n)),
             floats(rng.normal(0, 2, n)),
-            Carried(floats(rng.normal((0, 0, 9.81), 1)), floats(rng.normal(0, 0.5, 3)), floats(rng.normal(0, 5, 3))),
+            BaseState(floats(rng.normal((0, 0, 9.81), 1)), floats(rng.normal(0, 0.5, 3)), floats(rng.normal(0, 5, 3))),
         )
         for _ in tested.pointer.navigator.forecast.leads
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gimbal_pin.diagnosis import Problem, State, solved
+from gimbal_pin.diagnosis import Problem, State, solve_causes
 from gimbal_pin.dynamics import Model, nominal, reduce_parameters
 from gimbal_pin.effects import Term
 from gimbal_pin.log import Log
@@ -22,4 +22,4 @@ def first(*terms: Term, rig: Rig | None = None, given: Rig = RIG) -> State:
     tau += 1e-3 * np.random.default_rng(4).standard_normal(tau.shape)
     log = Log("whole", given.joints, motion.t, motion.q, motion.v, tau)
     problem = Problem.of(gather(given, [log], ALIGNED), reduce_parameters(given))
-    return solved(problem, (), solved(problem, ()))
+    return solve_causes(problem, (), solve_causes(problem, ()))

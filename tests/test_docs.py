@@ -17,7 +17,7 @@ import pytest
 
 import gimbal_pin
 from gimbal_pin.checks import CHECKS
-from gimbal_pin.cli import parse
+from gimbal_pin.cli import parse_arguments
 from gimbal_pin.effects import CAUSES
 from tests.command_line import Run, whole
 
@@ -92,7 +92,7 @@ def test_commands_and_links_of_a_page_are_there(page: Path, tmp_path: Path, monk
         if block.title:
             Path(block.title).write_text(block.text, encoding="utf-8")
         for words in block.commands:
-            parse(words)
+            parse_arguments(words)
     for program in re.findall(r"\bscripts/\w+(?:\.py)?", text):
         assert (ROOT / program).is_file(), program
     for link in LINK.findall(text):

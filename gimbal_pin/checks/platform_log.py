@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from gimbal_pin.checks.series import find_runs
 from gimbal_pin.errors import LogError, digits
-from gimbal_pin.log.log import GAP, Array, Imu
-from gimbal_pin.log.platform import CUTOFF, TURNS
+from gimbal_pin.log.log import GAP_SAMPLES, Array, Imu
+from gimbal_pin.log.platform import PLATFORM_CUTOFF, TURNS
 from gimbal_pin.regression import Flags
 
 _REPEATS, _HELD = 8, 0.05
@@ -71,7 +71,7 @@ def check_platform_log(t: Array, imu: Imu, name: str) -> UsablePlatform:
     kept = t[rows[first:end]]
     rate, rms = 1 / float(np.median(np.diff(kept))), float(np.sqrt(np.mean(np.sum(imu.gyro**2, axis=1))))
     notes += more
-    if rate < 2 * CUTOFF:
+    if rate < 2 * PLATFORM_CUTOFF:
         notes.append(f"sampled at {digits(rate)} Hz: motion above {digits(rate / 2)} Hz is not in it")
     if rms > _FAST:
         notes.append(f"turns at {digits(rms)} rad/s rms: if that is in degrees, map it with *pi/180")
@@ -124,7 +124,7 @@ def _find_longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[
         LogError: It is too short.
     """
     steps = np.diff(t[rows])
-    gaps = np.flatnonzero(steps > GAP * np.median(np.diff(t)))
+    gaps = np.flatnonzero(steps > GAP_SAMPLES * np.median(np.diff(t)))
     edges = [0, *(gaps[steps[gaps] > _BRIDGED] + 1).tolist(), len(rows)]
     first, end = max(itertools.pairwise(edges), key=lambda pair: t[rows[pair[1] - 1]] - t[rows[pair[0]]])
     begins, ends = float(t[rows[first]]), float(t[rows[end - 1]])

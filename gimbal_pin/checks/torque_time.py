@@ -12,7 +12,7 @@ import numpy as np
 
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.checks.record import Fault
-from gimbal_pin.effects.delay import SLOWEST
+from gimbal_pin.effects.delay import LONGEST_DRIVE_DELAY
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError, digits
 from gimbal_pin.log.log import Array, Log
@@ -139,7 +139,7 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
         total = left.sum(axis=0)
         sharp = np.ptp(shifts[total <= ALIKE * total.min()]) < 3 * STEP
         for beyond, lower in ((True, EARLIEST), (False, -SMALL)):
-            inside = (late >= lower) & (late <= SLOWEST)
+            inside = (late >= lower) & (late <= LONGEST_DRIVE_DELAY)
             k = find_best_outside(left, inside)
             if k is not None and (beyond or (sharp and EARLIEST <= late[k] < 0)):
                 by, within = float(late[k] + STEP * find_vertex(total, k)), float(total[inside].min())

@@ -37,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     os.environ["MPLBACKEND"] = "agg"  # no verb opens a window of Matplotlib's, whatever a notebook or shell asks for
     try:
         with ending_orderly():
-            parse(sys.argv[1:] if arguments is None else arguments)()
+            parse_arguments(sys.argv[1:] if arguments is None else arguments)()
     except GimbalPinError as error:
         complain(str(error))
         raise SystemExit(error.exit_code) from None
@@ -87,10 +87,10 @@ def ending_orderly() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def parse(arguments: Sequence[str]) -> Callable[[], None]:
+def parse_arguments(arguments: Sequence[str]) -> Callable[[], None]:
     """Return the call that the arguments spell; a usage error is one line on standard error and exit code 2."""
     if not arguments or arguments[0] in ("-h", "--help"):
-        return functools.partial(say, overview())
+        return functools.partial(say, list_verbs())
     if any("\0" in word for word in arguments):  # no shell passes one on, and no system call takes it
         raise UsageError("arguments", "hold a NUL character", "leave it out")
     name, *rest = arguments
@@ -108,7 +108,7 @@ def parse(arguments: Sequence[str]) -> Callable[[], None]:
         raise
 
 
-def overview() -> str:
+def list_verbs() -> str:
     """Name every verb with the first sentence of its docstring: quick, since no verb's arguments are looked at."""
     lines = [f"  {name:<11}{(getdoc(verb) or '').splitlines()[0]}" for name, verb in VERBS.items()]
     return "\n".join([(__doc__ or "").replace("``", ""), "", "usage: gimbal-pin VERB [-h]", "", *lines])
@@ -122,7 +122,7 @@ def deferred(verb: Callable[..., None]) -> Callable[..., Callable[[], None]]:
 
     @functools.wraps(verb)
     def keep(*args: Any, **kwargs: Any) -> Callable[[], None]:
-        paths.check(verb, signature(verb).bind(*args, **kwargs).arguments)
+        paths.check_outputs(verb, signature(verb).bind(*args, **kwargs).arguments)
         return functools.partial(verb, *args, **kwargs)
 
     return keep

@@ -53,7 +53,7 @@ def animate(
     camera: opt.Maybe[View] = None,
     preset: opt.Maybe[Preset] = None,
     yes: opt.Yes = False,
-    live: opt.Live = False,
+    live: opt.LiveView = False,
 ) -> None:
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server.
 

@@ -15,7 +15,7 @@ from gimbal_pin.report import text
 def demo(
     output: opt.AutoFolder = Path("gimbal-pin-demo"),
     *,
-    rig: Annotated[str, opt.RIG] = "thesis",
+    rig: Annotated[str, opt.RIG_FILES] = "thesis",
     payload: opt.Payload = None,
     seconds: Annotated[float, opt.between("--seconds", 1, 3600, "s")] = 22.0,
     plants: opt.Plants = 50,

@@ -16,9 +16,9 @@ from gimbal_pin.report import text
 
 def list_diagnosis_files(given: Mapping[str, Any]) -> list[str]:
     """Return the names of the files that `diagnose` may put into a folder."""
-    from gimbal_pin.diagnosis.file import FILES
+    from gimbal_pin.diagnosis.file import DIAGNOSIS_FILES
 
-    return list(FILES.values())
+    return list(DIAGNOSIS_FILES.values())
 
 
 def diagnose(
@@ -30,7 +30,7 @@ def diagnose(
     payload: opt.Payload = None,
     mass: opt.Mass = None,
     map: opt.Map = (),
-    cutoff: Annotated[opt.Maybe[float], opt.CUTOFF] = None,
+    cutoff: Annotated[opt.Maybe[float], opt.CUTOFF_RANGE] = None,
     alignment: opt.Alignment = None,
     holdout: opt.Holdout = None,
     seed: opt.Seed = 0,
@@ -52,7 +52,7 @@ def diagnose(
     asked = describe_run("diagnose", locals())
     import numpy as np
 
-    from gimbal_pin.diagnosis import BAND, planned, usual
+    from gimbal_pin.diagnosis import DIAGNOSIS_BAND, planned, usual
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.diagnosis.file import write_diagnosis
     from gimbal_pin.identification import identify, refittable_effects
@@ -60,7 +60,7 @@ def diagnose(
     from gimbal_pin.report import pages
 
     loaded, read = load_logs(rig, payload, logs, map, moving=True)
-    band = usual(loaded, read) if cutoff is None else replace(BAND, cutoff=cutoff)
+    band = usual(loaded, read) if cutoff is None else replace(DIAGNOSIS_BAND, cutoff=cutoff)
     band, rng = replace(band, alignment=alignment), np.random.default_rng(seed)
     found = run(loaded, read, rng=rng, holdout=holdout, filtering=band, mass=mass)
     if urdf is not None:

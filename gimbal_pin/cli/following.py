@@ -9,7 +9,7 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gimbal_pin.cli.present import draw, say, tell
+from gimbal_pin.cli.present import say, tell, write_figure
 from gimbal_pin.errors import LogError
 from gimbal_pin.report import text
 
@@ -48,7 +48,7 @@ def learn(
             raise
         broken = [f"learned up to {memory.t:.1f} s; from there on the log cannot be used: {error}"]
     found = online.identified(memory)
-    draw(partial(chart, history), plot)
+    write_figure(partial(chart, history), plot)
     return replace(found, notes=(*found.notes, *broken))
 
 

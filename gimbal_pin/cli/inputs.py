@@ -11,7 +11,7 @@ from gimbal_pin.cli.present import tell
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.control.tuning import Stored
+    from gimbal_pin.control.tuning import StoredController
     from gimbal_pin.dynamics.model import Model
     from gimbal_pin.log.log import Array, Imu, Log
     from gimbal_pin.log.platform import Platform
@@ -150,7 +150,7 @@ def read_payload(name: str | Path | None, *given: str | None) -> str | None:
     return next((str(file) for file in files if file.stem == payload and file.is_file()), None)
 
 
-def read_controller(name: str | Path, rig: Rig) -> Stored:
+def read_controller(name: str | Path, rig: Rig) -> StoredController:
     """Read a controller's YAML."""
     from gimbal_pin.control.tuning import stored
     from gimbal_pin.errors import ModelError

@@ -56,13 +56,13 @@ def optional(metavar: str | None, help: str, default: str = "") -> Any:
     return arg(metavar=metavar, help=help, help_behavior_hint=default and f"(default: {default})")
 
 
-RIG = Reads(paths.list_rig_files)
+RIG_FILES = Reads(paths.list_rig_files)
 RigName = Annotated[
     Positional[str],
-    RIG,
+    RIG_FILES,
     arg(metavar="RIG", help="bundled rig, URDF, xacro, SDF or MJCF, or a YAML that names one"),
 ]
-OtherRig = Annotated[Maybe[str], RIG, arg(metavar="RIG")]
+OtherRig = Annotated[Maybe[str], RIG_FILES, arg(metavar="RIG")]
 Logs = Annotated[
     Positional[tuple[str, ...]],
     arg(
@@ -111,7 +111,7 @@ Plotted = Annotated[File, Writes(paths.list_plot_suffixes)]
 Json = Annotated[File, Writes((".json", ".jsonl")), arg(help="write the result as JSON; - for standard output")]
 Yes = Annotated[bool, arg(help="begin even what takes over ten minutes, or over half of the memory")]
 Verbose = Annotated[bool, arg(help="print all that was found, not the outcome alone")]
-Live = Annotated[bool, arg(help="show the result in a browser on this machine")]
+LiveView = Annotated[bool, arg(help="show the result in a browser on this machine")]
 Seed = Annotated[int, between("--seed", 0, 2**32 - 1, kind=int), arg(help="seed of everything random")]
 # The largest is a shock of 10 g for profile S, of 1 m/s² rms.
 PlatformSize = Annotated[float, between("--platform-size", 0, 100), arg(help="profile S times this")]
@@ -119,9 +119,11 @@ TorqueNoise = Annotated[
     float, between("--torque-noise", 0, 10), arg(help="noise on the reported torque, share of its rms")
 ]
 # A filter of 0.1 Hz remembers longer than most logs last; over 1 kHz no gimbal's mechanics answer.
-CUTOFF = between("--cutoff", 0.1, 1000, "Hz")
+CUTOFF_RANGE = between("--cutoff", 0.1, 1000, "Hz")
 Cutoff = Annotated[
-    float | None, CUTOFF, optional(None, "low-pass on every column and on the torque", "4; 12 where the base turns")
+    float | None,
+    CUTOFF_RANGE,
+    optional(None, "low-pass on every column and on the torque", "4; 12 where the base turns"),
 ]
 # A torque that is off by more than a second is no matter of alignment.
 Alignment = Annotated[
@@ -193,4 +195,4 @@ class Gains:
         )
 
 
-GAINS = Gains()
+GAINS_READER = Gains()

@@ -106,7 +106,7 @@ def list_auto_files(given: Mapping[str, Any]) -> list[str]:
     return [*FILES.values(), f"{find_rig(given['rig'])[0].stem}.urdf"]
 
 
-def check(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
+def check_outputs(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
     """Raise what there is against the places that a verb would write to, before it begins.
 
     Raises:

@@ -60,7 +60,7 @@ def tell(notes: Sequence[str]) -> None:
         complain(f"note: {note}")
 
 
-def draw(chart: Callable[[], Figure], output: Path | None) -> None:
+def write_figure(chart: Callable[[], Figure], output: Path | None) -> None:
     """Write a figure, if a file is named."""
     from gimbal_pin.log.io.files import open_replacement
 

@@ -35,7 +35,7 @@ def simulate(
     encoder_bits: Annotated[opt.Maybe[float], opt.between("--encoder-bits", 1, 64)] = None,
     rates: bool = True,
     imus: bool = False,
-    live: opt.Live = False,
+    live: opt.LiveView = False,
     seed: opt.Seed = 0,
     yes: opt.Yes = False,
 ) -> None:

@@ -9,7 +9,7 @@ from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_logs, load_rig, read_controller, read_payload, read_plant, read_platform
-from gimbal_pin.cli.present import draw, present, tell
+from gimbal_pin.cli.present import present, tell, write_figure
 from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
 from gimbal_pin.report import text
@@ -17,7 +17,7 @@ from gimbal_pin.report import text
 if TYPE_CHECKING:
     from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.tracking import Tracking
-    from gimbal_pin.control.tuning import Stored
+    from gimbal_pin.control.tuning import StoredController
     from gimbal_pin.dynamics.model import Model
     from gimbal_pin.export import Library
 
@@ -104,7 +104,7 @@ def track(
             causes=effect, faults=tuple(parse_fault(one) for one in fault), seeds=seeds, seconds=seconds, jobs=jobs,
             delay=late,
         )  # fmt: skip
-        draw(partial(chart, held), plot)
+        write_figure(partial(chart, held), plot)
     stood = "the controller's own model" if model is None else f"the model in {model}"
     if report is not None:
         atomic_write(report, pages.carried(loaded, held, steps, stood, judged))
@@ -118,7 +118,7 @@ def track(
 
 
 def step_controllers(
-    tuned: Stored, machine: Library | None, plant: Model, late: int | None, plants: int, seed: int
+    tuned: StoredController, machine: Library | None, plant: Model, late: int | None, plants: int, seed: int
 ) -> tuple[Tracking, Judgement]:
     """Step a controller, its compiled twin if there is one, and its rival; judge them on plants around that one.
 

@@ -8,7 +8,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import choose_filter, load_logs, load_rig, read_payload
-from gimbal_pin.cli.present import draw, present
+from gimbal_pin.cli.present import present, write_figure
 
 
 def tune(
@@ -19,7 +19,7 @@ def tune(
     payload: opt.Payload = None,
     map: opt.Map = (),
     cutoff: opt.Cutoff = None,
-    gains: Annotated[opt.Gains, OmitArgPrefixes] = opt.GAINS,
+    gains: Annotated[opt.Gains, OmitArgPrefixes] = opt.GAINS_READER,
     plants: opt.Plants = 50,
     plot: opt.Plotted = None,
     verbose: opt.Verbose = False,
@@ -49,7 +49,7 @@ def tune(
     )  # fmt: skip
     if output is not None:
         write_controller(found, output, output.parent)
-    draw(found.plot, plot)
+    write_figure(found.plot, plot)
     judged = judge_controllers(model, pair_rivals(found.stored), rng=0, plants=plants, delay=found.wish.delay)
     sections = show_controller(found), show_tracking(judged, model.rig)
     present(join_text(sections, verbose), {**found.to_dict(), "judged": judged.to_dict()}, json)

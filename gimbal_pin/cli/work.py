@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gimbal_pin.errors import UsageError
 
-PATIENCE = 600.0
+LONGEST_UNASKED = 600.0
 """Longest work that starts without being asked for twice, s."""
 COSTS = {
     "simulated second of a joint": (0.035, 0.3),  # simulate thesis, 10 and 100 s
@@ -27,7 +27,7 @@ COSTS = {
 
 
 def check_cost(yes: bool, processes: int = 1, /, **amounts: float) -> None:
-    """Raise `UsageError` where work takes over `PATIENCE`, or over half of the memory it may have, unless `yes`.
+    """Raise `UsageError` where work takes over `LONGEST_UNASKED`, or over half of the memory it may have, unless `yes`.
 
     Args:
         yes: Whether it was asked for twice.
@@ -37,7 +37,7 @@ def check_cost(yes: bool, processes: int = 1, /, **amounts: float) -> None:
     each = [(number, COSTS[kind.replace("_", " ")]) for kind, number in amounts.items()]
     seconds = sum(number * cost for number, (cost, _) in each) / min(processes, os.cpu_count() or 1)
     memory = sum(number * cost for number, (_, cost) in each) * 1e6
-    if not yes and (seconds > PATIENCE or memory > measure_memory() / 2):
+    if not yes and (seconds > LONGEST_UNASKED or memory > measure_memory() / 2):
         took = f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.0f} hours"
         what = f"would take about {took} and {memory / 1e9:.1f} GB"
         raise UsageError("this call", what, "add --yes to go on, or ask for less")

@@ -18,7 +18,7 @@ from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.dynamics.simulation import Controller, simulate
 from gimbal_pin.effects import Term
 from gimbal_pin.effects.delay import Delay
-from gimbal_pin.effects.signal import Memory
+from gimbal_pin.effects.signal import SignalMemory
 from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array, Motion
@@ -169,11 +169,11 @@ class FlawedDrive(Delay):
     held: float = 0.0
     draws: tuple[float, ...] = (0.0,)
 
-    def start(self, level: float = 0.0) -> Memory:
+    def start(self, level: float = 0.0) -> SignalMemory:
         """Return the number of the first draw, and what is held."""
         return (0.0, self.held)
 
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+    def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
         """Add the next draw."""
         place, *past = memory
         late, y = super().step(tuple(past), x, dt)

@@ -55,7 +55,7 @@ def minimum_jerk(
     return Motion(t, q, v, a)
 
 
-def within(plant: Model, steps: Sequence[float], move: float) -> Array:
+def shrink_steps(plant: Model, steps: Sequence[float], move: float) -> Array:
     """Return steps from home, rad, (n,), made smaller where limits (angle, rate, acceleration, torque) ask for it."""
     start, limits = home(plant.rig), plant.rig.limits
     goal: Array = np.clip(start + np.array(steps), [x.lower for x in limits], [x.upper for x in limits]) - start
@@ -82,7 +82,7 @@ def tour(plant: Model, dt: float, size: float = 0.5, move: float = 1.2) -> Motio
     start = home(plant.rig)
     signs = (-1.0) ** np.arange(plant.rig.n)
     # The middle leg goes from side to side: what fits it twice over fits the others.
-    sides = [within(plant, list(2 * side * size * signs), move) / 2 for side in (1, -1)]
+    sides = [shrink_steps(plant, list(2 * side * size * signs), move) / 2 for side in (1, -1)]
     goals = [start, *(start + side for side in sides), start]
     legs = [minimum_jerk(a, b, dt=dt, move=move, before=0.2, after=0.2) for a, b in pairwise(goals)]
     parts = [
@@ -96,13 +96,13 @@ STEPS_DEG = (30.0, 20.0, -25.0)
 """The thesis's steps, degrees; a rig with more joints cycles through them."""
 BEFORE = 0.1
 """Rest before the step, s."""
-BAND = 0.02
+SETTLED_BAND = 0.02
 """A joint has settled once it stays within this share of its step."""
 
 
 def scale_steps(plant: Model, angles_deg: Sequence[float] = STEPS_DEG, move: float = 0.5) -> Array:
     """Return steps of so many degrees, cycled over the joints, rad, (n,), made smaller where limits ask for it."""
-    return within(plant, [float(np.deg2rad(angles_deg[j % len(angles_deg)])) for j in range(plant.rig.n)], move)
+    return shrink_steps(plant, [float(np.deg2rad(angles_deg[j % len(angles_deg)])) for j in range(plant.rig.n)], move)
 
 
 @dataclass(frozen=True)
@@ -287,7 +287,7 @@ def metrics(t: Array, wanted: Array, angle: Array, distance: float, saturated: f
         low, high = (float(t[np.argmax(share >= x)]) if (share >= x).any() else nan for x in (0.1, 0.9))
         rise = high - low
         overshoot = 100 * max(0.0, float(share.max()) - 1)
-        outside = np.flatnonzero(np.abs(share - 1) > BAND)
+        outside = np.flatnonzero(np.abs(share - 1) > SETTLED_BAND)
         settling = float(t[outside[-1] + 1] - BEFORE) if outside[-1] + 1 < len(t) else nan
     return StepMetrics(
         rise_time=rise,

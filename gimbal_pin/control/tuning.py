@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gimbal_pin.control.drive_gains import DriveGains, convert_gains
-from gimbal_pin.control.laws import Bounds, ComputedTorque, JointPid, Margins, Pid, Robust, bounds
+from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, ModelErrorBounds, Pid, Robust, bounds
 from gimbal_pin.control.laws.computed_torque import CompensatedPid, lyapunov
 from gimbal_pin.control.laws.design import Wish, braking, granted, inner, layered, lowered, seen_inertia
 from gimbal_pin.control.laws.reasons import (
@@ -27,7 +27,7 @@ from gimbal_pin.control.laws.reasons import (
     doubts,
     group_reasons,
 )
-from gimbal_pin.control.laws.uncertainty import DRAWS, Ratios, drawn, widened
+from gimbal_pin.control.laws.uncertainty import DRAWN_MODELS, Ratios, draw_inertia_ratios, widened
 from gimbal_pin.dynamics.model import Model, convert_model, read_model_data
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import ModelError, UsageError
@@ -41,7 +41,7 @@ from gimbal_pin.rig.rig import Rig
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Law = ComputedTorque | JointPid
+TunedLaw = ComputedTorque | JointPid
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Tuning:
     __repr__ = brief
 
     @cached_property
-    def controller(self) -> Law:
+    def controller(self) -> TunedLaw:
         """The control law, ready for `simulate`."""
         return law_of(self.wish, self.model, self.gains, self.inertia, self.braking, self.robust)
 
@@ -92,9 +92,11 @@ class Tuning:
         return tuple(map(convert_gains, self.gains, self.inertia, rig.motors, rig.slides))
 
     @property
-    def stored(self) -> Stored:
+    def stored(self) -> StoredController:
         """What its file holds."""
-        return Stored(self.controller, self.model, self.wish, dict(zip(self.model.rig.joints, self.bandwidth_hz)))
+        return StoredController(
+            self.controller, self.model, self.wish, dict(zip(self.model.rig.joints, self.bandwidth_hz))
+        )
 
     def __str__(self) -> str:
         """A line per joint: gains, bandwidth and margins; `show_controller` has the table."""
@@ -123,10 +125,12 @@ class Tuning:
 
     def plot(self) -> Figure:
         """Return a figure of every joint's loop: Bode, Nyquist, and the answer to a disturbance."""
-        from gimbal_pin.control.laws.chart import chart
+        from gimbal_pin.control.laws.chart import draw_loop_chart
 
         joints, drives, wish = self.model.rig.joints, self.model.drives, self.wish
-        return chart(joints, inner(self.gains, self.robust), self.worst, wish.dt, wish.delay, drives, self.ratios)
+        return draw_loop_chart(
+            joints, inner(self.gains, self.robust), self.worst, wish.dt, wish.delay, drives, self.ratios
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `tune` writes as JSON and YAML; `stored` reads it back.
@@ -224,7 +228,7 @@ def tune(
         robust=robust,
     )
     rig, (nominal, believed) = model.rig, seen_inertia(model, kind)
-    over = drawn(model, kind, np.random.default_rng(0))
+    over = draw_inertia_ratios(model, kind, np.random.default_rng(0))
     ratios, drives = widened(believed, over), model.drives
     rows = list(zip(wish.per_joint(model.rig), believed, ratios, drives))
     hertz, kept = zip(*granted(wish, rows))
@@ -239,7 +243,7 @@ def tune(
         reasons += group_reasons(rig.joints, [about_inertia(*row) for row in zip(nominal, believed, inertias)])
     else:
         reasons += [about_model(known, rig.force)] + ([about_layer(law)] if robust else [])
-    draws, brakes = 0 if over is None else DRAWS, braking(model)
+    draws, brakes = 0 if over is None else DRAWN_MODELS, braking(model)
     unsure = () if over is None else doubts(model.rig.joints, over, least)
     unseen = group_reasons([one.joint for one in model.doubts if one.unsafe], [UNSEEN] * len(model.doubts))
     unsure += tuple(map(str, unseen))
@@ -253,7 +257,7 @@ def law_of(
     inertia: tuple[float, ...],
     brakes: tuple[float, ...],
     robust: Robust | None,
-) -> Law:
+) -> TunedLaw:
     """Return the control law of a kind."""
     if wish.kind == "pid":
         return JointPid(gains, inertia, tuple(model.tau_max.tolist()), wish.dt, brakes)
@@ -265,7 +269,7 @@ RIVAL = "compensated-pid"
 """What a controller is compared with; see `pair_rivals`."""
 
 
-def pair_rivals(tuned: Stored) -> dict[str, Law]:
+def pair_rivals(tuned: StoredController) -> dict[str, TunedLaw]:
     """Return a controller under its kind, and beside it a PID with gravity and friction fed forward.
 
     Each joint of the PID has the highest bandwidth that keeps the disk margin which the controller has, both for the
@@ -273,7 +277,7 @@ def pair_rivals(tuned: Stored) -> dict[str, Law]:
     """
     law, model, wish = tuned.law, tuned.model, tuned.wish
     known = [
-        widened(seen_inertia(model, kind)[1], drawn(model, kind, np.random.default_rng(0)))
+        widened(seen_inertia(model, kind)[1], draw_inertia_ratios(model, kind, np.random.default_rng(0)))
         for kind in (wish.kind, "pid")
     ]
     loops = inner(law.gains, law.robust if isinstance(law, ComputedTorque) else None)
@@ -289,7 +293,7 @@ def pair_rivals(tuned: Stored) -> dict[str, Law]:
 
 
 @dataclass(frozen=True)
-class Row:
+class StoredJoint:
     """What `Tuning.to_dict` writes of a joint, as far as its law needs it; see there."""
 
     kp: float = bounded_field(MISSING, 1e-6, 1e10)  # from a millihertz to 16 kHz
@@ -325,7 +329,7 @@ class Filed:
 
 
 @dataclass(frozen=True, eq=False)
-class Stored:
+class StoredController:
     """A controller from a file.
 
     Attributes:
@@ -335,7 +339,7 @@ class Stored:
         bandwidth_hz: Joint → what was granted, Hz, or None where the file does not say.
     """
 
-    law: Law
+    law: TunedLaw
     model: Model
     wish: Wish
     bandwidth_hz: Mapping[str, float | None]
@@ -343,7 +347,7 @@ class Stored:
     __repr__ = brief
 
 
-def stored(data: Any, rig: Rig, place: str = "controller") -> Stored:
+def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
     """Return the controller that `Tuning.to_dict` wrote, on a rig with the same joints; `place` is the file.
 
     Raises:
@@ -362,7 +366,10 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> Stored:
             what = f"is '{filed.controller}', and the wish is for {wish.kind}"
             raise ModelError(f"{place}: controller", what, "write it with 'gimbal-pin tune'")
         wish.per_joint(rig)
-        rows = [read_record(Row, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True) for j in rig.joints]
+        rows = [
+            read_record(StoredJoint, filed.joints[j], f"{place}: joints.{j}", ModelError, others=True)
+            for j in rig.joints
+        ]
         gains = tuple(Pid(row.kp, row.ki, row.kd) for row in rows)
         for joint, pid in zip(rig.joints, gains):
             # Routh's bound of s³ + kd s² + kp s + ki, and a damping ratio, each with a margin that Lyapunov's needs.
@@ -377,9 +384,9 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> Stored:
         robust = None
         if filed.robust is not None:
             known = {key: x for key, x in vars(filed.robust).items() if key != "gain"}
-            robust = Robust(lyapunov(gains), Bounds(**known), filed.robust.gain)
+            robust = Robust(lyapunov(gains), ModelErrorBounds(**known), filed.robust.gain)
         law = law_of(wish, model, gains, inertia, brakes, robust)
-        return Stored(law, model, wish, {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)})
+        return StoredController(law, model, wish, {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)})
 
 
 def finite(values: Mapping[str, float]) -> dict[str, float | None]:

@@ -1,4 +1,4 @@
-from .band import BAND as BAND
+from .band import DIAGNOSIS_BAND as DIAGNOSIS_BAND
 from .band import usual as usual
 from .columns import Columns as Columns
 from .diagnose import diagnose as diagnose
@@ -16,7 +16,7 @@ from .gain import heat as heat
 from .gain import torque_rmse as torque_rmse
 from .given_causes import GivenResponse as GivenResponse
 from .given_causes import find_given_causes as find_given_causes
-from .given_model import compute_difference as compute_difference
+from .given_model import compute_base_difference as compute_base_difference
 from .next_experiment import next_experiment as next_experiment
 from .next_experiment import planned as planned
 from .parting import NextExperiment as NextExperiment
@@ -32,6 +32,6 @@ from .result import find_credible as find_credible
 from .score import gained as gained
 from .state import Problem as Problem
 from .state import State as State
-from .state import solved as solved
-from .state import without as without
+from .state import refit_without as refit_without
+from .state import solve_causes as solve_causes
 from .uncertainty import is_size_known as is_size_known

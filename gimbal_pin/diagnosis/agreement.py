@@ -13,7 +13,7 @@ import numpy as np
 
 from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis.evidence import gather
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.state import Problem, State, solve_causes
 from gimbal_pin.dynamics.model import build_friction_effects
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Cause
@@ -47,12 +47,12 @@ def find_disagreement(rig: Rig, logs: Sequence[Log], filtering: Filtering, cause
     for number, log in enumerate(logs if len(logs) > 1 else ()):
         with contextlib.suppress(DataError):
             evidence = gather(rig, [log], filtering)
-            states[f"{number + 1}: {log.name}"] = solved(Problem.of(evidence, reduction), ())
+            states[f"{number + 1}: {log.name}"] = solve_causes(Problem.of(evidence, reduction), ())
     if len(states) < 2:
         return None
     excess, share, _ = _compare_logs(states.values())
     limit = np.where(np.any((excess > _EXCESS) & (share > MATERIAL_SHARE), axis=0), _EXPLAINED_EXCESS, _EXCESS)
-    excess, share, torque = _compare_logs([solved(one.problem, causes, one) for one in states.values()])
+    excess, share, torque = _compare_logs([solve_causes(one.problem, causes, one) for one in states.values()])
     excess = np.where((excess > limit) & (share > MATERIAL_SHARE), excess, 0.0)
     k, j = (int(x) for x in np.unravel_index(np.argmax(excess), excess.shape))
     if not excess[k, j] > 0:

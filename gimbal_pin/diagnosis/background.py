@@ -20,7 +20,7 @@ from gimbal_pin.effects.torque_table import Over, TorqueTable
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import STRUCTURED
 
-KNOTS = 96
+TABLE_KNOTS = 96
 """Of a table: a step of less than two degrees over half a turn, which a prior smooths."""
 LENGTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 """Steps between knots over which a curve bends: the log decides."""
@@ -96,8 +96,8 @@ def spread_knots(state: State, joint: int, over: Over) -> TorqueTable:
     every = state.torque if over == "load" else [getattr(part.channels, "qv"[over == "rate"]) for part in parts]
     x = np.concatenate([values[part.gate[:, joint] > 0.5, joint] for values, part in zip(every, parts)])
     if over == "angle" and np.ptp(x) > 2 * pi:
-        return TorqueTable(place, over, tuple(np.linspace(0.0, 2 * pi, KNOTS, endpoint=False).tolist()), True)
-    return TorqueTable(place, over, tuple(np.linspace(x.min(), x.max(), KNOTS + 2)[1:-1].tolist()))
+        return TorqueTable(place, over, tuple(np.linspace(0.0, 2 * pi, TABLE_KNOTS, endpoint=False).tolist()), True)
+    return TorqueTable(place, over, tuple(np.linspace(x.min(), x.max(), TABLE_KNOTS + 2)[1:-1].tolist()))
 
 
 def correlate_knots(table: TorqueTable, steps: float) -> Array:

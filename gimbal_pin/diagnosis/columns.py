@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from gimbal_pin.diagnosis.evidence import Evidence, Part, select_poses
+from gimbal_pin.diagnosis.evidence import Evidence, LogStretch, select_poses
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import compute_coupling, compute_inertia_regressor, compute_regressor, compute_rnea
 from gimbal_pin.effects import Cause, Effect, RigEffect, Signal
@@ -19,7 +19,7 @@ from gimbal_pin.regression import Flags, Samples, find_base_columns
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-ALIKE = (0.3, 3.0)
+UNIT_RANGE = (0.3, 3.0)
 """A drive's column fits if its coefficient, which is one, is found within these."""
 
 
@@ -186,12 +186,12 @@ class Stand:
             self.torques[evidence] = [self.asked(part, part.channels.v, part.channels.a) for part in evidence.parts]
         return self.torques[evidence]
 
-    def weight(self, part: Part) -> Array:
+    def weight(self, part: LogStretch) -> Array:
         """What of that it asks for at rest, N m, (m, n)."""
         rest = np.zeros_like(part.channels.q)
         return self.asked(part, rest, rest)
 
-    def asked(self, part: Part, v: Array, a: Array) -> Array:
+    def asked(self, part: LogStretch, v: Array, a: Array) -> Array:
         """Torque at a part's angles and these rates and accelerations, N m, (m, n)."""
         rig, platform = self.rig, part.platform
         for change in self.changes:
@@ -257,7 +257,7 @@ def build_columns(
         own = evidence.whiten(compute_plain_columns(evidence, cause, load), evidence.rig.joint_index(cause.joint))
         bounds = [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
-        own, bounds = compute_lost_torque(evidence, cause, acting, bearing)[..., None], [ALIKE]
+        own, bounds = compute_lost_torque(evidence, cause, acting, bearing)[..., None], [UNIT_RANGE]
         joint = joint if own.ndim == 2 else None
     elif isinstance(cause, RigEffect):
         joint = None  # an encoder that is off by an angle changes the torque of every joint

@@ -19,8 +19,8 @@ from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
 from gimbal_pin.diagnosis.extended import build_extended_model
 from gimbal_pin.diagnosis.fit import CRITICAL_Z
 from gimbal_pin.diagnosis.gain import CONFIRMED, Figures, compare_errors, measure_errors
-from gimbal_pin.diagnosis.result import MEASURED, Diagnosis, Finding
-from gimbal_pin.diagnosis.state import Problem, solved
+from gimbal_pin.diagnosis.result import MEASURED_CAUSE, Diagnosis, Finding
+from gimbal_pin.diagnosis.state import Problem, solve_causes
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Log
@@ -68,7 +68,7 @@ def add_sensor_findings(
         if (weighed := _weigh(said, shown, train, test, wholes, filtering)) is None:
             continue
         one, without = weighed
-        baseline = without if shown.cause == MEASURED else baseline
+        baseline = without if shown.cause == MEASURED_CAUSE else baseline
         if twin := every.get(at := (one.cause, one.joint)):  # its zero is off, too: one finding of both
             figures, both = (*twin.parameters, *one.parameters), f"{twin.sentence}; {one.sentence}"
             one = replace(twin, parameters=figures, sentence=both)
@@ -94,7 +94,13 @@ def _list_platform_motion(said: Diagnosis, logs: Sequence[Log]) -> list[_Shown]:
         return replace(log, imus={link: imu for link, imu in log.imus.items() if link != rig.base})
 
     return [
-        _Shown(MEASURED, None, (Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2")), sentence, strip)
+        _Shown(
+            MEASURED_CAUSE,
+            None,
+            (Parameter("rate", rate, "rad/s"), Parameter("force", force, "m/s^2")),
+            sentence,
+            strip,
+        )
     ]
 
 
@@ -134,12 +140,12 @@ def _weigh(
     found, held = said.state, said.held
     assert found is not None and held is not None
     train, test = ([shown.strip(log) for log in logs] for logs in (train, test))
-    rig, base = held.rig, "fixed" if shown.cause == MEASURED else found.problem.reduction.base
+    rig, base = held.rig, "fixed" if shown.cause == MEASURED_CAUSE else found.problem.reduction.base
     evidence = gather(rig, train, filtering, wholes)
     other = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
     evidence, without = _match(evidence, found.problem.evidence), _match(other, held)
     problem = replace(Problem.of(evidence, reduce_parameters(rig, base=base)), luck=found.problem.luck)
-    plain = solved(problem, ())
+    plain = solve_causes(problem, ())
     state = fitted(problem, found.causes, plain)
     pairs = (without, plain), (without, state), (held, found)
     nothing, before, after = (measure_errors(rows, build_extended_model(one)) for rows, one in pairs)

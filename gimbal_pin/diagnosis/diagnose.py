@@ -21,7 +21,7 @@ from gimbal_pin.diagnosis.findings import report_findings, report_unusable_logs
 from gimbal_pin.diagnosis.given_model import compare_given_model, state_payload_with_causes
 from gimbal_pin.diagnosis.result import Diagnosis
 from gimbal_pin.diagnosis.reversals import open_turns
-from gimbal_pin.diagnosis.state import Problem, solved
+from gimbal_pin.diagnosis.state import Problem, solve_causes
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES, Cause
@@ -55,19 +55,19 @@ def diagnose(
     Long logs are subsampled, see `samples.subsample_log`; a note says how. The band is `band.usual` where no
     filtering is given. `rng` may be a seed; None: a fresh one, whose seed is in the result.
 
-    Args and errors: as `examined`; `mass`: of the payload, kg, where it was weighed.
+    Args and errors: as `diagnose_short_logs`; `mass`: of the payload, kg, where it was weighed.
     """
     logs = [log.ordered(rig) for log in logs]
     shown = [subsample_log(log) for log in logs]
     band = usual(rig, logs) if filtering is None else filtering
     generator, seed = make_generator(rng)
-    found = examined(rig, [one.log for one in shown], causes, generator, holdout, band)
+    found = diagnose_short_logs(rig, [one.log for one in shown], causes, generator, holdout, band)
     filters = None if filtering is None or filtering.alignment is None else Filtering(alignment=filtering.alignment)
     given = state_payload_with_causes(found, rig, logs, holdout, filters, mass)
     return replace(found, given=given, seed=seed, notes=(*(one.note for one in shown if one.note), *found.notes))
 
 
-def examined(
+def diagnose_short_logs(
     rig: Rig,
     logs: Sequence[Log],
     causes: Mapping[str, type[Cause]],
@@ -104,7 +104,7 @@ def examined(
         return report_unusable_logs(rig, logs, checked if late is None else with_fault(checked, late), filtering)
     noticed = tuple(note for log, found in shifts for note in report_shifts(log, found))
     try:
-        said = searched(rig, logs, causes, rng, filtering, Parted(checked, train, test, whole))
+        said = diagnose_checked_logs(rig, logs, causes, rng, filtering, Parted(checked, train, test, whole))
     except DataError:
         if reliable:
             raise
@@ -128,7 +128,7 @@ class Parted(NamedTuple):
     whole: bool
 
 
-def searched(
+def diagnose_checked_logs(
     rig: Rig,
     logs: Sequence[Log],
     causes: Mapping[str, type[Cause]],
@@ -136,7 +136,7 @@ def searched(
     filtering: Filtering,
     parted: Parted,
 ) -> Diagnosis:
-    """Diagnose logs that were checked and mended; arguments and errors as in `examined`."""
+    """Diagnose logs that were checked and mended; arguments and errors as in `diagnose_short_logs`."""
     checked, train, test, whole = parted
     wholes = {one.log.name: one.log for one in checked}
     evidence = gather(rig, train, filtering, wholes)
@@ -151,7 +151,7 @@ def searched(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
         )
     reduction = reduce_parameters(rig, base=base)
-    gliding = solved(Problem.of(alternate_blocks(evidence, filtering)[0] if whole else evidence, reduction), ())
+    gliding = solve_causes(Problem.of(alternate_blocks(evidence, filtering)[0] if whole else evidence, reduction), ())
     evidence, held = (open_turns(one, gliding, filtering) for one in (evidence, held))
     if whole:
         evidence, held = alternate_blocks(evidence, filtering)
@@ -159,7 +159,7 @@ def searched(
     apart = find_disagreement(rig, [one.log for one in checked], filtering, found.final.causes)
     if apart is not None:
         return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
-    resting = check_driven(found, find_joints_asked_to_rest(train))
+    resting = check_torque_moves_joints(found, find_joints_asked_to_rest(train))
     held = retimed(held, found.alignment)
     said = report_findings(found, held, checked, filtering, rng)
     said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
@@ -198,7 +198,7 @@ def check_moved(evidence: Evidence, name: str) -> None:
         raise DataError(name, what, "move faster; of a loop that swings, lower its gains", dumb)
 
 
-def check_driven(found: Explained, resting: Collection[int]) -> tuple[str, ...]:
+def check_torque_moves_joints(found: Explained, resting: Collection[int]) -> tuple[str, ...]:
     """Raise `DataError` if a joint's torque is noise that has nothing to do with its motion.
 
     Of a joint whose reference asks for rest that is no wonder, and said.

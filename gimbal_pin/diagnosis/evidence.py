@@ -47,28 +47,28 @@ from gimbal_pin.regression import (
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-BLOCKS = 40
+ERROR_BLOCKS = 40
 """Blocks of time that errors are counted by."""
-SHORTEST = 0.7
+SHORTEST_ERROR_BLOCK = 0.7
 """Shortest such block, s."""
 TAPER = 0.5
 """Width over which the gate opens, in periods of the band: sharp edges fold what is above the band into it."""
-SHARP = 0.05
+UNFITTED_TAPER = 0.05
 """The same where nothing is fitted."""
 CLEAR = 4.0
 """A rate under this many of its deviations does not tell its sign: at it one in 30 000 is wrong. Identification, which
 averages over directions that are wrong now and then, takes half as many; a cause is told by less."""
-POSES = 50
+INERTIA_POSES = 50
 """Poses at which a joint's axis is looked at, and over which its inertia is averaged."""
 FELT = 1e-9
 """Share of the largest weight felt from which a joint feels any."""
-OCTAVES = 9
+PHASOR_OCTAVES = 9
 """Powers of two of the phasor of an angle that are kept: harmonics up to 511."""
 COVERED = 0.5
 """Share of the time that stretches without holes must cover, under which lone samples are judged."""
 
 
-class Part(NamedTuple):
+class LogStretch(NamedTuple):
     """One stretch of a log.
 
     Attributes:
@@ -131,7 +131,7 @@ class Part(NamedTuple):
         loss = torque[:, joint] - self.acted(signal, torque[:, joint], joint, borne)
         return signal.spread(loss, joint, torque.shape[1], borne)
 
-    def retimed(self, late: Array) -> Part:
+    def retimed(self, late: Array) -> LogStretch:
         """Return the part as it is where the joints' torques act later than they were smoothed, s, (n,)."""
         more = np.broadcast_to(late - self.late, self.gate.shape[1:])
         tau = [shift_in_time(x, by, self.dt) for x, by in zip(self.channels.tau.T, more.tolist())]
@@ -164,7 +164,7 @@ class Part(NamedTuple):
         every = (c.q, c.v, c.a, self.slide, c.tau, self.temperature)
         q, v, a, slide, tau, warm = (np.ascontiguousarray(x[:, joint]) for x in every)
         turns = [np.exp(1j * q)]
-        for _ in range(1, OCTAVES):
+        for _ in range(1, PHASOR_OCTAVES):
             turns.append(turns[-1] ** 2)
         losses = None if self.losses is None else self.losses[joint]
         return Sample(self.time, q, v, a, slide, tau, warm, turns=np.stack(turns), losses=losses)
@@ -183,7 +183,7 @@ class Evidence:
     """
 
     rig: Rig
-    parts: tuple[Part, ...]
+    parts: tuple[LogStretch, ...]
     band: float
     block: Array
     seen: tuple[OperatingRange, ...]
@@ -284,7 +284,7 @@ def gather_for_judgement(
         found = gather(rig, logs, filtering, wholes)
         if found.seconds >= COVERED * whole:
             return found
-    return gather(rig, logs, filtering, wholes, compute_settling_time(filtering), SHARP)
+    return gather(rig, logs, filtering, wholes, compute_settling_time(filtering), UNFITTED_TAPER)
 
 
 def gather(
@@ -322,7 +322,7 @@ def gather(
     )
 
 
-def build_part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: Log) -> Part | None:
+def build_part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, whole: Log) -> LogStretch | None:
     """Return the part of a stretch of a whole log, or None if it is shorter than what the filters need to settle."""
     step = compute_decimation(filtering, stretch.dt)
     # The last few samples go where that makes the Fourier transforms quick.
@@ -348,7 +348,7 @@ def build_part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, w
     if log.temperature is not None:
         warm = np.stack([np.interp(channels.t, log.t, x) for x in log.temperature.T], axis=1)
     # Each joint's gate side by side in memory: every column is multiplied by it.
-    return Part(
+    return LogStretch(
         channels,
         warm,
         np.asfortranarray(gate),
@@ -405,10 +405,10 @@ def compute_fade(length: int, edge: int) -> Array:
     return 0.5 - 0.5 * np.cos(np.pi * rise)
 
 
-def number_blocks(parts: Sequence[Part], band: float) -> Array:
+def number_blocks(parts: Sequence[LogStretch], band: float) -> Array:
     """Number of the block of time that each row belongs to, never across a part's ends, (rows,)."""
     total = sum(part.rows for part in parts)
-    size = max(total / BLOCKS, SHORTEST * 2 * band)
+    size = max(total / ERROR_BLOCKS, SHORTEST_ERROR_BLOCK * 2 * band)
     out, first = [], 0
     for one in parts:
         count = max(1, round(one.rows / size))
@@ -417,7 +417,7 @@ def number_blocks(parts: Sequence[Part], band: float) -> Array:
     return np.concatenate(out)
 
 
-def measure_ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tuple[OperatingRange, ...]:
+def measure_ranges(rig: Rig, parts: Sequence[LogStretch], filtering: Filtering) -> tuple[OperatingRange, ...]:
     """What the parts show of each joint."""
     q, v, tau = (np.concatenate([getattr(part.channels, name) for part in parts]) for name in ("q", "v", "tau"))
     seconds = sum(part.dt * len(part.gate) for part in parts)
@@ -446,10 +446,10 @@ def measure_ranges(rig: Rig, parts: Sequence[Part], filtering: Filtering) -> tup
 def select_poses(every: Sequence[Samples]) -> Array:
     """Angles at moments that are spread evenly over some parts' channels, (POSES, n)."""
     q = np.concatenate([one.q for one in every])
-    return np.asarray(q[np.linspace(0, len(q) - 1, POSES).astype(int)])
+    return np.asarray(q[np.linspace(0, len(q) - 1, INERTIA_POSES).astype(int)])
 
 
-def feels_weight(rig: Rig, parts: Sequence[Part]) -> Flags:
+def feels_weight(rig: Rig, parts: Sequence[LogStretch]) -> Flags:
     """Whether the weight of anything is felt at each joint, at some of the angles, (POSES, n)."""
     pull = np.abs(compute_gravity(rig, select_poses([part.channels for part in parts])))
     moving = any(part.platform is not None for part in parts)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.diagnosis.evidence import Part
+from gimbal_pin.diagnosis.evidence import LogStretch
 from gimbal_pin.diagnosis.shapes import same
 from gimbal_pin.diagnosis.state import State, refit_rig, resize
 from gimbal_pin.dynamics.model import Estimated, Model, is_motor_friction
@@ -18,7 +18,7 @@ from gimbal_pin.effects.signal import JointLoad
 from gimbal_pin.log.log import Array, find_interval
 
 
-def compute_acting_torque(model: Model, part: Part) -> Array:
+def compute_acting_torque(model: Model, part: LogStretch) -> Array:
     """Torque that acts along a part of a log, the logged one after the model's drives, N m, (m, n)."""
     out = part.channels.tau.copy()
     for signal in model.drive:
@@ -27,14 +27,14 @@ def compute_acting_torque(model: Model, part: Part) -> Array:
     return out
 
 
-def compute_asked_torque(model: Model, part: Part, a: Array | None = None) -> Array:
+def compute_asked_torque(model: Model, part: LogStretch, a: Array | None = None) -> Array:
     """Torque that a model asks for the motion of a part, or with other accelerations a, N m, (m, n)."""
     c = part.channels
     a = c.a if a is None else a
     return model.inverse(c.q, c.v, a, part.slide, part.time, part.temperature, c.platform, part.losses)
 
 
-def _compute_load(model: Model, part: Part, joint: int) -> JointLoad:
+def _compute_load(model: Model, part: LogStretch, joint: int) -> JointLoad:
     """What a joint bears along a part, N m, (m,)."""
     c, sample = part.channels, part.sample(joint)
     terms = [term for term in model.by_joint[joint] if is_motor_friction(term.effect)]

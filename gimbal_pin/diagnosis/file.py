@@ -11,7 +11,7 @@ from gimbal_pin.identification.model_file import write_extended
 from gimbal_pin.log.io import write_motion
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run
 
-FILES = {
+DIAGNOSIS_FILES = {
     "diagnosis": "diagnosis.json",
     "extended model": "extended.yaml",
     "next experiment": "next_experiment.csv",
@@ -31,12 +31,12 @@ def list_writers(found: Diagnosis) -> dict[str, Callable[[Path], object]]:
 def write_diagnosis(
     found: Diagnosis, folder: str | Path, page: str, run: Mapping[str, object] | None = None
 ) -> tuple[Mapping[str, Path], tuple[str, ...]]:
-    """Write a diagnosis, its report `page` and what else there is of `FILES`; `run` is for `write_run`.
+    """Write a diagnosis, its report `page` and what else there is of `DIAGNOSIS_FILES`; `run` is for `write_run`.
 
     Returns:
         What → path, and the notes of `write_run`.
     """
     writers = list_writers(found) | {"diagnosis": partial(write_json, found.to_dict())}
     writers["report"] = partial(atomic_write, content=page)
-    notes = write_run(folder, {FILES[what]: write for what, write in writers.items()}, run or {})
-    return {what: Path(folder) / FILES[what] for what in writers}, notes
+    notes = write_run(folder, {DIAGNOSIS_FILES[what]: write for what, write in writers.items()}, run or {})
+    return {what: Path(folder) / DIAGNOSIS_FILES[what] for what in writers}, notes

@@ -13,7 +13,14 @@ from scipy.linalg import orth
 
 from gimbal_pin.checks import CheckedLog, collect_alterations
 from gimbal_pin.diagnosis.background import add_tables
-from gimbal_pin.diagnosis.engine.criterion import added, criterion, fitted, matters, rows, without
+from gimbal_pin.diagnosis.engine.criterion import (
+    compute_cause_torque,
+    criterion,
+    fitted,
+    leave_cause_out,
+    matters,
+    rows,
+)
 from gimbal_pin.diagnosis.engine.discrepancy import place
 from gimbal_pin.diagnosis.engine.explained import Explained
 from gimbal_pin.diagnosis.engine.selection import promising, together
@@ -201,7 +208,7 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
     while True:
         state = found.final
         best = measure_errors(held, build_extended_model(state))
-        lacking = {one: measure_errors(held, build_extended_model(without(state, one))) for one in state.causes}
+        lacking = {one: measure_errors(held, build_extended_model(leave_cause_out(state, one))) for one in state.causes}
         gains = {cause: measure_gain(figures, best, used) for cause, figures in lacking.items()}
         places = {cause: _locate_cause(state, cause) for cause in lacking}
         errors = {cause: [x["torque_rmse"][places[cause]] for x in (lacking[cause], best)] for cause in lacking}
@@ -217,13 +224,17 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
             f"{at}: {worst.name} explains the part that was fitted and is left out: on the part that no choice has "
             f"seen the torque error goes {told} with it{whole}"
         )
-        found = replace(found, final=without(state, worst))
+        found = replace(found, final=leave_cause_out(state, worst))
 
 
 def _locate_cause(state: State, cause: Cause) -> str:
     """Return the joint at which a cause adds most torque: its own, where it has one."""
     joints = state.problem.evidence.rig.joints
-    return cause.place if cause.of_joint else joints[int(np.argmax(np.sum(added(state, cause) ** 2, axis=0)))]
+    return (
+        cause.place
+        if cause.of_joint
+        else joints[int(np.argmax(np.sum(compute_cause_torque(state, cause) ** 2, axis=0)))]
+    )
 
 
 def describe_findings(model: Confirmed, held: Evidence) -> tuple[Finding, ...]:
@@ -247,7 +258,7 @@ def describe_findings(model: Confirmed, held: Evidence) -> tuple[Finding, ...]:
 def _describe_cause(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
     """Describe one cause of a model."""
     found, state, rig = model.found, model.found.final, held.rig
-    base, at, (final, values) = without(state, cause), _locate_cause(state, cause), find_settled(state, cause)
+    base, at, (final, values) = leave_cause_out(state, cause), _locate_cause(state, cause), find_settled(state, cause)
     gain = compare_errors(model.lacking[cause], model.figures, at)
     before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
     figures, within = estimate_figures(state, cause), final.holds(values)
@@ -288,7 +299,7 @@ def _describe_vagueness(cause: Cause, figures: Sequence[Parameter]) -> str:
 
 def compare_likeness(found: Explained, cause: Cause) -> Likeness:
     """Compare a cause and its rivals by whitened columns without what all other columns explain."""
-    base = without(found.final, cause)
+    base = leave_cause_out(found.final, cause)
     rivals = {one.cause.name: one.cause for one in reversed(found.rivals_of(cause))}
     every = [cause, *(one for name, one in reversed(rivals.items()) if name != cause.name)]
     columns = [base.columns(one) for one in every]

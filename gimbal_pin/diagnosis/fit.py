@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 
-PASSES = 4
+FIT_PASSES = 4
 LUCK = 0.5
 """Least dispersion that is believed: what fits better than its sensors allow is luck, not knowledge."""
 CRITICAL_Z = 1.96
@@ -118,7 +118,7 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
     """
     rows, n, k = A.shape
     weight, R = np.ones(n) if scale is None else scale, triangles(A, b)
-    for _ in range(PASSES if scale is None else 0):
+    for _ in range(FIT_PASSES if scale is None else 0):
         theta = least(R, weight)
         power = np.sum((R[..., k] - R[..., :k] @ theta) ** 2, axis=0) / np.maximum(rows * used - k / n, 1.0)
         weight = 1.0 / np.sqrt(np.maximum(power, luck))

@@ -11,8 +11,8 @@ from scipy.ndimage import uniform_filter1d
 from gimbal_pin.control.judging import measure_error
 from gimbal_pin.control.tracking import tour
 from gimbal_pin.control.tuning import tune
-from gimbal_pin.diagnosis.band import BAND
-from gimbal_pin.diagnosis.evidence import Evidence, Part, gather
+from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
+from gimbal_pin.diagnosis.evidence import Evidence, LogStretch, gather
 from gimbal_pin.diagnosis.extended import compute_acting_torque, compute_asked_torque
 from gimbal_pin.dynamics.model import Model, is_inertia_positive
 from gimbal_pin.dynamics.plant import Plant, State
@@ -26,9 +26,9 @@ Figures = Mapping[str, Mapping[str, float]]
 """Name of a figure → joint → its value."""
 CONFIRMED = 1.01
 """Error of the torque without a cause over that with it, from which the held-out part confirms the cause."""
-DT = 0.004
+SIMULATED_INTERVAL = 0.004
 """Sampling interval of the simulated controllers, s."""
-BANDWIDTH = 4.0
+SIMULATED_BANDWIDTH = 4.0
 """Bandwidth that both are asked for, Hz."""
 SIZE = 0.35
 """Angle to each side of the motion, rad, where the limits leave room."""
@@ -43,7 +43,7 @@ def describe_motion(rig: Rig) -> str:
     sizes = dict.fromkeys(f"{1e3 * SIZE:.0f} mm" if slides else f"{degrees(SIZE):.0f}°" for slides in rig.slides)
     return (
         f"all axes {' or '.join(sizes)} to and fro at once where limits leave room, in moves of {MOVE:g} s, by "
-        f"computed torque of {BANDWIDTH:g} Hz on the extended model; neither the log's motion nor its controller"
+        f"computed torque of {SIMULATED_BANDWIDTH:g} Hz on the extended model; not the log's motion and controller"
     )
 
 
@@ -95,7 +95,7 @@ def _filter_torques(evidence: Evidence, torques: Sequence[Array]) -> Array:
     ])  # fmt: skip
 
 
-def _compute_torque_error(part: Part, model: Model) -> Array:
+def _compute_torque_error(part: LogStretch, model: Model) -> Array:
     """Acting torque less what the model asks for the same motion, N m, (m, n)."""
     return compute_acting_torque(model, part) - compute_asked_torque(model, part)
 
@@ -113,7 +113,7 @@ def rollout_rmse(evidence: Evidence, model: Model) -> Array:
     return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, nan)
 
 
-def _roll_out(model: Model, part: Part, most: int) -> Iterator[Array]:
+def _roll_out(model: Model, part: LogStretch, most: int) -> Iterator[Array]:
     """Yield the errors of so many rollouts, rad, (n,), from states evenly spread, clear of the ends and of holes.
 
     What friction remembers at a start comes from the measured way to it, and it is as warm as the motor was. A step
@@ -144,11 +144,13 @@ def simulate_tracking(before: Model, after: Model, rng: np.random.Generator) -> 
     no choice has touched it; sensors and their noise are the same for both controllers. A loop that is not stable
     without the compensation has no figure, nor have models whose fitted inertias no body can have.
     """
-    seed, reference = int(rng.integers(2**63)), tour(after, DT, SIZE, MOVE)
+    seed, reference = int(rng.integers(2**63)), tour(after, SIMULATED_INTERVAL, SIZE, MOVE)
     if not all(is_inertia_positive(model.rig, reference.q[::50]) for model in (before, after)):
         return {}
-    laws = [tune(model, bandwidth_hz=BANDWIDTH, dt=DT).controller for model in (before, after)]
-    sense = Sensors.of(after.rig, DT)
+    laws = [
+        tune(model, bandwidth_hz=SIMULATED_BANDWIDTH, dt=SIMULATED_INTERVAL).controller for model in (before, after)
+    ]
+    sense = Sensors.of(after.rig, SIMULATED_INTERVAL)
     figures = [measure_error(after, law, reference, 0.0, sense, seed, delay=1).tolist() for law in laws]
     return {joint: dict(zip(("rms_before", "rms_after"), row)) for joint, *row in zip(after.rig.joints, *figures)}
 
@@ -166,7 +168,7 @@ def describe_worse_tracking(tracking: Figures) -> list[str]:
     return [said] if worse else []
 
 
-def heat(model: Model, log: Log, filtering: Filtering = BAND) -> Array:
+def heat(model: Model, log: Log, filtering: Filtering = DIAGNOSIS_BAND) -> Array:
     """``min(1, rms(tau - model) / (FULL rms(tau)))``, one value per sample and joint of the log, (N, n).
 
     The residual is low-passed at the filtering's cutoff; its size is that over 0.3 s around each sample, where the

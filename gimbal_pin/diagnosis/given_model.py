@@ -46,7 +46,7 @@ _LEAST_CHANGE = 0.05
 """Share of a joint's given inertia from which a difference is told: few URDFs are nearer."""
 
 
-def compute_difference(state: State) -> BaseDifference:
+def compute_base_difference(state: State) -> BaseDifference:
     """``cov = H⁻¹ (Σ_blocks g gᵀ) H⁻¹ + Σ_joints R Rᵀ``, R what the fit misses there: see `propagate_misfit`."""
     evidence, reduction, fit = state.problem.evidence, state.problem.reduction, state.fit
     width, rig = len(reduction.independent), evidence.rig
@@ -76,7 +76,7 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
         state: The fit with all its findings in.
         causes: The causes to look for.
     """
-    difference = compute_difference(state)
+    difference = compute_base_difference(state)
     hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
     found = replace(found, notes=(*found.notes, *_describe_inertias(difference, state.problem, hidden)))
     if difference.rig.config.inertia != "trusted" or found.held is None:
@@ -113,7 +113,7 @@ def state_payload_with_causes(
             changed = apply_changes(rig, model.changes)
             one = identify(changed, logs, refittable_effects(model), holdout=holdout, filtering=filters)
             return compare_payload(one, mass)
-    return state_payload(compute_difference(found.state), mass)
+    return state_payload(compute_base_difference(found.state), mass)
 
 
 def _describe_inertias(found: BaseDifference, problem: Problem, hidden: Sequence[Untestable]) -> Iterator[str]:

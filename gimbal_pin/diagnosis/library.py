@@ -18,7 +18,7 @@ from gimbal_pin.rig.rig import Rig
 
 TRIAL = 1e-3
 """Size of a rig's change in the library, rad."""
-STALE = 0.05
+STALE_CHANGE = 0.05
 """Change of a torque, as a share, up to which a column of the coarse search is kept."""
 
 
@@ -37,7 +37,7 @@ def kept(cause: Cause) -> Cause:
     return resize(cause, TRIAL) if isinstance(cause, RigEffect) else cause
 
 
-class Library:
+class ColumnLibrary:
     """Columns of the whole library, built once; those that read a torque again where it has changed by much.
 
     Attributes:
@@ -52,9 +52,9 @@ class Library:
         self.rig, self.causes, self.of_model = rig, causes, of_model
         self.built: dict[Cause, tuple[Read, Columns]] = {}
 
-    def whitened(self, old: Evidence, new: Evidence) -> Library:
+    def whitened(self, old: Evidence, new: Evidence) -> ColumnLibrary:
         """Return a library of columns that `old` has whitened, as `new` whitens them."""
-        found, every = Library(self.rig, self.causes, self.of_model), list(self.built.items())
+        found, every = ColumnLibrary(self.rig, self.causes, self.of_model), list(self.built.items())
         for batch in batches([columns for _, (_, columns) in every]):
             some = [every[i] for i in batch]
             together = np.concatenate([columns.own.T for _, (_, columns) in some]).T
@@ -88,7 +88,7 @@ class Library:
             now = reads[key] if key in reads else reads.setdefault(key, self.read(key, state))
             before, columns = self.built.get(cause, (now, None))
             if (now, before) not in still:
-                still[now, before] = all(is_near(new, old, STALE) for new, old in zip(now.arrays, before.arrays))
+                still[now, before] = all(is_near(new, old, STALE_CHANGE) for new, old in zip(now.arrays, before.arrays))
             if columns is None or not still[now, before]:
                 columns = state.columns(cause, state.torque if self.of_model else None)
                 self.built[cause] = now, columns

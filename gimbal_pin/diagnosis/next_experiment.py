@@ -18,15 +18,15 @@ from scipy import fft
 from scipy.special import expit
 from tqdm import trange
 
-from gimbal_pin.diagnosis.band import BAND
-from gimbal_pin.diagnosis.evidence import Evidence, Part, compute_gate, measure_ranges, number_blocks
+from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
+from gimbal_pin.diagnosis.evidence import Evidence, LogStretch, compute_gate, measure_ranges, number_blocks
 from gimbal_pin.diagnosis.extended import build_extended_model
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.parting import Apart, NextExperiment, Parting
 from gimbal_pin.diagnosis.probability import LUCKY, foresee_log_odds
 from gimbal_pin.diagnosis.result import Diagnosis, Rival, get_joint
-from gimbal_pin.diagnosis.shapes import refined
-from gimbal_pin.diagnosis.state import Problem, State, width, without
+from gimbal_pin.diagnosis.shapes import refine_shapes
+from gimbal_pin.diagnosis.state import Problem, State, refit_without, width
 from gimbal_pin.diagnosis.uncertainty import compute_tangent
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.threads import limit_to_one_thread
@@ -42,7 +42,7 @@ from gimbal_pin.excitation.problem import ExcitationProblem as Limits
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import Samples
 
-REPEATS, HARMONICS = (1, 2, 4, 8), 10
+SERIES_REPEATS, SERIES_HARMONICS = (1, 2, 4, 8), 10
 """How often a series repeats, and its harmonics: in 20 s `excite`'s own, and by octaves up to 4 Hz, which a position
 loop follows."""
 TRIES = 120
@@ -50,7 +50,7 @@ TRIES = 120
 more."""
 MARGIN = 0.05
 """Share of every limit that is left free, as `excite` leaves it."""
-SMALLEST = 0.01
+SMALLEST_CHANGE = 0.01
 """Smallest change of a motion as a share of it; the largest is a whole one, and any size in between is as likely: a
 step that adapts (Rechenberg's one-fifth rule) parts the same look-alikes 1 to 2 % more."""
 
@@ -123,12 +123,14 @@ class Contest:
         return Parting(self.cause.name, get_joint(self.cause), self.rival.name, self.now, expected, instead)
 
 
-def contest(state: State, cause: Cause, kind: type[Cause], told: Rival, known: Sequence[Cause] = ()) -> Contest | None:
+def build_contest(
+    state: State, cause: Cause, kind: type[Cause], told: Rival, known: Sequence[Cause] = ()
+) -> Contest | None:
     """Return a cause's contest with that form of a kind which comes nearest on the logs; None where it has none.
 
     What the logs tell of the two is `told`, forms that a search has refined are `known`.
     """
-    base, rig, seen = without(state, cause), state.problem.evidence.rig, state.problem.evidence.seen
+    base, rig, seen = refit_without(state, cause), state.problem.evidence.rig, state.problem.evidence.seen
     beta = state.coefficients(cause) if width(cause) else np.ones(1)
 
     def alone(form: Cause) -> Array:
@@ -145,7 +147,7 @@ def contest(state: State, cause: Cause, kind: type[Cause], told: Rival, known: S
     grid += [form for form in known if type(form) is kind and form.place in (*at, "rig")]
     if not grid:
         return None
-    best = refined(base, min(grid, key=lambda form: near(form)[1]), lambda _, form: -near(form)[1])
+    best = refine_shapes(base, min(grid, key=lambda form: near(form)[1]), lambda _, form: -near(form)[1])
     return Contest(base, cause, beta, best, near(best)[0], told)
 
 
@@ -163,14 +165,14 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
     The motion has the logs' interval and begins at zero, and its last third is held out; the model predicts its torque.
     """
     logs, like = known.evidence, max(known.evidence.parts, key=lambda part: part.rows)
-    dt, length, filtering = float(motion.t[1]), 2 * (len(motion) // 3), replace(BAND, cutoff=logs.band)
+    dt, length, filtering = float(motion.t[1]), 2 * (len(motion) // 3), replace(DIAGNOSIS_BAND, cutoff=logs.band)
     t, q, v, a = (values[:length] for values in (motion.t, motion.q, motion.v, motion.a))
     channels = Samples(t, q, v, a, model.inverse(q, v, a, t=t), v, like.channels.rate_std)
     rows, frequency = 2 * round(length * dt * logs.band), fft.rfftfreq(length, dt)
     own = np.arange(like.whitener.shape[1]) / (len(like.gate) * like.dt)
     gain = np.stack([np.interp(frequency[: rows // 2 + 1], own, gain) for gain in like.whitener])
     none = np.zeros_like(q)
-    part = Part(
+    part = LogStretch(
         channels, none + AMBIENT, compute_gate(channels, filtering), gain, np.zeros_like(gain), 0.0, dt, rows, none
     )
     block, seen = number_blocks([part], logs.band), measure_ranges(logs.rig, [*logs.parts, part], filtering)
@@ -219,7 +221,7 @@ def next_experiment(
     state = found.state
     known = {(one.name, one.place): one for one in reversed(state.causes)} if state else {}
     every = [
-        contest(state, cause, causes[name], one.tell_from(name), found.instead)
+        build_contest(state, cause, causes[name], one.tell_from(name), found.instead)
         for one in found.findings
         for name in one.alike[1:]
         if state and name in causes and (cause := known.get((one.cause, one.joint or "rig")))
@@ -236,10 +238,10 @@ def next_experiment(
         log = imagined(problem, motion(limits, x, problem.evidence.parts[0].dt), model)
         return Tried(limits, x, tuple(each.expected(*log) for each in contests))
 
-    envelope, series = Envelope.of(rig, MARGIN), [Series(seconds / times, HARMONICS) for times in REPEATS]
+    envelope, series = Envelope.of(rig, MARGIN), [Series(seconds / times, SERIES_HARMONICS) for times in SERIES_REPEATS]
     clear, columns = Clearance.of(rig, CLEARANCE, envelope), ExcitationColumns.of(rig)
     family = [Limits(model, each, columns, Determinant(), envelope, clear) for each in series]
-    motions, finished = searched(family, tried, tries, rng)
+    motions, finished = search_motions(family, tried, tries, rng)
     most = np.max([[apart.deviations for apart in one.apart] for one in motions], axis=0)
     possible = most >= 1  # less than the noise's own deviation is nothing
     best, moving = max(motions, key=lambda one: one.value), None
@@ -264,7 +266,7 @@ def planned(found: Diagnosis, causes: Mapping[str, type[Cause]] = CAUSES, *, rng
     return replace(found, planned=next_experiment(found, causes, rng=rng))
 
 
-def searched(
+def search_motions(
     family: Sequence[Limits], tried: Callable[[Limits, Array], Tried], tries: int, rng: np.random.Generator
 ) -> tuple[list[Tried], bool]:
     """Try random motions of every series in turn, then changes of the best; return them, and whether all were tried."""
@@ -274,7 +276,7 @@ def searched(
             limits, x = family[k % len(family)], None
             if 2 * k >= tries:
                 limits, best, _ = max(motions, key=lambda one: one.value)
-                change = SMALLEST ** rng.random() * np.sqrt(np.mean(best**2)) * rng.standard_normal(len(best))
+                change = SMALLEST_CHANGE ** rng.random() * np.sqrt(np.mean(best**2)) * rng.standard_normal(len(best))
                 x = limits.repair(best + change, rough=True)
             motions.append(tried(limits, limits.draw_start(rng) if x is None else x))
     except KeyboardInterrupt:

@@ -20,17 +20,17 @@ from tqdm import tqdm
 from gimbal_pin.diagnosis.band import alternate_blocks, usual
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.diagnose import check_moved, of_refitted
-from gimbal_pin.diagnosis.engine.alignment import LATEST, project_slope
+from gimbal_pin.diagnosis.engine.alignment import LARGEST_SHIFT, project_slope
 from gimbal_pin.diagnosis.engine.criterion import compare_with_form_error, rows
-from gimbal_pin.diagnosis.engine.selection import PROMISE, TRIED, Search
+from gimbal_pin.diagnosis.engine.selection import PROMISE, REFITTED_CANDIDATES, Search
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.fit import Fit, project
-from gimbal_pin.diagnosis.library import Library, list_candidates
+from gimbal_pin.diagnosis.library import ColumnLibrary, list_candidates
 from gimbal_pin.diagnosis.probability import LUCKY, SURE, foresee_log_odds
 from gimbal_pin.diagnosis.result import get_joint
 from gimbal_pin.diagnosis.score import HIDDEN, batches, fitting, products, share, visibility, weigh_together
 from gimbal_pin.diagnosis.shapes import form, free
-from gimbal_pin.diagnosis.state import Problem, State, resize, solved
+from gimbal_pin.diagnosis.state import Problem, State, resize, solve_causes
 from gimbal_pin.dynamics.model import nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.threads import limit_to_one_thread
@@ -193,9 +193,9 @@ def rehearse(
     evidence = alternate_blocks(gather(rig, [log], band), band)[0]
     check_moved(evidence, "the motion")
     kinds = of_refitted(causes)
-    shelf = Library(rig, list_candidates(evidence, kinds), of_model=True)
+    shelf = ColumnLibrary(rig, list_candidates(evidence, kinds), of_model=True)
     search = Search.among(Problem.of(evidence, reduce_parameters(rig)), shelf)
-    state = solved(search.problem, ())
+    state = solve_causes(search.problem, ())
     bar = tqdm(shelf.causes, "rehearsal", unit="cause", disable=None, leave=False, delay=2)
     columns = [shelf.of(cause, state) for cause in bar]
     places = [CauseAt(name, joint) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint]
@@ -237,7 +237,7 @@ def plant_cause(search: Search, state: State, one: Columns) -> _Planted:
     u = pick_direction(cause, rest)
     felt = rest = rest @ u
     if isinstance(cause, Signal) and cause.linear:  # a delay of up to `LATEST` is taken for the log's own
-        late = min(cause.late(evidence.parts[0].dt), LATEST)
+        late = min(cause.late(evidence.parts[0].dt), LARGEST_SHIFT)
         felt = rest - late * project_slope(state, evidence.rig.joint_index(cause.joint))
     blocks = now.by_block(felt[:, None] ** 2)[:, 0]
     many = count.sum() if one.joint is None else count[one.joint]
@@ -272,7 +272,7 @@ def compare_cause(search: Search, state: State, one: _Planted, gains: Array, col
     evidence, cost = state.problem.evidence, float(np.log(rows(state).max()))
     needed = {
         place: find_size_apart(state.fit, one.rest, rival, cost * (free(cause) - free(rival.cause)))
-        for place, rival in islice(best.items(), TRIED)
+        for place, rival in islice(best.items(), REFITTED_CANDIDATES)
     }
     seen = evidence.seen[evidence.rig.joint_index(cause.place) if cause.of_joint else 0]
     needed |= {CauseAt(name, own.joint): np.inf for name in cause.blurred(seen)}

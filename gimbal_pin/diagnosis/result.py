@@ -23,7 +23,7 @@ from gimbal_pin.identification import PayloadStatement
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 
-MEASURED = "platform-motion"
+MEASURED_CAUSE = "platform-motion"
 """The cause that a sensor measures, so that every model has it that is made of such a log."""
 TOGETHER = "only together; other sizes fit this log as well"
 """What holds of figures none of which the log tells by itself."""
@@ -161,7 +161,7 @@ class Finding:
     @property
     def unsized(self) -> tuple[Parameter, ...]:
         """Figures of which other sizes fit as well, and only together: all of them where none has a deviation."""
-        return self.parameters if self.cause != MEASURED and not self.sized else ()
+        return self.parameters if self.cause != MEASURED_CAUSE and not self.sized else ()
 
     @property
     def probabilities(self) -> tuple[tuple[str, str | None, float], ...]:
@@ -329,7 +329,7 @@ class Diagnosis:
     @property
     def lacking(self) -> tuple[Finding, ...]:
         """Findings that `identify`'s model lacks: all but the motion that it has from the platform's IMU."""
-        return tuple(finding for finding in self.findings if finding.cause != MEASURED)
+        return tuple(finding for finding in self.findings if finding.cause != MEASURED_CAUSE)
 
     @property
     def is_extended(self) -> bool:

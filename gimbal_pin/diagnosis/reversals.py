@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.diagnosis.evidence import CLEAR, TAPER, Evidence, Part, compute_fade
+from gimbal_pin.diagnosis.evidence import CLEAR, TAPER, Evidence, LogStretch, compute_fade
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.dynamics.regressor import compute_rnea
 from gimbal_pin.log.log import Array
@@ -31,9 +31,9 @@ SMEAR = 2.0 / 3.0
 ``SMEAR Δa/(4π f_c)`` a corner at zero, where the acceleration jumps by Δa."""
 LATE_DEVIATIONS = 4.0
 """Standard deviations from which a torque is taken to act at another time."""
-NOISY = 40.0
+LARGEST_DISPERSION = 40.0
 """Dispersion from which it is not known when a joint turns round."""
-QUIET = 0.5
+TURN_ERROR = 0.5
 """Error that a turn may add to a row, in deviations of its noise."""
 
 
@@ -62,7 +62,7 @@ def get_dry_friction(state: State) -> Array:
 
 
 def find_swift_turns(
-    part: Part, state: State, friction: Array, delays: Array, floors: list[float], filtering: Filtering
+    part: LogStretch, state: State, friction: Array, delays: Array, floors: list[float], filtering: Filtering
 ) -> Flags:
     """Whether a joint turns round at a sample so that its friction's direction adds no error that shows, (m, n).
 
@@ -88,7 +88,7 @@ def find_swift_turns(
         )
     late += delays[joint]
     error = 2 * friction[joint] * late * 2 * filtering.cutoff
-    out[at, joint] = error <= QUIET * np.array(floors)[joint]
+    out[at, joint] = error <= TURN_ERROR * np.array(floors)[joint]
     if c.lost is not None:
         out &= ~dilate_flags(c.lost[:, None], reach)
     return out
@@ -96,7 +96,7 @@ def find_swift_turns(
 
 def is_timed(state: State) -> Flags:
     """Whether no more is left of a joint than a sensor's noise may be, (n,)."""
-    return np.asarray(state.fit.dispersion <= NOISY)
+    return np.asarray(state.fit.dispersion <= LARGEST_DISPERSION)
 
 
 def find_shifts(state: State) -> Array:
@@ -123,7 +123,7 @@ def compute_smear(filtering: Filtering) -> float:
     return SMEAR / (2 * np.pi * filtering.cutoff * filtering.smoothing)
 
 
-def compute_corners(part: Part, turns: Flags, state: State, friction: Array, filtering: Filtering) -> Array:
+def compute_corners(part: LogStretch, turns: Flags, state: State, friction: Array, filtering: Filtering) -> Array:
     """What the smoother takes off the rates about some turns, rad/s, (m, n): ``(SMEAR F_c/(2π f_c) sign a + p)/I``.
 
     Friction that changes by 2 F_c lets the acceleration jump, unless the torque jumps as much the other way: p is what
@@ -147,7 +147,7 @@ def compute_inertial_torque(state: State, q: Array, a: Array, joint: NDArray[np.
     )
 
 
-def open_gate(part: Part, turns: Flags, filtering: Filtering) -> Part:
+def open_gate(part: LogStretch, turns: Flags, filtering: Filtering) -> LogStretch:
     """Open the gate at some turns; elsewhere, and where it was shut for what lies between these samples, it stays."""
     c, still = part.channels, find_slow_samples(part.channels, CLEAR)
     reach, taper = count_smoother_memory(c, filtering), round(TAPER / filtering.cutoff / part.dt)

@@ -9,7 +9,7 @@ from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.rig import Rig
 
-POSES = 64
+MASS_POSES = 64
 """Poses over which the mass matrix is averaged."""
 
 
@@ -17,7 +17,7 @@ def average_mass_matrix(rig: Rig, q: Array) -> Array:
     """Root mean square of each entry of M(q) over some of the angles q, (N, n), in kg m², (n, n)."""
     data = rig.model.createData()
     total = np.zeros((rig.n, rig.n))
-    some = q[:: max(1, len(q) // POSES)]
+    some = q[:: max(1, len(q) // MASS_POSES)]
     for angles in some:
         upper = np.triu(pin.crba(rig.model, data, angles))
         total += (upper + np.triu(upper, 1).T) ** 2

@@ -10,17 +10,19 @@ from math import log
 from gimbal_pin.diagnosis.state import State, width
 from gimbal_pin.effects import Cause, RigEffect, Signal
 
-ROUNDS = 8
+REFINING_ROUNDS = 8
 """Rounds of refinement of the shape parameters, each with half the step."""
-COARSE = 2.0
+COARSE_FACTOR = 2.0
 """Factor by which a shape parameter is moved first."""
-FINE = 2.0 ** (1 / 64)
+FINE_FACTOR = 2.0 ** (1 / 64)
 """The same where a parameter is to be told as closely as the log shows it: ends at 6e-5."""
-NEAR = 2.0 ** (1 / 32)
+NEAR_FACTOR = 2.0 ** (1 / 32)
 """The same where the best of many that stand close is moved on."""
 
 
-def refined(state: State, cause: Cause, value: Callable[[State, Cause], float], step: float = COARSE) -> Cause:
+def refine_shapes(
+    state: State, cause: Cause, value: Callable[[State, Cause], float], step: float = COARSE_FACTOR
+) -> Cause:
     """Return the cause with its shape parameters moved to where it is worth most: a pattern search in their logarithms.
 
     Args:
@@ -30,11 +32,11 @@ def refined(state: State, cause: Cause, value: Callable[[State, Cause], float], 
         step: The first step, a factor; every round takes its square root.
     """
     best, at = value(state, cause), cause
-    for _ in range(ROUNDS):
+    for _ in range(REFINING_ROUNDS):
         before = at
         for name in shape_names(cause):
             for factor in (step, 1 / step):
-                other = moved(at, name, factor)
+                other = move_shape(at, name, factor)
                 if other is not None and (found := value(state, other)) > best:
                     best, at = found, other
         while (other := onward(before, at)) is not None and (found := value(state, other)) > best:
@@ -50,7 +52,9 @@ def other_forms(state: State, cause: Cause, value: Callable[[State, Cause], floa
     forms: dict[tuple[object, ...], list[Cause]] = {}
     for other in cause.akin(seen):
         forms.setdefault(form(other), []).append(other)
-    return tuple(refined(state, max(alike, key=partial(value, state)), value, NEAR) for alike in forms.values())
+    return tuple(
+        refine_shapes(state, max(alike, key=partial(value, state)), value, NEAR_FACTOR) for alike in forms.values()
+    )
 
 
 def onward(before: Cause, at: Cause) -> Cause | None:
@@ -73,7 +77,7 @@ def shape_names(cause: Cause) -> list[str]:
     return [s.name for s in cause.shapes if s.name in held and isinstance(x := getattr(cause, s.name), float) and x]
 
 
-def moved(cause: Cause, name: str, factor: float) -> Cause | None:
+def move_shape(cause: Cause, name: str, factor: float) -> Cause | None:
     """Return the cause with one shape parameter multiplied, or None outside its bounds.
 
     An angle of either sign has no size to be multiplied: it is moved by the factor's logarithm, in rad.

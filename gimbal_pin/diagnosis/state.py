@@ -19,7 +19,7 @@ from gimbal_pin.diagnosis.columns import (
     compute_plain_columns,
     get_magnitude,
 )
-from gimbal_pin.diagnosis.evidence import Evidence, Part
+from gimbal_pin.diagnosis.evidence import Evidence, LogStretch
 from gimbal_pin.diagnosis.fit import LUCK, Fit, fit
 from gimbal_pin.dynamics.model import build_friction_effects, is_motor_friction
 from gimbal_pin.dynamics.reduction import Reduction
@@ -31,17 +31,17 @@ from gimbal_pin.regression import MotionNoise, compare_instruments, find_base_co
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-INSIDE, WIDTH = 0.75, 8
+UNFADED_SHARE, AVERAGED_FREQUENCIES = 0.75, 8
 """Share of the band that does not fade, and frequencies that are averaged where two spectra are compared."""
-SETTLED = 1e-4
+SETTLED_CHANGE = 1e-4
 """Change of a torque, as a share, under which one that reads itself has settled."""
-PASSES = 5
+SETTLING_PASSES = 5
 """Most rounds of that."""
 FITTED = 0.01
 """The same for the dispersions."""
 BENT = 0.02
 """Angle from which a turned rig's torque is built at that angle, rad."""
-KEPT = 200
+CACHED_EFFECTS = 200
 """Effects whose columns are kept."""
 AIMED = 0.001
 """Change of that angle, as a share, under which it has settled."""
@@ -81,8 +81,10 @@ class Problem:
         Where the two say something else, much of the faster motion is not the torque's: it is noise of the angles, or
         what shakes the joint and the controller answers to, and attenuates inertia.
         """
-        now = solved(self, ())
-        slow = solved(Problem.of(self.evidence.low_pass_motion(MotionNoise.cutoff), self.reduction), (), now, keep=True)
+        now = solve_causes(self, ())
+        slow = solve_causes(
+            Problem.of(self.evidence.low_pass_motion(MotionNoise.cutoff), self.reduction), (), now, keep=True
+        )
         figures = np.zeros((self.evidence.rig.n, now.fit.stack.shape[1]))
         figures[:, : self.motion.inertia.shape[1]] = self.motion.inertia
         return compare_instruments(now.fit.stack, slow.fit.stack, now.fit.target, now.fit.block, figures)
@@ -105,7 +107,7 @@ class Problem:
     def built(self, effect: Effect, load: Load) -> tuple[Array, list[Array]]:
         """Return both for an effect that reads nothing but the log: built once, the last ones kept."""
         if effect not in self.kept:
-            while len(self.kept) >= KEPT:
+            while len(self.kept) >= CACHED_EFFECTS:
                 del self.kept[next(iter(self.kept))]
             values = build_columns(self.evidence, effect, load.stand, load, self.evidence.torque).values
             self.kept[effect] = values, compute_plain_columns(self.evidence, effect, load)
@@ -308,17 +310,19 @@ class State:
 
 def average_power(spectrum: Array) -> Array:
     """Mean power of some spectra, (k, f), over each few frequencies inside the band, (k, f')."""
-    inside = int(INSIDE * spectrum.shape[1]) // WIDTH * WIDTH
-    return np.asarray(np.mean(np.abs(spectrum[:, :inside].reshape(len(spectrum), -1, WIDTH)) ** 2, axis=2))
+    inside = int(UNFADED_SHARE * spectrum.shape[1]) // AVERAGED_FREQUENCIES * AVERAGED_FREQUENCIES
+    return np.asarray(
+        np.mean(np.abs(spectrum[:, :inside].reshape(len(spectrum), -1, AVERAGED_FREQUENCIES)) ** 2, axis=2)
+    )
 
 
 def ratio(after: Array, before: Array) -> Array:
     """Share of one mean power that another has, at each frequency inside the band."""
     # What is passed on by several signals is a product: of 1e-300 twice nothing is left to divide by.
-    return np.repeat(np.clip(after / np.maximum(before, 1e-300), 1e-30, 1.0), WIDTH)
+    return np.repeat(np.clip(after / np.maximum(before, 1e-300), 1e-30, 1.0), AVERAGED_FREQUENCIES)
 
 
-def imitate_noise(part: Part, left: Array) -> Array:
+def imitate_noise(part: LogStretch, left: Array) -> Array:
     """Torques with the phases of others, (m, n), and with the spectra that whitening makes flat."""
     spectrum, gain = fft.rfft(left, axis=0), part.whitener.T
     size = np.zeros(spectrum.shape)
@@ -331,7 +335,7 @@ def width(cause: Cause) -> int:
     return len(cause.coefficients) if isinstance(cause, Effect) else int(isinstance(cause, RigEffect))
 
 
-def solved(problem: Problem, causes: Sequence[Cause], before: State | None = None, keep: bool = False) -> State:
+def solve_causes(problem: Problem, causes: Sequence[Cause], before: State | None = None, keep: bool = False) -> State:
     """Refit everything with these causes.
 
     Args:
@@ -398,12 +402,12 @@ def solve_consistently(state: State) -> State:
 
     A loaded cause reads the torque that it is itself a part of; a turned rig's torque bends with how far it is turned.
     """
-    for _ in range(PASSES):
+    for _ in range(SETTLING_PASSES):
         causes = tuple(aim_turn(state, cause) for cause in state.causes)
         if not any(reads_fit(cause) for cause in causes):
             break
-        before, state = state, solved(state.problem, causes, state)
-        settled = (is_near(new, old, SETTLED) for new, old in zip(state.torque, before.torque))
+        before, state = state, solve_causes(state.problem, causes, state)
+        settled = (is_near(new, old, SETTLED_CHANGE) for new, old in zip(state.torque, before.torque))
         if causes == before.causes and all(settled) and is_near(state.fit.dispersion, before.fit.dispersion, FITTED):
             break
     return state
@@ -443,6 +447,6 @@ def resize(cause: RigEffect, value: float) -> RigEffect:
     return cause.altered(**{shape.name: value})
 
 
-def without(state: State, cause: Cause) -> State:
+def refit_without(state: State, cause: Cause) -> State:
     """Refit without a cause, the joints weighted as before."""
-    return solved(state.problem, tuple(c for c in state.causes if c is not cause), state, keep=True)
+    return solve_causes(state.problem, tuple(c for c in state.causes if c is not cause), state, keep=True)

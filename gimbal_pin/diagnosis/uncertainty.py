@@ -16,13 +16,13 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import find_settled
 from gimbal_pin.diagnosis.fit import CRITICAL_Z, project
 from gimbal_pin.diagnosis.shapes import shape_names
-from gimbal_pin.diagnosis.state import State, width, without
+from gimbal_pin.diagnosis.state import State, refit_without, width
 from gimbal_pin.effects import Cause, RigEffect, Signal
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
 
 Labels = NDArray[np.intp]
-ROUNDING = 1e-9
+UNCHANGED_SHARE = 1e-9
 """Change of a column, as a share of it, up to which that shape parameter changes nothing."""
 
 
@@ -121,14 +121,14 @@ def compute_figures_covariance(state: State, cause: Cause) -> Array:
     It holds a direction of the projected slopes of 1e-5 of the largest, and a parameter that has less than a tenth of a
     direction which it does not.
     """
-    base = without(state, cause)
+    base = refit_without(state, cause)
     if isinstance(cause, Signal):  # what it changes is the torque before it, by as much as its shape says
         columns = compute_tangent(base, cause, np.ones(1))[..., 1:]
     else:
         columns = compute_tangent(state, cause, state.coefficients(cause))
     rest = project(base.fit, columns, None)
     size, whole = (np.linalg.norm(x, axis=0) for x in (rest, base.fit.stacked(columns)))
-    shown = size > ROUNDING * whole  # the base columns leave more than rounding of it
+    shown = size > UNCHANGED_SHARE * whole  # the base columns leave more than rounding of it
     unit = np.where(shown, size, 1.0)
     own, sizes, turned = np.linalg.svd(np.where(shown, rest / unit, 0.0), full_matrices=False)
     held = sizes > 1e-5 * sizes[0]
@@ -154,6 +154,6 @@ def compute_tangent(state: State, cause: Cause, weights: Array) -> Array:
         step = 0.02 * abs(value)
         other = cause.altered(**{name: value + step if value + step <= upper[name] else value - step})
         slope = state.columns(other).values - now
-        slope = np.where(np.abs(slope) > ROUNDING * np.max(np.abs(now)), slope, 0.0)
+        slope = np.where(np.abs(slope) > UNCHANGED_SHARE * np.max(np.abs(now)), slope, 0.0)
         columns.append((slope @ weights)[:, :, None] / (getattr(other, name) - value))
     return np.concatenate(columns, axis=2)

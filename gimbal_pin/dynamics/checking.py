@@ -17,7 +17,7 @@ from gimbal_pin.rig.config import load_config
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs, find_payload, find_rig
 from gimbal_pin.rig.rig import Rig
 
-POSES = 2000
+CHECKED_POSES = 2000
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def list_bundled() -> dict[str, Any]:
     }
 
 
-def spread_poses(rig: Rig, count: int = POSES) -> Array:
+def spread_poses(rig: Rig, count: int = CHECKED_POSES) -> Array:
     """Poses that fill the joints' limits evenly, a whole turn where there are none, rad, (count, n)."""
     lower = np.array([max(limit.lower, -np.pi) for limit in rig.limits])
     upper = np.array([min(limit.upper, np.pi) for limit in rig.limits])

@@ -23,13 +23,13 @@ from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.records import prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
 
-ITERATIONS = 50
+TORQUE_ITERATIONS = 50
 """Most passes for terms that depend on the total torque; three do where they are linear in it."""
-SETTLED = 1e-10
+SETTLED_TORQUE = 1e-10
 """Change of the torque at which they stop, N m."""
 
 
-POSES = 64
+EXAMINED_INERTIAS = 64
 """At which the inertia of a model from a file is looked at, spread evenly."""
 
 
@@ -238,9 +238,9 @@ def _solve_implicit_torque(total: Callable[[Array], Array], start: Array) -> Arr
     """Solve ``tau = total(tau)``, entry by entry, by the secant method: exact at once where it is linear in tau."""
     x, y = start, total(start)
     rest = y - x
-    for _ in range(ITERATIONS):
+    for _ in range(TORQUE_ITERATIONS):
         rest_y = total(y) - y
-        if np.abs(rest_y).max(initial=0.0) < SETTLED:
+        if np.abs(rest_y).max(initial=0.0) < SETTLED_TORQUE:
             break
         change = rest_y - rest
         slope = np.divide(change, y - x, out=-np.ones_like(x), where=np.abs(y - x) > 1e-12)
@@ -303,7 +303,7 @@ def _replace_bodies(rig: Rig, phi: Array) -> Rig:
     if len(phi) != 10 * rig.n:
         raise ModelError("phi", f"has {len(phi)} values", f"give ten for each of {rig.n} joints")
     out = rig.with_phi(phi)
-    if not is_inertia_positive(out, spread_states(rig, POSES)[0]):
+    if not is_inertia_positive(out, spread_states(rig, EXAMINED_INERTIAS)[0]):
         raise ModelError("phi", "gives the joints an inertia that is not positive at some pose", "identify it again")
     return out
 

@@ -13,14 +13,14 @@ import pinocchio as pin
 
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.moving_base import MovingBase
-from gimbal_pin.effects.resistance import Memory, Resistance
+from gimbal_pin.effects.resistance import EffectMemories, Resistance
 from gimbal_pin.log.log import PLAUSIBLE_RANGES, Array
 from gimbal_pin.log.platform import Platform
 
 Floats = Sequence[float]
-Body = tuple[list[float], list[list[float]]]
-aba = pin.aba
-FAR, FAST = PLAUSIBLE_RANGES["q"].upper / 2, PLAUSIBLE_RANGES["v"].upper / 2
+BodyLists = tuple[list[float], list[list[float]]]
+evaluate_aba = pin.aba
+RUNAWAY_ANGLE, RUNAWAY_SPEED = PLAUSIBLE_RANGES["q"].upper / 2, PLAUSIBLE_RANGES["v"].upper / 2
 """Half of the largest angle, rad, and rate, rad/s, that a log may hold: no machine gets there."""
 
 
@@ -35,13 +35,13 @@ class State(NamedTuple):
 
     q: Array
     v: Array
-    memory: Memory = ()
+    memory: EffectMemories = ()
 
     @property
     def lost(self) -> bool:
-        """Whether an angle or rate is beyond `FAR` or `FAST`, or not a number."""
+        """Whether an angle or rate is beyond `RUNAWAY_ANGLE` or `RUNAWAY_SPEED`, or not a number."""
         for angle, rate in zip(self.q.tolist(), self.v.tolist()):
-            if not (-FAR <= angle <= FAR and -FAST <= rate <= FAST):
+            if not (-RUNAWAY_ANGLE <= angle <= RUNAWAY_ANGLE and -RUNAWAY_SPEED <= rate <= RUNAWAY_SPEED):
                 return True
         return False
 
@@ -61,7 +61,7 @@ class Step(NamedTuple):
 
     q: Floats
     v: Floats
-    memory: Memory
+    memory: EffectMemories
     tau: Floats
     slide: tuple[float, ...]
     stuck: tuple[int, ...]
@@ -128,7 +128,9 @@ class Plant:
         now = self.contact(t, state, tau)
         return np.array(self.accelerations(t, now.q, now.v, now))
 
-    def begin(self, t: float, q: Floats, v: Floats, memory: Memory, tau: Floats, held: Collection[int] = ()) -> Step:
+    def begin(
+        self, t: float, q: Floats, v: Floats, memory: EffectMemories, tau: Floats, held: Collection[int] = ()
+    ) -> Step:
         """Decide the contact at the start of a step; joints in `held` stick whatever holds them."""
         slide, resting = [0.0] * self.n, []
         for j in self.friction.dry_joints:
@@ -158,7 +160,7 @@ class Plant:
             now = now._replace(slide=tuple(slide), stuck=tuple(sorted(stuck)), left=left)
         return now
 
-    def wrong(self, t: float, now: Step, body: Body, resting: Sequence[int]) -> tuple[int, float] | None:
+    def wrong(self, t: float, now: Step, body: BodyLists, resting: Sequence[int]) -> tuple[int, float] | None:
         """Return the first joint at rest in a mode that it cannot keep, and its other mode; None if none is."""
         moving, torques = self.constrained(t, now.q, now.v, now, body)
         holding = dict(zip(now.stuck, torques))
@@ -206,10 +208,10 @@ class Plant:
         if self.carrier is not None:
             return self.carrier.accelerations(t, q, v, net)
         self.fill(*q, *v, *net)
-        found: list[float] = aba(self.pin, self.data, self.q, self.v, self.tau).tolist()
+        found: list[float] = evaluate_aba(self.pin, self.data, self.q, self.v, self.tau).tolist()
         return found
 
-    def body(self, t: float, q: Floats, v: Floats) -> Body:
+    def body(self, t: float, q: Floats, v: Floats) -> BodyLists:
         """Return ``C v + G``, N m, and ``D(q)``, kg m², of which the upper triangle is filled."""
         self.fill(*q, *v, *self.none)
         if self.carrier is not None:
@@ -217,7 +219,9 @@ class Plant:
         bias = pin.nonLinearEffects(self.pin, self.data, self.q, self.v).tolist()
         return bias, pin.crba(self.pin, self.data, self.q).tolist()
 
-    def constrained(self, t: float, q: Floats, v: Floats, now: Step, body: Body) -> tuple[list[float], list[float]]:
+    def constrained(
+        self, t: float, q: Floats, v: Floats, now: Step, body: BodyLists
+    ) -> tuple[list[float], list[float]]:
         """Accelerations with the stuck joints at rest, and the torque that holds each of these, N m."""
         bias, upper = body
         net = [left - c * rate - b for left, c, rate, b in zip(now.left, self.per_rate, v, bias)]

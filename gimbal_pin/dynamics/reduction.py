@@ -13,7 +13,7 @@ from gimbal_pin.log.platform import BaseMotion, Platform
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-STATES = 200
+RANDOM_STATES = 200
 TOLERANCE = 1e-8
 """A column whose part outside the span of those before it is under this share of itself is dependent."""
 
@@ -100,7 +100,7 @@ def regroup_columns(matrix: Array, independent: list[int]) -> Array:
     return mixing
 
 
-def spread_states(rig: Rig, count: int = STATES) -> tuple[Array, Array, Array]:
+def spread_states(rig: Rig, count: int = RANDOM_STATES) -> tuple[Array, Array, Array]:
     """Poses and motions that fill the rig's state space evenly and always alike, (count, n) each.
 
     A Kronecker sequence (multiples of square roots of primes) instead of random numbers: the choice of columns
@@ -120,9 +120,9 @@ def _spread_base_motions(rig: Rig, base: BaseMotion) -> Platform | None:
     """Motions of a platform beside `spread_states`, of one kind; None: it stands upright."""
     if base == "fixed":
         return None
-    f, w, dw = np.split(compute_kronecker_sequence(STATES, 9, 3 * rig.n), 3, axis=1)
+    f, w, dw = np.split(compute_kronecker_sequence(RANDOM_STATES, 9, 3 * rig.n), 3, axis=1)
     turns = 0.0 if base == "tilted" else 1.0
-    return Platform(np.arange(float(STATES)), 20.0 * f, turns * 10.0 * w, turns * 50.0 * dw)
+    return Platform(np.arange(float(RANDOM_STATES)), 20.0 * f, turns * 10.0 * w, turns * 50.0 * dw)
 
 
 def stack_regressors(rig: Rig, diagonal: bool = False, base: BaseMotion = "fixed") -> tuple[Array, tuple[str, ...]]:

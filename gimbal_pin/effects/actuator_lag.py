@@ -10,7 +10,7 @@ from typing import ClassVar
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
-from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.effects.signal import Signal, SignalMemory
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,11 @@ class ActuatorLag(Signal):
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a lag loses torque with frequency, a delay does not"
     compensation: ClassVar[str] = "tune with the time constant added to the loop's delay; raise the current loop's gain"
 
-    def start(self, level: float = 0.0) -> Memory:
+    def start(self, level: float = 0.0) -> SignalMemory:
         """Return the torque at the end of the last interval."""
         return (level,)
 
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+    def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
         """Exact for a held command: the torque at the end of the interval, and its mean."""
         away = memory[0] - x
         left = exp(-dt / self.time_constant)

@@ -13,7 +13,7 @@ from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.loose import ROTOR_SHARE, Loose
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange
-from gimbal_pin.effects.signal import Memory
+from gimbal_pin.effects.signal import SignalMemory
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 
@@ -67,12 +67,12 @@ class Backlash(Loose):
         """With the encoder on the link it is the command alone that drives the rotor."""
         return not self.rotor_share
 
-    def start(self, level: float = 0.0) -> Memory:
+    def start(self, level: float = 0.0) -> SignalMemory:
         """Return the rotor's place in the gap, rad, and its rate, rad/s: at rest on the side it pushes."""
         bent = level / self.inertia * self.rotor_share / (2 * pi * self.flank) ** 2 if self.springy else 0.0
         return copysign(self.gap / 2, level + 0.0) + bent, 0.0  # a zero has a sign that means nothing
 
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+    def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
         """Fly or push; what does not speed the rotor up is passed on."""
         place, rate = memory
         push = x / self.inertia * dt

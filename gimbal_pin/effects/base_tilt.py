@@ -18,7 +18,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.rig import Rig
 
-STEP = 1e-3
+TILT_STEP = 1e-3
 """Angle by which a search turns it to see what torque it costs, rad, or rate, rad/s."""
 LASTS = 60.0
 """Time over which a base that sinks is taken to have turned, s, where nobody knows how long a log is."""
@@ -80,7 +80,7 @@ class BaseTilt(RigEffect):
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """A lean about each of the base's axes, and a base that sinks about them."""
-        return (cls(roll=STEP), cls(pitch=STEP), cls(roll_rate=STEP), cls(pitch_rate=STEP))
+        return (cls(roll=TILT_STEP), cls(pitch=TILT_STEP), cls(roll_rate=TILT_STEP), cls(pitch_rate=TILT_STEP))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return roll and pitch in degrees, and how they grow."""

@@ -21,7 +21,7 @@ STATED = (
     Parameter("cubic", 0.0, "N m/rad^3", 0.0, inf, meaning="torque per cube of the angle, beside that"),
 )
 GROWTH = Parameter("growth", 0.0, "rad", 0.0, 10.0)
-KNOTS: tuple[Parameter, ...] = (
+SPRING_KNOTS: tuple[Parameter, ...] = (
     Parameter("upper", 0.0, "rad", -4 * pi, 4 * pi),
     Parameter("lower", 0.0, "rad", -4 * pi, 4 * pi),
 )
@@ -33,7 +33,7 @@ ENDS = (
     Parameter("up", 0.0, "N m", 0.0, inf),
     Parameter("down", 0.0, "N m", 0.0, inf),
 )
-LEAST, MOST = 1e-9, 50.0
+LEAST_PULL, LARGEST_EXPONENT = 1e-9, 50.0
 """An end that pulls by less, N m, pulls by none; an exponent beyond is no cable's."""
 STEEPEST, MILDEST = 20.0, 2.0
 """Shares of the travel over which a pull that is looked for grows e-fold: one over them."""
@@ -70,7 +70,7 @@ class CableSpring(Effect):
     lower: float = 0.0
 
     name: ClassVar[str] = "cable-spring"
-    shapes: ClassVar[tuple[Parameter, ...]] = (GROWTH, *KNOTS)
+    shapes: ClassVar[tuple[Parameter, ...]] = (GROWTH, *SPRING_KNOTS)
     linear: ClassVar[tuple[Parameter, ...]] = (
         Parameter("offset", 0.0, "N m", -inf, inf),
         Parameter("stiffness", 0.0, "N m/rad", 0.0, inf),
@@ -103,7 +103,7 @@ class CableSpring(Effect):
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """Powers of the angle, or how either end pulls."""
         if self.growth:
-            steep = clip_value(at.q / self.growth, -MOST, MOST)
+            steep = clip_value(at.q / self.growth, -LARGEST_EXPONENT, LARGEST_EXPONENT)
             return exp(steep), -exp(-steep)
         if self.taut:
             pulls: tuple[float | Array, ...] = (larger(at.q - self.upper, 0.0), -larger(self.lower - at.q, 0.0))
@@ -120,7 +120,7 @@ class CableSpring(Effect):
         if self.taut:
             return sum(values) / len(values), (self.upper + self.lower) / 2, 0.0
         if self.growth:
-            up, down = (max(x, LEAST) for x in values)
+            up, down = (max(x, LEAST_PULL) for x in values)
             rest = float(clip_value(self.growth / 2 * log(down / up), STATED[1].lower, STATED[1].upper))
             return 2 * sqrt(up * down) / self.growth, rest, 0.0
         offset, stiffness = values[:2]
@@ -138,7 +138,7 @@ class CableSpring(Effect):
         rows = list(zip(STATED, self.spring(values), std))
         found = tuple(replace(p, value=float(x), std=float(s)) for p, x, s in (rows if self.stiffening else rows[:2]))
         if self.taut:
-            return (found[0], *(replace(p, value=getattr(self, p.name)) for p in KNOTS[self.sides]))
+            return (found[0], *(replace(p, value=getattr(self, p.name)) for p in SPRING_KNOTS[self.sides]))
         return (*found, replace(GROWTH, value=self.growth)) if self.growth else found
 
     def holds(self, values: Sequence[float] = ()) -> str:

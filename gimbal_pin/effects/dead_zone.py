@@ -8,18 +8,18 @@ from math import ceil, copysign, log, log2, nan
 from typing import ClassVar
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, clip_value, exp, size
+from gimbal_pin.effects.functions import FloatOrArray, clip_value, exp, size
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.effects.signal import Static
 
 RAMP = 0.05
 """Share of the width over which a compensating command crosses it."""
-SHARP = (1.5, 4.0, 16.0)
+SHARPNESS_STARTS = (1.5, 4.0, 16.0)
 """Sharpnesses that a search starts from."""
-APART = 1.015
+THRESHOLD_STEP = 1.015
 """Largest step between thresholds that are tried where an edge was found: one must be met within two per cent."""
-HALVINGS = 40
+COMMAND_HALVINGS = 40
 """Of the interval in which a compensating command is looked for."""
 THROUGH = 50.0
 """Halvings of what is lost after which nothing is: a part in 1e15."""
@@ -79,12 +79,12 @@ class DeadZone(Static):
         if not (self.sharpness or self.whole):
             return torque + copysign(self.width * gentle, torque)
         low, high = abs(torque), abs(torque) + 2 * self.width
-        for _ in range(HALVINGS):
+        for _ in range(COMMAND_HALVINGS):
             middle = (low + high) / 2
             low, high = (middle, high) if self.passed(middle) < abs(torque) else (low, middle)
         return torque + copysign((high - abs(torque)) * gentle, torque)
 
-    def passed(self, x: Value) -> Value:
+    def passed(self, x: FloatOrArray) -> FloatOrArray:
         """Take the lost part off."""
         if self.whole:
             return x * (size(x) > self.width)
@@ -106,7 +106,7 @@ class DeadZone(Static):
         if not self.sharpness:
             return ()
         low, high = (self.width * log2(1.0 / x) ** (1.0 / self.sharpness) for x in (0.8, 0.2))
-        widths = build_geometric_grid(low, high, ceil(log(high / low) / log(APART)) + 1, self.shapes[0])
+        widths = build_geometric_grid(low, high, ceil(log(high / low) / log(THRESHOLD_STEP)) + 1, self.shapes[0])
         return tuple(self.altered(width=width, sharpness=0.0, whole=True) for width in widths)
 
     @classmethod
@@ -116,7 +116,7 @@ class DeadZone(Static):
         others = build_geometric_grid(0.02 * seen.torque, 0.8 * seen.torque, 16, cls.shapes[0])
         return (
             *(cls.inside(joint, width) for width in gaps),
-            *(cls.inside(joint, width, sharpness) for width in others for sharpness in SHARP),
+            *(cls.inside(joint, width, sharpness) for width in others for sharpness in SHARPNESS_STARTS),
         )
 
     def says(self, values: Sequence[float] = ()) -> str:

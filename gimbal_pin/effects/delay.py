@@ -10,9 +10,9 @@ from typing import ClassVar
 from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
-from gimbal_pin.effects.signal import Memory, Signal
+from gimbal_pin.effects.signal import Signal, SignalMemory
 
-SLOWEST = 0.05
+LONGEST_DRIVE_DELAY = 0.05
 """Longest delay of a drive that is looked for, s: a loop around it has a bandwidth of 3 Hz at most."""
 
 
@@ -35,11 +35,11 @@ class Delay(Signal):
     experiment: ClassVar[str] = "a chirp to 20 Hz and above: a delay's phase keeps growing with frequency"
     compensation: ClassVar[str] = "tune with this delay added to the loop's: lower gains, feed-forward taken from ahead"
 
-    def start(self, level: float = 0.0) -> Memory:
+    def start(self, level: float = 0.0) -> SignalMemory:
         """Return the commands so far, newest first; the last one held before them."""
         return (level,)
 
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+    def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
         """Within an interval the older command acts for a part of it, the newer for the rest."""
         whole = int(self.time / dt + 1e-9)
         part = max(self.time / dt - whole, 0.0)
@@ -50,7 +50,10 @@ class Delay(Signal):
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """From a tenth of a sample of the channels to a twentieth of a second."""
-        return tuple(cls.inside(joint, time) for time in build_geometric_grid(seen.dt / 10, SLOWEST, 9, cls.shapes[0]))
+        return tuple(
+            cls.inside(joint, time)
+            for time in build_geometric_grid(seen.dt / 10, LONGEST_DRIVE_DELAY, 9, cls.shapes[0])
+        )
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return it in milliseconds."""

@@ -16,9 +16,9 @@ from gimbal_pin.effects.rig_effect import RigEffect, copy_model
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.rig.rig import Rig
 
-STEP = 1e-3
+OFFSET_STEP = 1e-3
 """Angle by which a search turns it to see what torque it costs, rad."""
-WIDEST = 0.5
+WIDEST_GAP = 0.5
 """Widest gap between a motor and its link, rad."""
 
 
@@ -54,7 +54,7 @@ class EncoderOffset(RigEffect):
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """A small offset."""
-        return (cls(joint, STEP),)
+        return (cls(joint, OFFSET_STEP),)
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the offset."""

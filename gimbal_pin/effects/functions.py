@@ -9,45 +9,45 @@ import numpy as np
 
 from gimbal_pin.log.log import Array
 
-Value = float | Array
+FloatOrArray = float | Array
 
 
-def cos(x: Value) -> Value:
+def cos(x: FloatOrArray) -> FloatOrArray:
     """Cosine of an angle, rad."""
     return math.cos(x) if isinstance(x, float) else np.cos(x)
 
 
-def sin(x: Value) -> Value:
+def sin(x: FloatOrArray) -> FloatOrArray:
     """Sine of an angle, rad."""
     return math.sin(x) if isinstance(x, float) else np.sin(x)
 
 
-def exp(x: Value) -> Value:
+def exp(x: FloatOrArray) -> FloatOrArray:
     """Exponential."""
     return math.exp(x) if isinstance(x, float) else np.exp(x)
 
 
-def size(x: Value) -> Value:
+def size(x: FloatOrArray) -> FloatOrArray:
     """Absolute value."""
     return abs(x) if isinstance(x, float) else np.abs(x)
 
 
-def hypot(x: Value, y: Value) -> Value:
+def hypot(x: FloatOrArray, y: FloatOrArray) -> FloatOrArray:
     """``sqrt(x² + y²)``."""
     return math.hypot(x, y) if isinstance(x, float) and isinstance(y, float) else np.hypot(x, y)
 
 
-def sign(x: Value) -> Value:
+def sign(x: FloatOrArray) -> FloatOrArray:
     """``±1``, of zero too."""
     return math.copysign(1.0, x) if isinstance(x, float) else np.copysign(1.0, x)
 
 
-def clip_value(x: Value, low: float, high: float) -> Value:
+def clip_value(x: FloatOrArray, low: float, high: float) -> FloatOrArray:
     """Return x within [low, high]."""
     return min(high, max(low, x)) if isinstance(x, float) else np.clip(x, low, high)
 
 
-def larger(x: Value, least: float) -> Value:
+def larger(x: FloatOrArray, least: float) -> FloatOrArray:
     """Return x, or `least` where that is more."""
     return max(x, least) if isinstance(x, float) else np.maximum(x, least)
 

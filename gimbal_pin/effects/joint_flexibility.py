@@ -13,12 +13,12 @@ from gimbal_pin.effects.cause import Cause
 from gimbal_pin.effects.loose import ROTOR_SHARE, Geared
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
-from gimbal_pin.effects.signal import JointLoad, Memory, Signal
+from gimbal_pin.effects.signal import JointLoad, Signal, SignalMemory
 from gimbal_pin.log.log import Array
 
 WITHIN = 1.2
 """Zero over band up to which the link is seen to swing."""
-SHARE = 0.25
+USUAL_ROTOR_SHARE = 0.25
 """The rotor's share of a joint's inertia that is usual."""
 ZETA = 0.1
 """Damping of the link's swing that is tried: as wide as two of the zeros that are tried are apart."""
@@ -85,7 +85,7 @@ class JointFlexibility(Geared):
         factor = value / self.frequency
         return self.altered(frequency=value, rotor_share=self.rotor_share / factor**2, damping=self.damping * factor)
 
-    def leaning(self, memory: Memory) -> float | None:
+    def leaning(self, memory: SignalMemory) -> float | None:
         """What the spring is bent by and its damping, on a rotor."""
         bent = memory[0] + self.damping / (pi * self.frequency) * memory[1]
         return (1 - self.rotor_share) * bent if self.geared else None
@@ -124,14 +124,14 @@ class JointFlexibility(Geared):
         begun = np.linalg.lstsq(swings[sure], left[sure], rcond=None)[0]
         return np.asarray(command + load + inertial - felt - swings @ begun)
 
-    def start(self, level: float = 0.0) -> Memory:
+    def start(self, level: float = 0.0) -> SignalMemory:
         """Return the spring's deflection z in N m and its rate in N m/s: ``z (1 + h z²) = level`` by Cardano."""
         if not self.hardening:
             return level, 0.0
         half = 2 / sqrt(3 * self.hardening)
         return half * sinh(asinh(3 * level / half) / 3), 0.0
 
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+    def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
         """``z'' = ω² (x - z (1 + h z²)) - 2 ζ ω z'``; what speeds neither end up is passed on.
 
         Exact for a held command, but that h z² is held as it is half way at the rate of the start.
@@ -163,12 +163,15 @@ class JointFlexibility(Geared):
         rungs = [
             cls.inside(joint, frequency) for frequency in build_geometric_grid(3.0, 3 * seen.band, 9, cls.shapes[0])
         ]
-        highest = cls.shapes[0].upper * sqrt(SHARE)
+        highest = cls.shapes[0].upper * sqrt(USUAL_ROTOR_SHARE)
         zeros = [
             *build_geometric_grid(1.0, min(WITHIN * seen.band, highest), 15, cls.shapes[0]),
             *build_geometric_grid(1.5 * seen.band, min(5 * seen.band, highest), 4, cls.shapes[0]),
         ]
-        behind = [cls.inside(joint, zero / sqrt(SHARE), ZETA / sqrt(SHARE), SHARE) for zero in zeros]
+        behind = [
+            cls.inside(joint, zero / sqrt(USUAL_ROTOR_SHARE), ZETA / sqrt(USUAL_ROTOR_SHARE), USUAL_ROTOR_SHARE)
+            for zero in zeros
+        ]
         return (*rungs, *behind)
 
     def says(self, values: Sequence[float] = ()) -> str:

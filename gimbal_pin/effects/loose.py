@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.effects.functions import Value
+from gimbal_pin.effects.functions import FloatOrArray
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.signal import JointLoad, Signal
 
@@ -38,7 +38,7 @@ class Geared(Signal):
         """The link's share, with the encoder on the rotor."""
         return 1 - self.rotor_share if self.rotor_share > 0 else 0.0
 
-    def beside(self, borne: JointLoad) -> Value:
+    def beside(self, borne: JointLoad) -> FloatOrArray:
         """``r/(1 - r) load - brake``: with it in x, ``x/J`` is the rotor's acceleration less the link's.
 
         Nothing with the encoder on the link: the friction that a log shows by its rate's sign is then the link's.

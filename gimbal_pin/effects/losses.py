@@ -10,10 +10,10 @@ from scipy.signal import lfilter
 from gimbal_pin.log.log import PAUSE, Array
 from gimbal_pin.rig.brief import brief
 
-STEP = 0.02
+AVERAGING_TIME = 0.02
 """Time over which losses are averaged, s: of what warms over seconds nothing is lost."""
-MOST = 1_000_000
-"""Averages of one log, however long its clock says that it is: 8 MB, `STEP` up to five hours and a half."""
+MOST_AVERAGES = 1_000_000
+"""Averages of one log, however long its clock says that it is: 8 MB, `AVERAGING_TIME` up to five hours and a half."""
 
 
 class Losses(NamedTuple):
@@ -27,7 +27,7 @@ class Losses(NamedTuple):
 
     power: Array
     t: Array
-    step: float = STEP
+    step: float = AVERAGING_TIME
 
     def __repr__(self) -> str:
         """See `brief`."""
@@ -46,7 +46,7 @@ class Losses(NamedTuple):
         # What a motor did in a pause nobody knows: the mean of what it did else, not what it did last.
         power[spans > PAUSE] = power.mean()
         energy = np.concatenate([[0.0], np.cumsum(power * spans)])
-        step = max(STEP, float(t[-1] - t[0]) / MOST)
+        step = max(AVERAGING_TIME, float(t[-1] - t[0]) / MOST_AVERAGES)
         grid = np.arange(t[0], t[-1] + step, step)
         return Losses(np.diff(np.interp(grid, t, energy)) / step, at - t[0], step)
 

@@ -56,13 +56,13 @@ def _read_values(kind: type[Cause], pairs: str, text: str) -> Mapping[str, float
             raise UsageError(
                 place,
                 f"{kind.name} has no parameter '{name}'",
-                f"write {_format_usage(kind)}: {_list_parameters(kind)}",
+                f"write {_format_usage(kind)}: {_describe_parameters(kind)}",
             )
         out[name] = check_within(known[name], to_number(number, name, place), place)
     missing = [name for name, value in out.items() if isnan(value)]
     if missing or not any(out.values()):
         what = f"says nothing of {', '.join(missing or known)}"
-        raise UsageError(place, what, f"write {_format_usage(kind)}: {_list_parameters(kind)}")
+        raise UsageError(place, what, f"write {_format_usage(kind)}: {_describe_parameters(kind)}")
     return out
 
 
@@ -84,7 +84,7 @@ def _format_usage(kind: type[Cause]) -> str:
     return f"{kind.name}:{'JOINT:' if kind.of_joint else ''}{values}"
 
 
-def _list_parameters(kind: type[Cause]) -> str:
+def _describe_parameters(kind: type[Cause]) -> str:
     """Return every parameter with its bounds, unit and default."""
     return "; ".join(_describe_parameter(parameter) for parameter in kind.stated())
 

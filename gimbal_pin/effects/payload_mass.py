@@ -21,9 +21,9 @@ from gimbal_pin.effects.rig_effect import (
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.rig.rig import Rig
 
-CORNERS = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
+TETRAHEDRON = ((1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))
 """Of a tetrahedron about the payload: from one of them a fit gets to a weight anywhere."""
-INSIDE = 0.3
+WEIGHTLESS_RADII = 0.3
 """Radii of gyration within which a weight is none: there its inertia about the payload's centre is under a tenth of
 what the same mass has that is spread over the payload, so that it is a heavier payload that was moved."""
 
@@ -72,7 +72,7 @@ class PayloadMass(RigEffect):
     def forms(cls, rig: Rig) -> tuple[Mapping[str, float], ...]:
         """Spread over the payload, or bolted on, wherever that may be, or gone from there."""
         try:
-            corners = compute_gyration_radius(get_payload(rig)[1]) / np.sqrt(3.0) * np.array(CORNERS)
+            corners = compute_gyration_radius(get_payload(rig)[1]) / np.sqrt(3.0) * np.array(TETRAHEDRON)
         except UsageError:
             return ()
         return ({"extra": 0.0}, *({"extra": 0.0, **dict(zip("xyz", corner))} for corner in corners.tolist()))
@@ -80,7 +80,7 @@ class PayloadMass(RigEffect):
     def plausible(self, rig: Rig) -> bool:
         """Whether a weight is bolted on, and not inside the payload."""
         place = float(np.linalg.norm([self.x, self.y, self.z]))
-        return place == 0 or place > INSIDE * compute_gyration_radius(get_payload(rig)[1])
+        return place == 0 or place > WEIGHTLESS_RADII * compute_gyration_radius(get_payload(rig)[1])
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return the difference in grams."""

@@ -10,11 +10,11 @@ from typing import Any, ClassVar
 
 from gimbal_pin.effects.base import Effect, EffectMemory, Sample, Term
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, clip_value, exp, sign, size
+from gimbal_pin.effects.functions import FloatOrArray, clip_value, exp, sign, size
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 
-REACH = tuple((2 * i + 1) / 8 for i in range(8))
+BRISTLE_LENGTHS = tuple((2 * i + 1) / 8 for i in range(8))
 """Lengths of bristles in strokes: evenly between none and two, enough of them that a log tells no single one."""
 
 
@@ -64,7 +64,7 @@ class Presliding(Effect):
         """The level, and the damping of bristles that have any."""
         return self.linear if self.damped else self.linear[:1]
 
-    def basis(self, at: Sample) -> tuple[Value, ...]:
+    def basis(self, at: Sample) -> tuple[FloatOrArray, ...]:
         """The bristles' bend, and a stroke times its rate."""
         held = self.remembered(at)
         bend = sum(held) / len(held) if self.slips and held is not at.slide else held
@@ -72,12 +72,14 @@ class Presliding(Effect):
 
     def start(self) -> EffectMemory | None:
         """Unbent."""
-        return [0.0] * len(REACH) if self.slips else 0.0
+        return [0.0] * len(BRISTLE_LENGTHS) if self.slips else 0.0
 
-    def evolve(self, memory: EffectMemory, moved: Value) -> EffectMemory:
+    def evolve(self, memory: EffectMemory, moved: FloatOrArray) -> EffectMemory:
         """``s + (z - s) exp(-|dq|/stroke)``, the exact solution for a way in one direction s; or that of each z_i."""
         if self.slips:
-            return [clip_value(z + moved / (reach * self.stroke), -1.0, 1.0) for z, reach in zip(memory, REACH)]
+            return [
+                clip_value(z + moved / (reach * self.stroke), -1.0, 1.0) for z, reach in zip(memory, BRISTLE_LENGTHS)
+            ]
         way = sign(moved)
         return way + (memory - way) * exp(-size(moved) / self.stroke)
 

@@ -8,8 +8,8 @@ from functools import partial
 from gimbal_pin.effects.base import AMBIENT, EffectMemory, Sample, Term
 from gimbal_pin.log.log import Array
 
-Memory = tuple[EffectMemory, ...]
-sampled = partial(tuple.__new__, Sample)
+EffectMemories = tuple[EffectMemory, ...]
+make_sample = partial(tuple.__new__, Sample)
 """A `Sample` of its eleven entries: a named tuple's own way is three times as long, and this runs at every stage."""
 
 
@@ -48,17 +48,17 @@ class Resistance:
         self.torques = [(j, [(term.torque, self.slots.get(id(term))) for term in terms]) for j, terms in self.rest]
         self.weighed = any(term.effect.weighed for terms in by_joint for term in terms)
         self.warm = [AMBIENT] * len(by_joint)
-        self.start: Memory = tuple(term.effect.start() or 0.0 for _, term in keeping)
+        self.start: EffectMemories = tuple(term.effect.start() or 0.0 for _, term in keeping)
 
     def left(self, tau: Sequence[float], slide: Sequence[float]) -> list[float]:
         """Torque left of `tau`, N m, by the part of the affine terms that is the same at every stage of a step."""
         return [u - c - s * k for u, c, s, k in zip(tau, self.constant, slide, self.per_slide)]
 
-    def evolved(self, memory: Memory, before: Sequence[float], after: Sequence[float]) -> Memory:
+    def evolved(self, memory: EffectMemories, before: Sequence[float], after: Sequence[float]) -> EffectMemories:
         """Return the memory after the joints have moved from angles `before` to `after`, rad."""
         return tuple([t.effect.evolve(m, after[j] - before[j]) for m, (j, t) in zip(memory, self.keeping)])
 
-    def warmed(self, memory: Memory, tau: Sequence[float], dt: float) -> Memory:
+    def warmed(self, memory: EffectMemories, tau: Sequence[float], dt: float) -> EffectMemories:
         """Return the memory after the motors have given the torques `tau`, N m, for `dt` s."""
         return tuple([t.effect.warmed(m, tau[j], dt) for m, (j, t) in zip(memory, self.keeping)])
 
@@ -74,7 +74,7 @@ class Resistance:
         v: Sequence[float],
         slide: Sequence[float],
         tau: Sequence[float],
-        memory: Memory,
+        memory: EffectMemories,
         weight: Sequence[float],
     ) -> None:
         """Take the torque of the terms that are not affine, N m, off `net`, given the memory at this stage."""
@@ -82,12 +82,12 @@ class Resistance:
             taken = 0.0
             for torque, slot in torques:
                 held = None if slot is None else memory[slot]
-                at = sampled((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None, weight[j], None))
+                at = make_sample((t, q[j], v[j], 0.0, slide[j], tau[j], self.warm[j], held, None, weight[j], None))
                 taken += float(torque(at))
             net[j] -= taken
 
     def level(
-        self, t: float, q: float, tau: float, j: int, way: float, memory: Memory = (), weight: float = 0.0
+        self, t: float, q: float, tau: float, j: int, way: float, memory: EffectMemories = (), weight: float = 0.0
     ) -> float:
         """Dry friction with which joint `j` can hold against a torque in the direction `way`, N m."""
         held = 0.0

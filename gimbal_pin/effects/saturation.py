@@ -10,24 +10,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value, clip_value, size
+from gimbal_pin.effects.functions import FloatOrArray, clip_value, size
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange, build_geometric_grid
 from gimbal_pin.effects.signal import Static
 
 SOFT = 2.0
 """Knee that a search starts from."""
-CLOSE = 1.25
+CLIP_STEP = 1.25
 """Largest step between clips that a search starts from: one that is a third off gains nothing."""
 LOWEST = 0.2
 """Share of the torque from which they start: of commands many times what acts little more than the sign is left."""
-NARROW, WIDE = 0.05, 0.25
+NARROW_CLIP, WIDE_CLIP = 0.05, 0.25
 """Shares of the peak by which those are under it that clip peaks alone."""
 WIDER = 1.8
 """Largest step between these: what a clip takes off a peak grows with how far it is under it."""
 NEAREST = 0.999
 """Share of a soft limit up to which a controller commands what it takes."""
-SIDE = Parameter(
+SIDE_PARAMETER = Parameter(
     "side", 0.0, "1", -1.0, 1.0, meaning="1 or -1: only torques in that direction are limited; 0: those in both"
 )
 
@@ -70,7 +70,7 @@ class Saturation(Static):
     @classmethod
     def stated(cls) -> tuple[Parameter, ...]:
         """With the side, which is chosen and not measured."""
-        return (*cls.shapes, SIDE)
+        return (*cls.shapes, SIDE_PARAMETER)
 
     @classmethod
     def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
@@ -82,11 +82,11 @@ class Saturation(Static):
         """The limit."""
         return self.limit
 
-    def of_side(self, x: Value) -> Value:
+    def of_side(self, x: FloatOrArray) -> FloatOrArray:
         """Size of the command where its direction is limited, else zero."""
         return size(clip_value(x, 0.0 if self.side > 0 else -inf, 0.0 if self.side < 0 else inf))
 
-    def passed(self, x: Value) -> Value:
+    def passed(self, x: FloatOrArray) -> FloatOrArray:
         """Cut the command, or bend it."""
         if not self.knee:
             return clip_value(x, -inf if self.side > 0 else -self.limit, inf if self.side < 0 else self.limit)
@@ -102,9 +102,12 @@ class Saturation(Static):
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Limits that bite on the log's peaks, on both sides or on one, and soft ones that may lie beyond."""
-        low, high = max(LOWEST * seen.torque, cls.shapes[0].lower), (1.0 - WIDE) * seen.peak
-        under = _build_limit_grid(low, high, CLOSE)
-        limits = (*under, *(seen.peak - one for one in _build_limit_grid(NARROW * seen.peak, WIDE * seen.peak, WIDER)))
+        low, high = max(LOWEST * seen.torque, cls.shapes[0].lower), (1.0 - WIDE_CLIP) * seen.peak
+        under = _build_limit_grid(low, high, CLIP_STEP)
+        limits = (
+            *under,
+            *(seen.peak - one for one in _build_limit_grid(NARROW_CLIP * seen.peak, WIDE_CLIP * seen.peak, WIDER)),
+        )
         beyond = build_geometric_grid(0.7 * seen.peak, 10 * seen.peak, 6, cls.shapes[0])
         return (
             *(cls.inside(joint, limit, side) for limit in sorted(set(limits)) for side in (0, 1, -1)),

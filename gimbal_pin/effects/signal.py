@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from gimbal_pin.effects.cause import Cause
-from gimbal_pin.effects.functions import Value
+from gimbal_pin.effects.functions import FloatOrArray
 from gimbal_pin.log.log import Array
 
 Flags = NDArray[np.bool_]
-Memory = tuple[float, ...]
+SignalMemory = tuple[float, ...]
 GONE = 1e-12
 """Memory of a command of 1 N m that is no more felt."""
 
@@ -33,9 +33,9 @@ class JointLoad(NamedTuple):
             knows.
     """
 
-    brake: Value
-    load: Value
-    inertial: Value = 0.0
+    brake: FloatOrArray
+    load: FloatOrArray
+    inertial: FloatOrArray = 0.0
     still: bool | Flags = False
     across: Array | None = None
 
@@ -46,7 +46,7 @@ class JointLoad(NamedTuple):
         load: Array,
         command: Array,
         still: Flags,
-        inertial: Value = 0.0,
+        inertial: FloatOrArray = 0.0,
         across: Array | None = None,
     ) -> JointLoad:
         """What a joint bears along a log, (N,): where it stands, its dry friction takes what it can of the torque."""
@@ -100,18 +100,18 @@ class Signal(Cause):
         return np.zeros((count, 0))
 
     @abstractmethod
-    def start(self, level: float = 0.0) -> Memory:
+    def start(self, level: float = 0.0) -> SignalMemory:
         """Return the memory of a drive that has been given `level` N m for ever."""
 
     @abstractmethod
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+    def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
         """Return the memory and the mean acting torque, N m, after `dt` s of the command `x`, N m."""
 
-    def beside(self, borne: JointLoad) -> Value:
+    def beside(self, borne: JointLoad) -> FloatOrArray:
         """Return what such a signal feels besides the command, N m."""
         return -borne.brake
 
-    def leaning(self, memory: Memory) -> float | None:
+    def leaning(self, memory: SignalMemory) -> float | None:
         """What leans on a motor that stands still, N m; None: what its link asks for."""
         return None
 
@@ -122,7 +122,7 @@ class Signal(Cause):
         beside = self.beside(borne)
         return np.asarray(self.acting(command + beside, dt) - beside)
 
-    def spread(self, loss: Value, joint: int, joints: int, borne: JointLoad | None) -> Array:
+    def spread(self, loss: FloatOrArray, joint: int, joints: int, borne: JointLoad | None) -> Array:
         """``M_ij / ((1 - r) M_jj) loss``: what a signal takes from every joint, N m, (..., n), where it takes one loss.
 
         The loss is what the link's unseen acceleration asks for, ``(1 - r) M_jj δ''``, and that asks it of the other
@@ -213,14 +213,14 @@ class Static(Signal):
     """``acting = passed(command)``: what has no memory."""
 
     @abstractmethod
-    def passed(self, x: Value) -> Value:
+    def passed(self, x: FloatOrArray) -> FloatOrArray:
         """Return the torque that acts, N m, for a command, N m."""
 
-    def start(self, level: float = 0.0) -> Memory:
+    def start(self, level: float = 0.0) -> SignalMemory:
         """Nothing to remember."""
         return ()
 
-    def step(self, memory: Memory, x: float, dt: float) -> tuple[Memory, float]:
+    def step(self, memory: SignalMemory, x: float, dt: float) -> tuple[SignalMemory, float]:
         """Pass the command."""
         return memory, float(self.passed(x))
 

@@ -168,7 +168,7 @@ class Clearance:
 
 def build_collision_geometry(rig: Rig) -> tuple[pin.GeometryModel, tuple[str, ...]]:
     """Return the collision geometry with all pairs that can hit each other, and the links whose mesh is not there."""
-    robot = urdf.parse(rig.urdf, str(rig.path))
+    robot = urdf.parse_robot(rig.urdf, str(rig.path))
     with TemporaryDirectory() as folder:
         unchecked = _resolve_meshes(robot, rig, Path(folder))
         try:

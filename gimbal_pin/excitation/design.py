@@ -28,7 +28,7 @@ from gimbal_pin.rig.types import Rng, make_generator
 
 CLEARANCE = 0.005
 """Distance that parts keep which can hit each other, m."""
-FIRST = 0.1
+FIRST_SHARE = 0.1
 """Amplitude of a first motion as a share of the full one's, and share of each torque limit that it takes beyond gravity
 and friction at most: a wrong sign then pushes with a tenth of the motor, for a tenth of the way."""
 
@@ -218,16 +218,16 @@ def slow_down(problem: ExcitationProblem, x: Array, samples: int) -> tuple[Excit
     """Return a motion at a tenth of its amplitude about the same middle, so slow that its torque is small.
 
     With the amplitude every rate and acceleration fall to a tenth. What moves the bodies and rotors, ``M a + C v``,
-    falls with the square of the time that the path takes: it is stretched until that is under `FIRST` of every limit.
+    falls with the square of the time that the path takes: it is stretched until that is under a tenth of every limit.
     Gravity and dry friction no motion can lower.
     """
-    repaired = problem.repair(problem.scale(x, FIRST))
+    repaired = problem.repair(problem.scale(x, FIRST_SHARE))
     if repaired is None:
         raise problem.explain_infeasibility()
     rig, motion = problem.model.rig, problem.motion(repaired, problem.dense)
     push = compute_rnea(rig, motion.q, motion.v, motion.a) - compute_gravity(rig, motion.q)
     push += motion.a * np.array([motor.armature for motor in rig.motors])
-    slower = np.sqrt(max(1.0, float((np.abs(push) / (FIRST * problem.envelope.torque)).max())))
+    slower = np.sqrt(max(1.0, float((np.abs(push) / (FIRST_SHARE * problem.envelope.torque)).max())))
     longer = ceil(samples * slower - 1e-9)
     series = replace(problem.series, seconds=problem.series.seconds * longer / samples)
     return replace(problem, series=series), problem.scale(repaired, samples / longer), longer

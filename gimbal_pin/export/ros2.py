@@ -8,7 +8,7 @@ from typing import Any
 
 from lxml import etree
 
-from gimbal_pin.control.tuning import Stored
+from gimbal_pin.control.tuning import StoredController
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.errors import UsageError
 from gimbal_pin.export.sources import C_SOURCES, quoted, rendered
@@ -30,7 +30,7 @@ NAMES = (*C_SOURCES, *TEMPLATES, "gimbal.urdf")
 """All files of such a package."""
 
 
-def package(stored: Stored, c: Mapping[str, str]) -> dict[str, str]:
+def package(stored: StoredController, c: Mapping[str, str]) -> dict[str, str]:
     """Return the files of a package whose plugin runs the controller `c`.
 
     Raises:
@@ -62,7 +62,7 @@ def imu(link: str) -> str:
     return f"{link}_imu"
 
 
-def urdf(stored: Stored) -> str:
+def urdf(stored: StoredController) -> str:
     """Return the URDF of the model inside the controller, with a ``<ros2_control>`` of its joints and IMUs."""
     rig = stored.model.rig
     friction = Resistance(stored.model.by_joint)

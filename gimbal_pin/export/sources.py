@@ -16,9 +16,9 @@ import numpy as np
 
 from gimbal_pin.control.laws import ComputedTorque, JointPid
 from gimbal_pin.control.laws.base import Outer
-from gimbal_pin.control.laws.carried import MOST, PAID, CarriedTorque
+from gimbal_pin.control.laws.carried import MOST_UNREALISED_TORQUE, PAID, CarriedTorque
 from gimbal_pin.control.laws.computed_torque import Robust
-from gimbal_pin.control.tuning import Stored, Tuning
+from gimbal_pin.control.tuning import StoredController, Tuning
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.export.ccode import c_function, number
 from gimbal_pin.export.symbolic import Chain, checked, table, terms
@@ -91,7 +91,7 @@ class Exported:
         }
 
 
-def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
+def holder(stored: StoredController, imu: tuple[Any, Imu] | None = None) -> Pointer:
     """Return the Python controller that holds the camera with the gains of a file, as `track --platform` does.
 
     Its forecast does not learn in flight, as the exported one's does not: both only give way to none.
@@ -112,7 +112,7 @@ def holder(stored: Stored, imu: tuple[Any, Imu] | None = None) -> Pointer:
     return recipe.pointer(recipe.kind)
 
 
-def export_controller(controller: Tuning | Stored, imu: tuple[Any, Imu] | None = None) -> Exported:
+def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu] | None = None) -> Exported:
     """Return a controller's C99 sources; `Exported.write` puts them into a folder.
 
     Args:
@@ -162,7 +162,7 @@ PER_TAP = 18
 """Operations of a forecast for each sample that it looks back on: a product and a sum for three axes of three rows."""
 
 
-def calls(stored: Stored, pointer: Pointer) -> dict[str, int]:
+def calls(stored: StoredController, pointer: Pointer) -> dict[str, int]:
     """Return how often a step that holds the camera calls the functions of its model, and the forecast."""
     leads, model = len(pointer.navigator.forecast.leads), stored.model
     if not isinstance(stored.law, ComputedTorque):
@@ -200,7 +200,7 @@ SAYS = {
 """What the generated functions are."""
 
 
-def about(stored: Stored) -> dict[str, Any]:
+def about(stored: StoredController) -> dict[str, Any]:
     """Return what a loaded library says of itself."""
     rig = stored.model.rig
     return {
@@ -215,17 +215,17 @@ def about(stored: Stored) -> dict[str, Any]:
     }
 
 
-def drives(stored: Stored) -> list[tuple[Any, float]]:
+def drives(stored: StoredController) -> list[tuple[Any, float]]:
     """Return, per joint, what to command for a torque, and the motor's limit, N m; a PID compensates no drive."""
-    from gimbal_pin.control.laws.computed_torque import passed
+    from gimbal_pin.control.laws.computed_torque import invert_drive
 
     model = stored.model
     own = model.drives if isinstance(stored.law, ComputedTorque) else ((),) * model.rig.n
-    return [(partial(passed, drive), min(limit, 1e6)) for drive, limit in zip(own, model.tau_max.tolist())]
+    return [(partial(invert_drive, drive), min(limit, 1e6)) for drive, limit in zip(own, model.tau_max.tolist())]
 
 
 def parameters(
-    stored: Stored, pointer: Pointer, coefficients: Sequence[float], counts: Sequence[int]
+    stored: StoredController, pointer: Pointer, coefficients: Sequence[float], counts: Sequence[int]
 ) -> dict[str, Any]:
     """Return ``struct gimbal_parameters`` as plain data, in its order."""
     law, model, navigator = stored.law, stored.model, pointer.navigator
@@ -259,7 +259,7 @@ def parameters(
         "lead_of": list(holding.which) if isinstance(holding, CarriedTorque) else [0] * n,
         "forecast": [weights.tolist() for weights in forecast.weights],
         "lasting": exp(-dt / PAID),
-        "most_owed": MOST,
+        "most_owed": MOST_UNREALISED_TORQUE,
         "judging": dict(zip(("slow", "mean", "rise", "fall"), (*forecast.shares, dt / RISE, dt / FALL))),
         "fusion_gain": 0.0 if navigator.fusion is None else navigator.fusion.gain,
         "fusion_share": 0.0 if navigator.fusion is None else navigator.fusion.share,

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import binomtest, spearmanr
 
-from gimbal_pin.control.tuning import Stored, Tuning
+from gimbal_pin.control.tuning import StoredController, Tuning
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.fleet.engine import Capacity, ExecutorFactory, check_installed, compute_table
 from gimbal_pin.fleet.study import Limit, list_figures, make_study, parse_limit
@@ -132,7 +132,7 @@ def monte_carlo(
     folder: str | None = None,
     vary: Vary | None = None,
     spec: Sequence[str] = (),
-    controller: Stored | Tuning | None = None,
+    controller: StoredController | Tuning | None = None,
     retune: bool = False,
     platform: bool = False,
     seconds: float = 5.0,

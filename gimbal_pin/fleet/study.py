@@ -11,7 +11,7 @@ import numpy as np
 from gimbal_pin.control.judging import FlawedDrive
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import track
-from gimbal_pin.control.tuning import Law, Stored, Tuning, tune
+from gimbal_pin.control.tuning import StoredController, TunedLaw, Tuning, tune
 from gimbal_pin.dynamics.model import Model, convert_model
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.errors import GimbalPinError, UsageError
@@ -97,7 +97,7 @@ class Study:
 
     variation: Variation
     wish: Wish
-    law: Law | None
+    law: TunedLaw | None
     seconds: float
     recipe: Recipe | None = None
     holder: Holder | None = None
@@ -141,7 +141,7 @@ class Study:
         noise = [FlawedDrive(joint, 0.0, draws=tuple(own)) for joint, own in zip(plant.rig.joints, draws)]
         return replace(plant, drive=(*plant.drive, *noise))
 
-    def simulate_step(self, law: Law, plant: Model, values: Values, seed: int) -> dict[str, float]:
+    def simulate_step(self, law: TunedLaw, plant: Model, values: Values, seed: int) -> dict[str, float]:
         """Return the figures of a step of all axes: of no overshoot 0, of a joint that did not settle infinite."""
         rig, sensors = plant.rig, Sensors.of(plant.rig, law.dt)
         if (density := values.get("gyro_noise")) is not None:
@@ -185,7 +185,7 @@ def describe_rig(rig: Rig) -> list[str]:
 
 
 def make_study(
-    variation: Variation, controller: Stored | Tuning | None, retune: bool, platform: bool, seconds: float
+    variation: Variation, controller: StoredController | Tuning | None, retune: bool, platform: bool, seconds: float
 ) -> Study:
     """Return what every rig goes through; the controller knows the nominal one, or its own model.
 

@@ -19,7 +19,7 @@ from .fitting import refittable_effects as refittable_effects
 from .fitting import split_logs as split_logs
 from .fitting import to_model as to_model
 from .follow import Event as Event
-from .follow import Memory as Memory
+from .follow import LogMemory as LogMemory
 from .follow import Online as Online
 from .follow import Progress as Progress
 from .follow import iterate_progress as iterate_progress

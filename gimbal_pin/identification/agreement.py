@@ -233,7 +233,7 @@ def _weigh_reasons(design: Design, each: list[tuple[Block, ...]], theta: Array) 
     rig, k, first, payload = design.rig, len(theta), len(design.reduction.independent), payload_directions(design)
     leaning, factors = _turn_gravity(rig.with_phi(design.to_bodies(theta[:first]))), list[Array]()
     for blocks in each:
-        rows = (np.concatenate([x.A, _build_columns(x, first, theta, leaning, payload)], axis=2) for x in blocks)
+        rows = (np.concatenate([x.A, _build_reason_columns(x, first, theta, leaning, payload)], axis=2) for x in blocks)
         factors.append(factor_rows(block._replace(A=A) for block, A in zip(blocks, rows)))
     count = count_effective_rows([block for blocks in each for block in blocks])
 
@@ -268,7 +268,7 @@ def _weigh_reasons(design: Design, each: list[tuple[Block, ...]], theta: Array) 
 
 
 def _list_hypotheses(design: Design, payload: int) -> list[_Hypothesis]:
-    """List what is weighed, by its columns in ``[A X]``, see `_build_columns`; first that the logs agree."""
+    """List what is weighed, by its columns in ``[A X]``, see `_build_reason_columns`; first that the logs agree."""
     joints, k, first = design.rig.joints, len(design.names), len(design.reduction.independent)
     n, gains = len(joints), len(design.names) + 2
     several = [_Hypothesis(None, "", []), _Hypothesis(DriftReason.HEAT, "", [k, k + 1])]
@@ -292,7 +292,7 @@ def _turn_gravity(rig: Rig) -> tuple[Rig, Rig]:
     return leaning
 
 
-def _build_columns(block: Block, first: int, theta: Array, leaning: tuple[Rig, Rig], payload: Array) -> Array:
+def _build_reason_columns(block: Block, first: int, theta: Array, leaning: tuple[Rig, Rig], payload: Array) -> Array:
     """Columns X of the reasons: Coulomb, viscous, each joint's torque, all torque, lean about x and y, payload.
 
     Gravity is slow beside the filter: the masked torque is the share of it that was not masked out.

@@ -19,7 +19,7 @@ from gimbal_pin.rig.rig import PHI
 
 COUNT = 400
 """Poses over which gravity is balanced."""
-RANK = 1e-6
+BALANCE_RANK = 1e-6
 """A direction that moves less gravity torque than this share of the most cannot be balanced by."""
 MINIMISED = (
     f"that way gravity's torque over the motors' limits is least, mean square over all joints and {COUNT} poses that "
@@ -156,7 +156,7 @@ def compute_balance(found: BaseDifference, mass: KnownMass | None = None, named:
     weighs = float(inertia.mass) if mass is None else mass.value
     per_way = weighs * full[:, :, moments] @ find_camera_axes(rig)
     limit = np.where(np.isfinite(rig.tau_max), rig.tau_max, 1.0)[:, None]
-    inverse = np.linalg.pinv((per_way / limit).reshape(-1, 3), rcond=RANK)
+    inverse = np.linalg.pinv((per_way / limit).reshape(-1, 3), rcond=BALANCE_RANK)
     beta = found.refitted
     gain = -inverse @ (gravity / limit).reshape(-1, len(beta))
     way = gain @ beta

@@ -31,21 +31,21 @@ from gimbal_pin.regression import (
     weigh_joints,
 )
 
-LEVEL = 0.01
+TEST_LEVEL = 0.01
 """Chance that a log on which least squares is not biased is called biased."""
 ADMISSIBLE = 0.5
 """Bias that least squares may have, in its own standard deviations: less than this nobody could see."""
-RANK = 1e-6
+JUDGED_RANK = 1e-6
 """Directions of less than this share of the largest variance, in units of each parameter's own, are not judged."""
-NOISY = 0.03
+TESTED_NOISE = 0.03
 """Noise of the acceleration, as a share of it, from which the test is worth its time: bias goes with its square."""
-LEAST = 0.1
+LEAST_MOTION = 0.1
 """Least share of what the rates show that is taken for motion, where nearly all of it is noise."""
 BEYOND = 10.0
 """Change of the torque, in squared shares of noise, that noise alone does not make: at most three are usual."""
 DENSEST = 25.0
 """Most that an encoder's slow steps count by: a joint that stands has hardly any."""
-EXAMINED = 60.0
+TESTED_TIME = 60.0
 """Time of the first log on which least squares is tested, s: a longer one costs more than it says."""
 
 
@@ -67,8 +67,8 @@ class Hausman:
 
     @property
     def biased(self) -> bool:
-        """Whether least squares is biased, at the `LEVEL`."""
-        return self.p_value < LEVEL
+        """Whether least squares is biased, at the `TEST_LEVEL`."""
+        return self.p_value < TEST_LEVEL
 
 
 def compare_with_instruments(blocks: Sequence[Block], instruments: Sequence[Array]) -> Hausman:
@@ -97,8 +97,8 @@ def compare_with_instruments(blocks: Sequence[Block], instruments: Sequence[Arra
     std, difference = np.sqrt(np.diag(spread)), theta - shrunk
     unit = np.where(std > 0, std, 1.0)
     correlation, z = spread / np.outer(unit, unit), difference / unit
-    statistic = float(z @ np.linalg.pinv(correlation, rcond=RANK, hermitian=True) @ z)
-    freedom = int(np.linalg.matrix_rank(correlation, rtol=RANK, hermitian=True))
+    statistic = float(z @ np.linalg.pinv(correlation, rcond=JUDGED_RANK, hermitian=True) @ z)
+    freedom = int(np.linalg.matrix_rank(correlation, rtol=JUDGED_RANK, hermitian=True))
     moved = np.sum([np.sum((A @ difference) ** 2, axis=0) for A in plain], axis=0)
     torque = np.sum([np.sum(block.b**2, axis=0) for block in blocks], axis=0)
     share = np.sqrt(moved / np.where(torque > 1e-6 * torque.max(), torque, np.inf))
@@ -159,7 +159,7 @@ class BiasCheck:
         """Return what JSON holds; `biased` is null where the test was not run."""
         figures: dict[str, Any] = dict.fromkeys(("statistic", "freedom", "p_value", "change", "level", "biased"))
         if self.test is not None:
-            figures = {**asdict(self.test), "level": LEVEL, "biased": self.test.biased}
+            figures = {**asdict(self.test), "level": TEST_LEVEL, "biased": self.test.biased}
         return {"noise_share": self.noise, **figures, "by_noise": self.by_noise, "sentence": self.sentence}
 
 
@@ -173,11 +173,11 @@ def check_bias(blocks: DesignBlocks, asked: WhenTested, method: Method | None = 
     if asked == "never":
         return None
     design, first = blocks.design, blocks.design.logs[0]
-    noise = compute_noise_share(first, design.filtering, blocks)
-    if asked == "noisy" and noise < NOISY:
+    noise = compute_acceleration_noise(first, design.filtering, blocks)
+    if asked == "noisy" and noise < TESTED_NOISE:
         little = f"the sensors' noise is {100 * noise:.2g} % of the motion's acceleration, too little to bias"
         return BiasCheck(noise, None, f"{little} least squares (--bias tests it all the same)", method)
-    some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + EXAMINED))))
+    some = first.part(slice(0, int(np.searchsorted(first.t, first.t[0] + TESTED_TIME))))
     judged = (
         blocks if len(design.logs) == 1 and len(some) == len(first) else compute_blocks(replace(design, logs=(some,)))
     )
@@ -188,7 +188,7 @@ def check_bias(blocks: DesignBlocks, asked: WhenTested, method: Method | None = 
         return BiasCheck(noise, None, f"whether least squares is biased cannot be tested: {error}", method)
 
 
-def compute_noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> float:
+def compute_acceleration_noise(log: Log, filtering: Filtering, blocks: Sequence[Block]) -> float:
     """Noise of the acceleration below the cutoff over the acceleration's own rms, in the worst joint that moves.
 
     From the angle's noise differentiated twice or, where there is one, the rate's differentiated once, by whichever
@@ -200,7 +200,7 @@ def compute_noise_share(log: Log, filtering: Filtering, blocks: Sequence[Block])
     parts = [np.diff(part.v, axis=0) / np.diff(part.t)[:, None] for part in join_blocks(blocks)]
     total = np.mean(np.concatenate(parts) ** 2, axis=0)
     step = 1.0 / (2 * filtering.cutoff)
-    size = np.sqrt(np.maximum(total - 2 * (smoothed[0] / step) ** 2, LEAST**2 * total))
+    size = np.sqrt(np.maximum(total - 2 * (smoothed[0] / step) ** 2, LEAST_MOTION**2 * total))
     moving = size > 0
     return float(np.max(noise[1][moving] / size[moving], initial=0.0))
 

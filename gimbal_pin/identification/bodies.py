@@ -19,13 +19,13 @@ from gimbal_pin.regression import TRUST
 from gimbal_pin.regression.consistency import compute_deformation_root
 from gimbal_pin.rig.inertia import is_physical
 
-SHOWN = 0.5
+SHOWN_SHARE = 0.5
 """A figure is shown by the log if that leaves less than this share of the deviation that the trust gives it."""
-DRAWS, INTERVAL = 400, 0.95
+DRAWN_BODIES, INTERVAL = 400, 0.95
 """Bodies that are drawn to see how far the intervals are from what slopes say, and the share that lies in them."""
 COMPLEX = 1e-30
 """Step into the complex plane: derivatives without rounding."""
-NAMES = ("mass", "x", "y", "z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+FIGURE_NAMES = ("mass", "x", "y", "z", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg", *("m",) * 3, *("kg m^2",) * 6)
 
 
@@ -70,8 +70,8 @@ class Body:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
-        com = {name: figure.to_dict() for name, figure in zip(NAMES[1:4], self.com)}
-        inertia = {name: figure.to_dict() for name, figure in zip(NAMES[4:], self.inertia)}
+        com = {name: figure.to_dict() for name, figure in zip(FIGURE_NAMES[1:4], self.com)}
+        inertia = {name: figure.to_dict() for name, figure in zip(FIGURE_NAMES[4:], self.inertia)}
         return {"link": self.link, "mass": self.mass.to_dict(), "com": com, "inertia": inertia}
 
 
@@ -97,12 +97,12 @@ def estimate_bodies(
     """
     before = trust * compute_deformation_root(given)
     middle, after = update_bodies(given, mixing, beta, covariance, trust)
-    draws = after @ np.random.default_rng(0).standard_normal((len(phi), DRAWS))
+    draws = after @ np.random.default_rng(0).standard_normal((len(phi), DRAWN_BODIES))
     found = []
     for k, own in enumerate(np.reshape(phi, (-1, 10))):
         at, slope = slice(10 * k, 10 * k + 10), compute_figure_slopes(own)
         std, prior = (np.linalg.norm(slope @ root[at], axis=1) for root in (after, before))
-        shown = std < SHOWN * prior
+        shown = std < SHOWN_SHARE * prior
         std = std * _compare_widths(own, middle[at] - own, slope, draws[at])
         values = zip(compute_figures(own).tolist(), std.tolist(), shown.tolist(), UNITS)
         mass, *rest = (Figure(*each) for each in values)

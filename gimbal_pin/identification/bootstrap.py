@@ -21,11 +21,11 @@ from gimbal_pin.regression import (
     join_blocks,
 )
 
-LEAST_SHARE = 0.3
+LEAST_ROW_SHARE = 0.3
 """A row's residual is drawn from where at least this share of its samples was not masked out."""
-LEAST = 20
+FEWEST_ESTIMATES = 20
 """Fewest estimates that tell a deviation."""
-LONGEST, FEWEST = 2.0, 5
+LONGEST_DRAWN_BLOCK, FEWEST_DRAWN_BLOCKS = 2.0, 5
 """Length of a block where none is given, s, or shorter where fewer than so many would fit."""
 
 
@@ -52,8 +52,10 @@ class Bootstrap:
 
     def __post_init__(self) -> None:
         """Check the count and the length."""
-        if self.count < LEAST:
-            raise UsageError("bootstrap", f"of {self.count} estimates tells no deviation", f"give at least {LEAST}")
+        if self.count < FEWEST_ESTIMATES:
+            raise UsageError(
+                "bootstrap", f"of {self.count} estimates tells no deviation", f"give at least {FEWEST_ESTIMATES}"
+            )
         if self.seconds is not None and not 0 < self.seconds < np.inf:
             raise UsageError("bootstrap", f"in blocks of {self.seconds:g} s", "give a positive length")
 
@@ -87,11 +89,14 @@ class Bootstrap:
         edges = np.cumsum([0, *(len(part.t) for part in whole)])
         rows = int(edges[-1])
         length = max(
-            1, min(round(LONGEST / step), rows // FEWEST) if self.seconds is None else round(self.seconds / step)
+            1,
+            min(round(LONGEST_DRAWN_BLOCK / step), rows // FEWEST_DRAWN_BLOCKS)
+            if self.seconds is None
+            else round(self.seconds / step),
         )
         starts = np.concatenate([np.arange(a, max(b - length + 1, a)) for a, b in itertools.pairwise(edges)])
-        if rows < FEWEST * length or not len(starts):
-            what = f"holds fewer than {FEWEST} blocks of {length * step:.2g} s"
+        if rows < FEWEST_DRAWN_BLOCKS * length or not len(starts):
+            what = f"holds fewer than {FEWEST_DRAWN_BLOCKS} blocks of {length * step:.2g} s"
             raise DataError("the log", what, "record more, or draw shorter blocks")
         return starts, length, step
 
@@ -101,7 +106,7 @@ def _scale_residuals(blocks: Sequence[Block], theta: Array) -> Array:
     error, share = (
         np.concatenate(x) for x in zip(*((compute_residuals(block, theta), block.share) for block in blocks))
     )
-    usable = share >= LEAST_SHARE
+    usable = share >= LEAST_ROW_SHARE
     residual = np.where(usable, error / np.where(usable, share, 1.0), 0.0)
     count = count_effective_rows(blocks)
     free = np.sum(error**2, axis=0) / np.maximum(count - len(theta) / len(count), 1.0)

@@ -44,7 +44,7 @@ from gimbal_pin.rig.rig import Rig
 
 SHAKEN = 12.0
 """Cutoff for a base that is shaken, Hz: hands and airframes shake at 4 to 12 Hz, and what is fast shows inertias."""
-WIDE = 16.0
+BOUND_CUTOFF = 16.0
 """Cutoff of the rows that the bound is taken from, Hz: of thesis's 60 s it is the same at 12 and at 25."""
 
 
@@ -150,7 +150,7 @@ def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:
 
     Under a wider filter; None where the rows then show other parameters.
     """
-    wide = replace(design.filtering, cutoff=max(WIDE, design.filtering.cutoff))
+    wide = replace(design.filtering, cutoff=max(BOUND_CUTOFF, design.filtering.cutoff))
     blocks, estimate = _fit_shown(design.rig, design.effects, design.logs, wide, fit_weighted, base)
     return bound_deviations(blocks, estimate.theta) if blocks.design.names == design.names else None
 

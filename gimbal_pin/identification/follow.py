@@ -20,7 +20,7 @@ from gimbal_pin.identification.payload_change import payload_directions
 from gimbal_pin.identification.payload_swap import (
     LOOK,
     PUSH_ROWS,
-    WINDOWS,
+    SWAP_WINDOWS,
     Expectation,
     Score,
     compute_scores,
@@ -40,7 +40,7 @@ from gimbal_pin.regression import (
     Filtering,
     Method,
     Misfit,
-    Past,
+    PastRows,
     Recording,
     ResidualNoise,
     add_misfit,
@@ -56,24 +56,24 @@ from gimbal_pin.regression import (
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-EVERY = 1.0
+PROGRESS_INTERVAL = 1.0
 """Time of the log from one progress to the next, s."""
-FIRST = 64
+FIRST_SAMPLES = 64
 """Samples after which the sampling interval is judged."""
 RESERVED = LOOK + 5
 """Newest rows that the reference does not know while nothing seems to have changed."""
-RESERVED_IN_DOUBT = 2 * max(WINDOWS) + PUSH_ROWS
+RESERVED_IN_DOUBT = 2 * max(SWAP_WINDOWS) + PUSH_ROWS
 """The same while something does: those that the slowest alarm can be about."""
-PLAIN = 15.0
+PLAIN_SCORE = 15.0
 """Times beyond chance that a score without any few rows is if a payload was swapped; what a model's form leaves out
 near standstill for a second or two (Stribeck of more than half the friction) reaches five."""
 DOUBT = 0.2
 """Share of friction by which it may be off without anything having changed."""
 REFRESHED = 8
 """Rows after which the reference of the innovations is solved anew."""
-TRIED = 64
+NOISE_ROWS = 64
 """Rows (8 s at 4 Hz) after which the noise is known; an alarm before takes a score that few rows' noise cannot make."""
-ALIKE = 2.5
+CORRELATED_ROWS_SHARE = 2.5
 """Rows, half a period of the cutoff apart, that tell as much of slow noise's power as one would of white noise's."""
 REMEMBERED = 480.0
 """Rows over which the dispersion of the score is averaged."""
@@ -117,15 +117,15 @@ class Learned:
     """
 
     rows: Block
-    past: Past
-    predicted: Past
+    past: PastRows
+    predicted: PastRows
     prior: Array | None = None
     gamma: Array | None = None
     reference: Estimate | None = None
     expected: Expectation | None = None
     dispersion: float = 1.0
     looks: int = 0
-    beyond: tuple[int, ...] = (0,) * len(WINDOWS)
+    beyond: tuple[int, ...] = (0,) * len(SWAP_WINDOWS)
     since: float = -inf
     ready: bool = False
     events: tuple[Event, ...] = ()
@@ -135,7 +135,7 @@ class Learned:
     @property
     def doubtful(self) -> int:
         """How many of the newest rows seem to be of another payload, until that is announced or passes."""
-        rows = max((count + window for count, window in zip(self.beyond, WINDOWS) if count), default=0)
+        rows = max((count + window for count, window in zip(self.beyond, SWAP_WINDOWS) if count), default=0)
         return min(rows, len(self.rows.t))
 
     @property
@@ -149,7 +149,7 @@ class Learned:
         return min(RESERVED_IN_DOUBT if self.doubtful else RESERVED, len(self.rows.t))
 
 
-class Memory(NamedTuple):
+class LogMemory(NamedTuple):
     """All that is remembered of a log: as much after an hour as after some minutes, but for the events.
 
     Attributes:
@@ -249,11 +249,11 @@ class Online:
         """Names of the joints."""
         return self.design.rig.joints
 
-    def start(self, name: str = "online") -> Memory:
+    def start(self, name: str = "online") -> LogMemory:
         """Return the memory before the first sample; `name` is what errors and results call the log."""
-        return Memory(name, self._forget(self.prior))
+        return LogMemory(name, self._forget(self.prior))
 
-    def advance(self, memory: Memory, log: Log) -> Memory:
+    def advance(self, memory: LogMemory, log: Log) -> LogMemory:
         """Return the memory after more samples.
 
         Args:
@@ -283,7 +283,7 @@ class Online:
                 learned = self._learn(learned, block, now)
         return memory._replace(recording=recording, pending=(), learned=learned, due=recording.compute_due(filtering))
 
-    def estimate(self, memory: Memory) -> Estimate:
+    def estimate(self, memory: LogMemory) -> Estimate:
         """Return the parameters from all samples so far, since the last change of payload.
 
         While the newest second or two seem to be of another payload, but may be a push, they are left out.
@@ -293,18 +293,18 @@ class Online:
         """
         return self._estimate(memory)[0]
 
-    def is_ready(self, memory: Memory) -> bool:
+    def is_ready(self, memory: LogMemory) -> bool:
         """Whether `model` has an answer."""
         try:
             return bool(self.answer(memory)[0].rows)
         except DataError:
             return False
 
-    def model(self, memory: Memory) -> Model:
+    def model(self, memory: LogMemory) -> Model:
         """Return the model with its uncertainty, as `identify` gives it; `DataError` as `estimate`."""
         return to_model(self.design, self.estimate(memory))
 
-    def identified(self, memory: Memory) -> Identified:
+    def identified(self, memory: LogMemory) -> Identified:
         """Return what `identify` returns; held out are the rows before they were learned, where that was possible.
 
         Raises:
@@ -327,19 +327,19 @@ class Online:
         missing = dict(zip(self.joints, missed))
         return replace(found, held_out=tested, logs=(memory.name,), notes=notes, swapped=swapped, missed=missing)
 
-    def torque_error(self, memory: Memory) -> Mapping[str, float]:
+    def torque_error(self, memory: LogMemory) -> Mapping[str, float]:
         """Joint → rms of what the newest two seconds' torque was mispredicted by, N m; empty until it was predicted."""
-        reference, rows = memory.learned.reference, _select(memory.learned.rows, slice(-max(WINDOWS), None))
+        reference, rows = memory.learned.reference, _select(memory.learned.rows, slice(-max(SWAP_WINDOWS), None))
         if reference is None or not len(rows.t):
             return {}
         error, share = compute_residuals(rows, reference.theta), rows.share
         rms = np.sqrt(np.sum(error**2, axis=0) / np.maximum(np.sum(share**2, axis=0), 1e-300))
         return dict(zip(self.joints, rms.tolist()))
 
-    def _time(self, memory: Memory) -> Memory:
+    def _time(self, memory: LogMemory) -> LogMemory:
         """Choose the grid once the samples of a first window tell their interval: the mean but for lost samples."""
         (log,) = memory.pending
-        if len(log) <= FIRST:
+        if len(log) <= FIRST_SAMPLES:
             return memory
         check_sampling(memory.name, log.dt, self.design.filtering.cutoff)
         due = float(log.t[0]) + 2 * compute_settling_time(self.design.filtering)
@@ -354,16 +354,16 @@ class Online:
         n, k = self.design.rig.n, len(self.design.names)
         nothing = np.zeros((0, n))
         rows = Block(np.zeros(0), np.zeros((0, n, k)), nothing, nothing, nothing, nothing)
-        return Learned(rows, Past.empty(n, k), Past.empty(n, 1), prior)
+        return Learned(rows, PastRows.empty(n, k), PastRows.empty(n, 1), prior)
 
-    def answer(self, memory: Memory) -> tuple[Estimate, Block]:
+    def answer(self, memory: LogMemory) -> tuple[Estimate, Block]:
         """Return the estimate without what the model misses, and rows of the same squares and products as its own.
 
         It takes some milliseconds, `estimate` some tens more; `DataError` as there.
         """
         return self._check(memory, self._finish(memory))
 
-    def _estimate(self, memory: Memory) -> tuple[Estimate, Block, tuple[Misfit, ...]]:
+    def _estimate(self, memory: LogMemory) -> tuple[Estimate, Block, tuple[Misfit, ...]]:
         """Return the estimate with what the model misses, rows as `answer`, and that at each joint."""
         learned = self._finish(memory)
         estimate, block = self._check(memory, learned)
@@ -372,7 +372,7 @@ class Online:
         estimate, missed = add_misfit(self._weigh(learned, learned.doubtful)[0], estimate)
         return estimate, block, missed
 
-    def _finish(self, memory: Memory) -> Learned:
+    def _finish(self, memory: LogMemory) -> Learned:
         """Return what is learned with the rows that only the end of the log makes whole."""
         learned, recording = memory.learned, memory.recording
         if recording is None:
@@ -384,7 +384,7 @@ class Online:
                 learned = self._append(learned, block)
         return learned
 
-    def _check(self, memory: Memory, learned: Learned) -> tuple[Estimate, Block]:
+    def _check(self, memory: LogMemory, learned: Learned) -> tuple[Estimate, Block]:
         """Return what `answer` does; `DataError` that says what is missing."""
         estimate, block, hidden = self._solve(learned, learned.doubtful)
         if estimate is None:
@@ -407,7 +407,7 @@ class Online:
         past = past.add(blocks, _fit_noise(blocks, learned.reference).processes)
         return replace(learned, rows=_select(learned.rows, slice(half, None)), past=past)
 
-    def _weigh(self, learned: Learned, left_out: int = 0) -> tuple[list[Block], Past]:
+    def _weigh(self, learned: Learned, left_out: int = 0) -> tuple[list[Block], PastRows]:
         """Return the rows but for some newest, and the past, by how long ago they were; apart where time is missing."""
         rows, past = _select(learned.rows, slice(len(learned.rows.t) - left_out)), learned.past
         if self.fading < inf and len(rows.t):
@@ -464,15 +464,15 @@ class Online:
             (old + len(block.t) if old else 1) if alarm else old * (one.freedom == 0) for old, one, alarm in counts
         )
         learned = replace(learned, beyond=beyond)
-        if any(count >= window + PUSH_ROWS for count, window in zip(beyond, WINDOWS)):
+        if any(count >= window + PUSH_ROWS for count, window in zip(beyond, SWAP_WINDOWS)):
             return self._loosen(learned, reference, expected, now)
         # A score that is so far beyond chance even without a push need not last.
-        doubted = PLAIN * learned.dispersion
+        doubted = PLAIN_SCORE * learned.dispersion
         if any(alarms) and any(
             one.is_alarm(doubted, squares) for one in compute_scores_without_push(learned.rows, expected)
         ):
             return self._loosen(learned, reference, expected, now)
-        if learned.settled >= TRIED and not any(alarms):
+        if learned.settled >= NOISE_ROWS and not any(alarms):
             learned = _average_dispersion(learned, found[-1], len(block.t))
         return self._announce(learned, now)
 
@@ -495,10 +495,10 @@ class Online:
 
     def _count_squares(self, learned: Learned) -> float:
         """From how many squares the noise is known of the joint that tells least; enough of them count as no end."""
-        if learned.settled >= TRIED:
+        if learned.settled >= NOISE_ROWS:
             return inf
         count = np.sum(learned.rows.share[: len(learned.rows.t) - learned.reserved] ** 2, axis=0)
-        return float((count.min() - len(self.design.names) / len(count)) / ALIKE)
+        return float((count.min() - len(self.design.names) / len(count)) / CORRELATED_ROWS_SHARE)
 
     def _loosen(self, learned: Learned, reference: Estimate, expected: Expectation, now: float) -> Learned:
         """Announce a change; keep what it leaves known, and start anew behind it.
@@ -531,7 +531,7 @@ class Online:
         return replace(learned, ready=True, events=(*learned.events, event))
 
 
-def _append_samples(memory: Memory, log: Log) -> Memory:
+def _append_samples(memory: LogMemory, log: Log) -> LogMemory:
     """Append samples; this is all that is done for most of them, so it is done with little."""
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
@@ -616,7 +616,7 @@ class Progress:
         }
 
 
-def report_progress(online: Online, memory: Memory) -> Progress:
+def report_progress(online: Online, memory: LogMemory) -> Progress:
     """Return what is known now."""
     names, nothing = online.design.names, np.full(len(online.design.names), np.nan)
     hidden: tuple[str, ...] = ()
@@ -632,7 +632,9 @@ def report_progress(online: Online, memory: Memory) -> Progress:
     return Progress(memory.t, memory.samples, names, units, value, std, torque, hidden, error_now, memory.events)
 
 
-def iterate_progress(online: Online, logs: Iterable[Log], name: str, every: float = EVERY) -> Iterator[Memory]:
+def iterate_progress(
+    online: Online, logs: Iterable[Log], name: str, every: float = PROGRESS_INTERVAL
+) -> Iterator[LogMemory]:
     """Take logs in as they come; yield the memory at least once each `every` seconds of them, and at each one's end.
 
     Args:

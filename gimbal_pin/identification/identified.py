@@ -264,8 +264,8 @@ class Identified:
                     "value": x,
                     "std": s,
                     "unit": unit,
-                    "urdf": _convert_number(given),
-                    "deviations": _convert_number(z),
+                    "urdf": _null_if_infinite(given),
+                    "deviations": _null_if_infinite(z),
                 }
                 for name, unit, x, s, given, z in rows
             ],
@@ -284,6 +284,6 @@ class Identified:
         }
 
 
-def _convert_number(value: float) -> float | None:
+def _null_if_infinite(value: float) -> float | None:
     """Return a number as JSON holds it: null where there is none."""
     return value if np.isfinite(value) else None

@@ -15,11 +15,11 @@ from scipy.special import fdtri
 
 from gimbal_pin.dynamics.model import Estimated
 from gimbal_pin.errors import DataError, digits
-from gimbal_pin.identification.payload_change import CHANCE, SQUARES
+from gimbal_pin.identification.payload_change import FALSE_CHANGE, SQUARES
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Estimate
 
-WIDEST = 1e8
+LARGEST_WIDENING = 1e8
 """Times that known variances are widened at most: of deviations ten thousand times as wide nothing is left."""
 WORST = 3
 """How many parameters a sentence names."""
@@ -43,7 +43,7 @@ class Updated(NamedTuple):
 
 def compute_limit(squares: int) -> float:
     """Mean of so many squares of unit deviation that chance exceeds once in a thousand, see `payload_change`."""
-    return float(fdtri(squares, SQUARES, 1 - CHANCE))
+    return float(fdtri(squares, SQUARES, 1 - FALSE_CHANGE))
 
 
 def update_gimbal(before: Estimated, alone: Estimate, reach: Array, place: str) -> Updated:
@@ -83,10 +83,10 @@ def update_gimbal(before: Estimated, alone: Estimate, reach: Array, place: str) 
     apart[seen] = rest @ d / np.sqrt(np.diag(known + P))
     widening = 1.0
     if squares > 0 and excess(0.0) + 1.0 > compute_limit(squares):
-        if excess(np.log(WIDEST)) > 0:
+        if excess(np.log(LARGEST_WIDENING)) > 0:
             mend = "identify the gimbal anew: logs of all cameras together, LOG@PAYLOAD …"
             raise DataError(place, "is of another gimbal than --known, whatever camera is mounted", mend)
-        widening = float(np.exp(brentq(excess, 0.0, np.log(WIDEST))))
+        widening = float(np.exp(brentq(excess, 0.0, np.log(LARGEST_WIDENING))))
     white, camera, rest = unexplained(widening)
     wide = widening * before.covariance
     gain = np.zeros((len(seen) + len(camera), len(seen)))

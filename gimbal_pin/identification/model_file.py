@@ -134,7 +134,7 @@ def _read_own_part(path: str | Path, rig: Rig) -> Mapping[str, Any]:
 
 
 @dataclass(frozen=True)
-class Row:
+class StoredParameter:
     """A parameter of a model file."""
 
     name: str
@@ -143,7 +143,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Known:
+class StoredUncertainty:
     """The part of a model file that says how sure its parameters are."""
 
     base_parameters: tuple[Any, ...]
@@ -158,9 +158,12 @@ def read_known_parameters(data: Any, place: str) -> Estimated:
 
     The correlations' matrix has no negative eigenvalue but for rounding: a millionth, as whoever writes digits may.
     """
-    filed = read_record(Known, data, place, ModelError, others=True)
+    filed = read_record(StoredUncertainty, data, place, ModelError, others=True)
     places = [f"{place}: base_parameters[{k}]" for k in range(len(filed.base_parameters))]
-    rows = [read_record(Row, row, where, ModelError, others=True) for row, where in zip(filed.base_parameters, places)]
+    rows = [
+        read_record(StoredParameter, row, where, ModelError, others=True)
+        for row, where in zip(filed.base_parameters, places)
+    ]
     count = len(rows)
     if len(filed.covariance) != count or any(len(row) != count for row in filed.covariance):
         mend = f"give {count} by {count} numbers, one row for each of base_parameters"

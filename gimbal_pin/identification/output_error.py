@@ -42,19 +42,19 @@ LOOP = 3.0
 """Bandwidth of the loop that holds the model to the log, Hz; its damping is one."""
 WATCHED = 4.0
 """Low-pass on the motion that it is held to, in multiples of that."""
-GAINS = ((2 * pi * LOOP) ** 2, 4 * pi * LOOP)
+LOOP_GAINS = ((2 * pi * LOOP) ** 2, 4 * pi * LOOP)
 """kp, 1/s², and kd, 1/s, of that loop."""
-STEP = 0.004
+SIMULATION_STEP = 0.004
 """Longest step of the simulation, s."""
 
 
-FASTEST = 1e3
+RUNAWAY_RATE = 1e3
 """A joint that is simulated to move faster than this, rad/s, has run away."""
-PASSES = 8
+NEWTON_STEPS = 8
 """Most Gauss-Newton steps."""
-SETTLED = 0.1
+CONVERGED_CHANGE = 0.1
 """Change of every parameter, in its standard deviations, at which they stop."""
-HALVINGS = 5
+STEP_HALVINGS = 5
 """Most times that a step is halved."""
 CHUNK = 4096
 """Samples of the simulation whose columns are held at once."""
@@ -62,7 +62,7 @@ IDIM_PASSES = 2
 """Estimates in turn, each with the instruments that the one before simulates; a third would hardly move."""
 
 
-class Run(NamedTuple):
+class SimulatedStretch(NamedTuple):
     """A model's motion along one stretch of a log.
 
     Attributes:
@@ -79,10 +79,10 @@ class Run(NamedTuple):
     error: Array
     platform: Platform | None = None
 
-    def part(self, rows: slice) -> Run:
+    def part(self, rows: slice) -> SimulatedStretch:
         """Return the samples in `rows`."""
         platform = None if self.platform is None else self.platform.part(rows)
-        return Run(self.t[rows], self.q[rows], self.v[rows], self.error[rows], platform)
+        return SimulatedStretch(self.t[rows], self.q[rows], self.v[rows], self.error[rows], platform)
 
 
 def _find_nearest_model(rows: Design, theta: Array, covariance: Array) -> Model:
@@ -102,13 +102,13 @@ def _gather_theta(rows: Design, model: Model) -> Array:
     return np.concatenate([rows.mixing @ model.rig.phi, values])
 
 
-def run_log(rows: Design, model: Model, log: Log, calm: bool) -> list[Run]:
+def run_log(rows: Design, model: Model, log: Log, calm: bool) -> list[SimulatedStretch]:
     """Run a model along every stretch of a log, on a base that moves as the log says; `calm` as for `_run_segment`."""
     carrier = find_moving_base(rows.rig, log)
     return [_run_segment(rows, model, stretch, carrier, calm) for stretch in split_segments(log, rows.filtering.cutoff)]
 
 
-def _run_segment(rows: Design, model: Model, stretch: Segment, carrier: str | None, calm: bool) -> Run:
+def _run_segment(rows: Design, model: Model, stretch: Segment, carrier: str | None, calm: bool) -> SimulatedStretch:
     """Run a model along one stretch.
 
     Args:
@@ -122,7 +122,7 @@ def _run_segment(rows: Design, model: Model, stretch: Segment, carrier: str | No
     whole = smooth_samples(stretch, rows.filtering, 0, stretch.length, carrier)
     slow = signals.lowpass(WATCHED * LOOP, 1.0 / stretch.dt)
     q, v = (signals.zero_phase(x, slow) for x in (whole.q, whole.v))
-    step = max(1, int(STEP / stretch.dt))
+    step = max(1, int(SIMULATION_STEP / stretch.dt))
     knots = np.arange(0, stretch.length, step)
     # What acts over a step is the torque's mean over it.
     tau = resample_torque(stretch, rows.filtering, whole.t)
@@ -134,20 +134,20 @@ def _run_segment(rows: Design, model: Model, stretch: Segment, carrier: str | No
     states = _follow(plant, whole.t[knots], q[knots], v[knots], mean, step * stretch.dt)
     measured = signals.resample(stretch.log.t[stretch.rows], stretch.log.q[stretch.rows], whole.t[knots])
     platform = None if whole.platform is None else whole.platform.part(slice(None, None, step))
-    return Run(whole.t[knots], states[0], states[1], measured - states[0], platform)
+    return SimulatedStretch(whole.t[knots], states[0], states[1], measured - states[0], platform)
 
 
 def _follow(plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float) -> tuple[Array, Array]:
     """Return angles and rates, (m, n), of a plant under torques tau, (m - 1, n), held to (q, v) by the loop."""
     model, data = plant.model, plant.model.rig.model.createData()
-    kp, kd = GAINS
+    kp, kd = LOOP_GAINS
     state = State(q[0].copy(), v[0].copy())
     out_q, out_v = np.array(q), np.array(v)
     for k in range(len(tau)):
         wish = kp * (q[k] - state.q) + kd * (v[k] - state.v)
         state = plant.step(float(t[k]), state, tau[k] + _compute_mass_matrix(model, data, state.q) @ wish, dt)
         out_q[k + 1], out_v[k + 1] = state.q, state.v
-        if not abs(state.v).max() < FASTEST:
+        if not abs(state.v).max() < RUNAWAY_RATE:
             what = "cannot be followed by the model that was estimated from it"
             raise DataError("the log", what, "use another estimator, such as weighted, and see 'gimbal-pin diagnose'")
     return out_q, out_v
@@ -185,9 +185,9 @@ def fit_output_error(blocks: Sequence[Block]) -> Estimate:
         what, mend = "cannot be followed by the model that was estimated from it", "use another estimator"
         raise DataError(rows.logs[0].name, what, f"{mend}, such as weighted, and see 'gimbal-pin diagnose'")
     before, found = now.theta, fit_weighted(now.blocks)
-    for _ in range(PASSES):
+    for _ in range(NEWTON_STEPS):
         # What least squares says may lie beyond the bodies that can exist: it then says the same once more.
-        if any(np.all(np.abs(found.theta - each) <= SETTLED * found.std) for each in (before, now.theta)):
+        if any(np.all(np.abs(found.theta - each) <= CONVERGED_CHANGE * found.std) for each in (before, now.theta)):
             break
         after = _shorten_step(rows, now, found)
         if after is None:
@@ -221,7 +221,7 @@ def _shorten_step(rows: Design, now: Followed, found: Estimate) -> Followed | No
     """Take a Gauss-Newton step, halved until the model follows the logs better than before; None if it never does."""
     scale, share = np.maximum(found.residual_std, 1e-12), 1.0
     cost = now.cost(scale)
-    for _ in range(HALVINGS):
+    for _ in range(STEP_HALVINGS):
         after = _follow_logs(rows, now.theta + share * (found.theta - now.theta), found.covariance)
         if after is not None and after.cost(scale) <= cost:
             return after
@@ -241,7 +241,7 @@ def _iterate_error_blocks(rows: Design, model: Model) -> Iterator[Block]:
             yield _build_error_block(rows, model, theta, part, slice(pad, pad + end - begin, step))
 
 
-def _build_error_block(rows: Design, model: Model, theta: Array, run: Run, keep: slice) -> Block:
+def _build_error_block(rows: Design, model: Model, theta: Array, run: SimulatedStretch, keep: slice) -> Block:
     """Return the rows of one part of a run, low-passed and thinned."""
     dt = float(run.t[1] - run.t[0])
     a, still = signals.differentiate(run.v, dt), np.zeros_like(run.q)
@@ -249,7 +249,7 @@ def _build_error_block(rows: Design, model: Model, theta: Array, run: Run, keep:
     columns = np.concatenate([rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)], axis=2)
     data = model.rig.model.createData()
     D = np.array([_compute_mass_matrix(model, data, q) for q in run.q])
-    top, bottom = bilinear([1.0], [1.0, GAINS[1], GAINS[0]], 1.0 / dt)
+    top, bottom = bilinear([1.0], [1.0, LOOP_GAINS[1], LOOP_GAINS[0]], 1.0 / dt)
     moved = lfilter(top, bottom, np.linalg.solve(D, columns), axis=0)
     slow = signals.lowpass(WATCHED * LOOP, 1.0 / dt)
     A, error = (signals.zero_phase(x, slow)[keep].copy() for x in (moved, run.error))

@@ -35,7 +35,7 @@ IMPOSSIBLE = "the fit's figure is no body's, which points at noise in the motion
 """What is said in place of a mass or an inertia that no body can have."""
 TRIAL_MASS, LEAST_SHIFT = 0.03, 0.05
 """Share of a mass, and the millimetres from which it is said what that much more of it does."""
-MOMENTS, INERTIA, PRODUCTS = [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
+MOMENT_PLACES, INERTIA_PLACES, PRODUCT_PLACES = [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
 """Places in a body's ten parameters, in the order of `rig.PHI`."""
 
 
@@ -304,8 +304,8 @@ def explain_by_payload(
         found = found.widen(trust * own @ compute_deformation_root(carrier))
     power, freedom = found.compute_rest(own)
     is_sufficient = freedom == 0 or bool(chi2.sf(power, freedom) > FALSE_ALARM)
-    found, open_ = (found, own[:, INERTIA]) if is_sufficient else _allow_other_bodies(found, body)
-    heavier, per_metre = own @ (phi / stated)[:, None], own[:, MOMENTS] @ frame.rotation
+    found, open_ = (found, own[:, INERTIA_PLACES]) if is_sufficient else _allow_other_bodies(found, body)
+    heavier, per_metre = own @ (phi / stated)[:, None], own[:, MOMENT_PLACES] @ frame.rotation
     radius = compute_gyration_radius(inertia)
     mass = found.explain(heavier, np.hstack([stated * per_metre, open_]), LEAST_KNOWN * stated)
     if weighed is not None:
@@ -336,12 +336,12 @@ def explain_by_payload(
     moment = float(np.linalg.eigvalsh(rig.model.inertias[body + 1].inertia).max())
     left = replace(found, change=found.change - own @ change_payload(0.0))
     hidden = own @ (change_payload(TRIAL_MASS * stated) - change_payload(0.0))[:, None]  # makes products, too
-    beside = [np.delete(own, PRODUCTS, axis=1), open_[:, 6:], hidden[:, len(mass.value) :]]
-    products = left.explain(own[:, PRODUCTS], np.hstack(beside), LEAST_KNOWN * moment)
+    beside = [np.delete(own, PRODUCT_PLACES, axis=1), open_[:, 6:], hidden[:, len(mass.value) :]]
+    products = left.explain(own[:, PRODUCT_PLACES], np.hstack(beside), LEAST_KNOWN * moment)
     total = rig.phi[mine] + change_payload(0.0)
     about = compute_inertia_regressor(rig, np.zeros((1, rig.n)), body)[0, body, find_base_columns(rig, found.reduction)]
     turns = float(about @ found.refitted)
-    off = float(np.linalg.norm(np.cross(find_joint_axis(rig, body), total[MOMENTS])))
+    off = float(np.linalg.norm(np.cross(find_joint_axis(rig, body), total[MOMENT_PLACES])))
     is_physical = whole > 0 and is_physical_inertia(turns, float(total[0]), off)
     if not is_physical:
         mass = mass.hide() if weighed is None else mass
@@ -374,9 +374,9 @@ def _allow_other_bodies(found: BaseDifference, body: int) -> tuple[BaseDifferenc
     mine = np.arange(10 * body, 10 * body + 10)
     own = found.responses[:, mine]
     order = sorted(range(found.rig.n), key=lambda k: k != body)
-    open_ = found.responses[:, [10 * k + place for k in order for place in INERTIA]]
+    open_ = found.responses[:, [10 * k + place for k in order for place in INERTIA_PLACES]]
     if not found.compute_rest(np.hstack([own, open_]))[1]:
-        open_ = own[:, INERTIA]
+        open_ = own[:, INERTIA_PLACES]
     others = found.responses @ np.delete(compute_deformation_root(found.rig.phi), mine, axis=1)
     low, high = 1e-4, 1.0
     for _ in range(12):

@@ -19,7 +19,7 @@ from gimbal_pin.regression import (
     weigh_and_solve,
 )
 
-CHANCE = 1e-3
+FALSE_CHANGE = 1e-3
 """Chance of a score beyond the limit on two halves of one rig."""
 SQUARES = 12.0
 """From how many squares the noise of a half is taken to be known: heavy tails for what its covariance leaves out."""
@@ -81,7 +81,7 @@ def score_halves(parts: Sequence[tuple[Array, Array]], directions: Array) -> flo
     white = vectors.T / np.sqrt(np.maximum(values, 1e-9 * values[-1]))[:, None] / unit
     basis, _ = np.linalg.qr(white @ directions[seen])
     found = float(np.sum((basis.T @ white @ (first - second)[seen]) ** 2)) / basis.shape[1]
-    return found / float(fdtri(basis.shape[1], SQUARES, 1 - CHANCE))
+    return found / float(fdtri(basis.shape[1], SQUARES, 1 - FALSE_CHANGE))
 
 
 def describe_two_rigs(logs: int) -> str:

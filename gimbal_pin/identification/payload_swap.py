@@ -15,26 +15,26 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Block, compute_residuals
 from gimbal_pin.rig.brief import brief
 
-WINDOWS = (4, 8, 16)
+SWAP_WINDOWS = (4, 8, 16)
 """Rows that are looked back at, two per period of the cutoff: a large change shows in few, a small one takes more."""
 PUSH_ROWS = 7
 """Consecutive rows without which, whichever they are, a change must still show: the filters spread one push, or a
 passage near standstill that the model does not describe, over six or so."""
-LEFT_ROWS = (2, *WINDOWS)
+LEFT_ROWS = (2, *SWAP_WINDOWS)
 """Rows that are left of a window then."""
 LOOK = max(LEFT_ROWS) + PUSH_ROWS
 """Newest rows that are looked at."""
-CHANCE = 1e-9
+SWAP_CHANCE = 1e-9
 """Chance of a false alarm per look and window, if the noise is as it was."""
 EARLY_CHANCE = 1e-6
 """The same while the noise itself is known from few rows only: then a score has heavier tails than any that counts."""
-LEAST_SHARE = 0.5
+UNMASKED_SHARE = 0.5
 """Share of a row's samples that must not be masked out for it to count."""
 ONSET_DEVIATIONS = 5.0
 """Standard deviations from which on a row is taken to be of another payload, once one was announced."""
 SILENT = 1e-9
 """No torque is known better than this, N m."""
-FLOOR = 0.01
+ADDED_WHITE_NOISE = 0.01
 """White noise that is added to the noise's autocovariance, in shares of its power."""
 
 
@@ -63,7 +63,7 @@ class Score(NamedTuple):
         if self.freedom == 0:
             return False
         if squares == inf:
-            return self.value > dispersion * float(chdtri(self.freedom, CHANCE))
+            return self.value > dispersion * float(chdtri(self.freedom, SWAP_CHANCE))
         return squares > 0 and self.mean > dispersion * float(fdtri(self.freedom, squares, 1 - EARLY_CHANCE))
 
 
@@ -97,7 +97,7 @@ class Expectation(NamedTuple):
             ago: How many rows ago each of them was, (m,).
         """
         m, n, _ = rows.A.shape
-        seen = rows.share > LEAST_SHARE
+        seen = rows.share > UNMASKED_SHARE
         A, share = (rows.A * seen[:, :, None]).reshape(m * n, -1), rows.share * seen
         spread = A @ self.covariance @ A.T
         blocks = np.einsum("tjsj->jts", spread.reshape(m, n, m, n))  # a view
@@ -105,7 +105,9 @@ class Expectation(NamedTuple):
         size = np.sqrt(share).T
         lags = np.abs(np.subtract.outer(ago, ago))
         blocks += self.gamma.T[:, lags] * (size[:, :, None] * size[:, None, :])
-        spread[np.diag_indices(m * n)] += ~seen.ravel() + FLOOR * (self.gamma[0] * share).ravel() + SILENT**2
+        spread[np.diag_indices(m * n)] += (
+            ~seen.ravel() + ADDED_WHITE_NOISE * (self.gamma[0] * share).ravel() + SILENT**2
+        )
         error = (compute_residuals(rows, self.theta) * seen).reshape(-1, 1)
         data = np.concatenate([A @ self.directions, error], axis=1)
         return np.asarray(solve_triangular(np.linalg.cholesky(spread), data, lower=True, check_finite=False))
@@ -119,14 +121,14 @@ def compute_scores(rows: Block, expected: Expectation) -> list[Score]:
     factor of fewer rows is the upper left part of that of all.
 
     Args:
-        rows: At least as many of the newest rows as the longest of `WINDOWS`, oldest first.
+        rows: At least as many of the newest rows as the longest of `SWAP_WINDOWS`, oldest first.
         expected: What was known before them.
 
     Returns:
         One per window.
     """
-    newest = Block(*(x[::-1][: max(WINDOWS)] for x in rows))
-    return _explain(expected.whiten(newest, np.arange(len(newest.t))), newest.b.shape[1], WINDOWS)
+    newest = Block(*(x[::-1][: max(SWAP_WINDOWS)] for x in rows))
+    return _explain(expected.whiten(newest, np.arange(len(newest.t))), newest.b.shape[1], SWAP_WINDOWS)
 
 
 def compute_scores_without_push(rows: Block, expected: Expectation) -> list[Score]:
@@ -167,7 +169,7 @@ def _explain(white: Array, n: int, counts: Sequence[int]) -> list[Score]:
 def find_onset(rows: Block, expected: Expectation, dispersion: float) -> float:
     """Return the time, s, of the first row whose torque is `ONSET_DEVIATIONS` off at any joint; else of the last."""
     own = np.einsum("tja,ab,tjb->tj", rows.A, expected.covariance, rows.A, optimize=True)
-    own += (1 + FLOOR) * expected.gamma[0] * rows.share
+    own += (1 + ADDED_WHITE_NOISE) * expected.gamma[0] * rows.share
     error = compute_residuals(rows, expected.theta)
-    off = np.any((rows.share > LEAST_SHARE) & (error**2 > ONSET_DEVIATIONS**2 * dispersion * own), axis=1)
+    off = np.any((rows.share > UNMASKED_SHARE) & (error**2 > ONSET_DEVIATIONS**2 * dispersion * own), axis=1)
     return float(rows.t[np.argmax(off) if off.any() else -1])

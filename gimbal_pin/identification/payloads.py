@@ -48,7 +48,7 @@ BARE = "none"
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class CameraEstimate:
     """What joint torques show of one camera.
 
     Attributes:
@@ -92,7 +92,7 @@ class Several:
     """
 
     identified: Mapping[str, Identified]
-    cameras: Mapping[str, Camera]
+    cameras: Mapping[str, CameraEstimate]
     reference: str
     mass: float | None = None
 
@@ -143,7 +143,7 @@ class Several:
         return {**first, **whole, "payloads": each}
 
 
-def compare_camera(found: Identified, camera: Camera, mass: float | None) -> PayloadStatement:
+def compare_camera(found: Identified, camera: CameraEstimate, mass: float | None) -> PayloadStatement:
     """Compare a camera on a known gimbal with its URDF; one that was not estimated is compared with its gimbal.
 
     Args:
@@ -192,7 +192,7 @@ def _build_part(
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
+class CarrierEstimate:
     """The parameters of the body that carries the camera, as far as joint torques show them.
 
     Attributes:
@@ -206,14 +206,14 @@ class Carried:
     columns: Array
 
     @staticmethod
-    def of(rig: Rig, reduction: Reduction) -> Carried:
+    def of(rig: Rig, reduction: Reduction) -> CarrierEstimate:
         """Return what shows of the camera's body if all the others are known."""
         body = find_camera_body(rig)
         matrix, names = stack_regressors(rig)
         mine = [k for k, name in enumerate(names) if name.rsplit(".", 1)[0] == rig.links[body]]
         own = scan_columns(matrix[:, mine], tuple(f"camera.{names[k].rsplit('.', 1)[1]}" for k in mine))
         places = [10 * body + PHI.index(SCAN[k]) for k in own.independent]
-        return Carried(body, own, map_phi_to_base(rig, reduction)[:, places])
+        return CarrierEstimate(body, own, map_phi_to_base(rig, reduction)[:, places])
 
     @property
     def parameters(self) -> slice:
@@ -239,13 +239,13 @@ class Carried:
 
 def _conclude_camera(
     part: _Part,
-    own: Carried,
+    own: CarrierEstimate,
     estimate: Estimate,
     place: int,
     reference: tuple[str, Rig],
     known: tuple[Array, Array],
     missed: Sequence[Misfit],
-) -> tuple[Identified, Camera]:
+) -> tuple[Identified, CameraEstimate]:
     """Return the gimbal with one camera, ``theta + K_c gamma``, and that camera: the reference's stated one and gamma.
 
     Args:
@@ -265,7 +265,7 @@ def _conclude_camera(
     base, urdf = get_stated_payload(reference[1]), get_stated_payload(design.rig)
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
     gamma = own.shown(base) + pick @ estimate.theta, pick @ estimate.covariance @ pick.T
-    mounted = Camera(own.reduction.base_names, list_units(leading), *gamma, own.shown(urdf), own.columns)
+    mounted = CameraEstimate(own.reduction.base_names, list_units(leading), *gamma, own.shown(urdf), own.columns)
     given = design.rig.phi.copy()
     given[own.parameters] += base - urdf
     mounted, vague = _hedge_camera(mounted, own, reference[0], given, design.mixing, known)
@@ -280,8 +280,13 @@ def _conclude_camera(
 
 
 def _hedge_camera(
-    mounted: Camera, own: Carried, reference: str, given: Array, mixing: Array, known: tuple[Array, Array]
-) -> tuple[Camera, tuple[str, ...]]:
+    mounted: CameraEstimate,
+    own: CarrierEstimate,
+    reference: str,
+    given: Array,
+    mixing: Array,
+    known: tuple[Array, Array],
+) -> tuple[CameraEstimate, tuple[str, ...]]:
     """Return a camera with deviations that hold what its reference may differ from its URDF by, and say so.
 
     Torques show the reference together with the body that carries it. Where that sum is significantly not as the URDFs
@@ -343,7 +348,7 @@ def identify_several(
     reference = BARE if BARE in rigs else next(iter(rigs))
     order = (reference, *(name for name in rigs if name != reference))
     reduction = reduce_parameters(rigs[reference])
-    own = Carried.of(rigs[reference], reduction)
+    own = CarrierEstimate.of(rigs[reference], reduction)
     everything = (*build_friction_effects(rigs[reference].joints), *effects)
     parts = {name: _build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order}
     joint = [block for k, part in enumerate(parts.values()) for block in _widen_blocks(part.blocks, own, k, len(order))]
@@ -364,7 +369,7 @@ def identify_several(
     return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
 
 
-def _widen_blocks(blocks: Sequence[Block], own: Carried, place: int, count: int) -> Iterator[Block]:
+def _widen_blocks(blocks: Sequence[Block], own: CarrierEstimate, place: int, count: int) -> Iterator[Block]:
     """Yield blocks with columns for `count - 1` further cameras, those of camera `place` filled in, (m, n count, …).
 
     The joints with each camera are joints of their own, a camera's after another's: each weighs by its own residual,
@@ -417,7 +422,7 @@ def identify_new(
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
     part = _build_part(rig, logs, effects, holdout or "none", filtering, reduction)
     blocks, design, place = part.blocks, part.blocks.design, part.checked[0].log.name
-    own = Carried.of(rig, reduction)
+    own = CarrierEstimate.of(rig, reduction)
     mine = [block._replace(A=own.compute_columns(block), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [some._replace(b=block.b) for some, block in zip(mine, blocks)]

@@ -27,7 +27,7 @@ from gimbal_pin.rig.brief import brief
 EXPLAINED = 90.0
 """Held-out fit, %, from which a joint's misfit is a matter of accuracy: a tenth of the torque's deviation is what rigid
 bodies with dry and viscous friction leave of a real arm (double pendulum: 0.18 of 1.8 N m)."""
-HALF = 0.5
+UNEXPLAINED_SHARE = 0.5
 """Share of what is left, as power, from which a poor fit is for want of a formula, not for noise."""
 CERTAINTY = 0.99
 """Certainty with which an error is called greater than another."""
@@ -83,7 +83,7 @@ class Accuracy:
         fit = self.fit_percent[joint]
         torque = self.torque_rmse[joint] / max(1.0 - fit / 100.0, 1e-9)
         structured = missed.share > STRUCTURED and missed.size > FORM_ERROR * torque
-        return Opinion.of(structured, fit if missed.share > HALF else 100.0)
+        return Opinion.of(structured, fit if missed.share > UNEXPLAINED_SHARE else 100.0)
 
     def exceeds(self, other: Accuracy, joint: str, ratio: float = 1.0) -> bool:
         """Whether the error at a joint is surely more than so many times the other's."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PAUSE = 10.0
 """Interval between two samples, s, from which the recording was paused: no clock loses so many samples."""
-GAP = 4.5
+GAP_SAMPLES = 4.5
 """A longer interval than so many samples is a gap: a clock may lose three in a row, and jitter."""
 
 

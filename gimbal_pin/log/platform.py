@@ -29,7 +29,7 @@ _SWAYS = 0.002
 there, and a base that sways by more moves what it carries by more than drives err."""
 _SWAY = 0.1
 """Time over which a rate is averaged to see slow turning, s."""
-CUTOFF = 20.0
+PLATFORM_CUTOFF = 20.0
 """Low-pass on a measured platform motion before it is prescribed, Hz."""
 
 
@@ -90,7 +90,7 @@ class Platform:
         return Platform(t, f, w, dw, attitude.as_quat(scalar_first=True))
 
     @staticmethod
-    def measured(t: Array, imu: Imu, name: str, cutoff: float = CUTOFF) -> Platform:
+    def measured(t: Array, imu: Imu, name: str, cutoff: float = PLATFORM_CUTOFF) -> Platform:
         """The motion that a base's IMU reports: low-passed at `cutoff` Hz, without phase, the rate differentiated.
 
         The attitude is the rate's integral, so that it agrees with it for ever; it starts from the measured attitude,

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import welch
 
-from gimbal_pin.control.laws.base import Carried, Pid
+from gimbal_pin.control.laws.base import BaseState, Pid
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.log import Array, Imu
 from gimbal_pin.rig.brief import brief
@@ -234,9 +234,9 @@ class Forecast:
         """Shares of a new error in the slow errors and in the mean squares; ``√kp`` is about a loop's crossover."""
         return 1 - exp(-self.dt * self.gains[-1].kp ** 0.5), 1 - exp(-self.dt / JUDGED)
 
-    def ahead(self, past: Past) -> list[Carried]:
+    def ahead(self, past: Past) -> list[BaseState]:
         """The platform's motion, one per lead."""
-        return [Carried(x[6:], x[:3], x[3:6]) for x in past.found]
+        return [BaseState(x[6:], x[:3], x[3:6]) for x in past.found]
 
     def start(self, w: Array, f: Array) -> Past:
         """Memory for a platform that has always moved as in the first sample."""

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from gimbal_pin.control.laws.base import JointPid, Law, Memory
+from gimbal_pin.control.laws.base import JointPid, Law, LawMemory
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.guard import HELD, Guard, Watch
 from gimbal_pin.pointing.measurement import Measurement
@@ -168,8 +168,8 @@ class Pointer:
         return limits
 
 
-def taken_over(law: JointPid, fix: Fix, tau: Array) -> Memory:
+def taken_over(law: JointPid, fix: Fix, tau: Array) -> LawMemory:
     """Return the memory with which a PID goes on with the torque that acted: its integral holds what the model gave."""
     error, rate = fix.aim.q - fix.q, fix.aim.v - fix.v
     rows = zip(law.gains, law.inertia, error.tolist(), rate.tolist(), tau.tolist())
-    return Memory(tuple((u / m - g.kp * e - g.kd * r) / g.ki if g.integrates else 0.0 for g, m, e, r, u in rows))
+    return LawMemory(tuple((u / m - g.kp * e - g.kd * r) / g.ki if g.integrates else 0.0 for g, m, e, r, u in rows))

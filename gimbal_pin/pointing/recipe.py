@@ -13,8 +13,8 @@ from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, Pid
 from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.carried import CarriedTorque
 from gimbal_pin.control.laws.design import inner
-from gimbal_pin.control.laws.equal import DAMPING, INTEGRAL, Equal, bandwidth
-from gimbal_pin.control.laws.uncertainty import columns, estimate, inertia
+from gimbal_pin.control.laws.equal import OUTER_DAMPING, OUTER_INTEGRAL, Equal, bandwidth
+from gimbal_pin.control.laws.uncertainty import columns, compute_inertia, estimate
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
@@ -136,12 +136,14 @@ class Recipe:
         else:
             raise UsageError("controller", f"'{name}' is unknown", f"there are {', '.join(self.names)}")
         noisy = self.noise.gyro > 0 and self.noise.accelerometer > 0
-        slower = tuple(Pid.placed(FALLEN * bandwidth(equal.pid), DAMPING, INTEGRAL) for equal in self.equals)
+        slower = tuple(
+            Pid.placed(FALLEN * bandwidth(equal.pid), OUTER_DAMPING, OUTER_INTEGRAL) for equal in self.equals
+        )
         return Pointer(self.navigator(gains, name == OURS), own, Guard(self.dt, noisy), self.pid(slower))
 
     def pid(self, gains: tuple[Pid, ...]) -> JointPid:
         """Return a PID on the inertias that the joints have where the camera looks as wanted."""
-        seen = np.diagonal(inertia(self.model, self.looking[None])[0]).tolist()
+        seen = np.diagonal(compute_inertia(self.model, self.looking[None])[0]).tolist()
         return JointPid(gains, tuple(seen), tuple(self.model.tau_max.tolist()), self.dt)
 
     @cached_property

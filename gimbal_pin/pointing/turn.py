@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.control.laws.design import BRAKES, spare_torque
-from gimbal_pin.control.laws.uncertainty import RATE, inertia, poses
+from gimbal_pin.control.laws.uncertainty import UNLIMITED_RATE, compute_inertia, sample_poses
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.sight import Sight
@@ -109,10 +109,10 @@ class Pace:
             share: The rest of a rate is what the loop corrects on top.
             least: Share of a torque limit that is left where a motor hardly holds its load at some pose.
         """
-        q = poses(model.rig)[0]
-        rates = share * np.array([min(limit.velocity, RATE) for limit in model.rig.limits])
+        q = sample_poses(model.rig)[0]
+        rates = share * np.array([min(limit.velocity, UNLIMITED_RATE) for limit in model.rig.limits])
         torques = np.maximum(BRAKES * spare_torque(model, q).min(axis=0), least * model.tau_max)
-        return Pace(rates, torques, np.abs(inertia(model, q)).max(axis=0))
+        return Pace(rates, torques, np.abs(compute_inertia(model, q)).max(axis=0))
 
     def turn(self, sight: Sight, base: Array, q: Array, wanted: Array, t: float) -> Turn | None:
         """Return the way from angles to a wanted attitude; None where there is none to go.

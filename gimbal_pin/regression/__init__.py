@@ -52,7 +52,7 @@ from gimbal_pin.regression.instrumental import fit_instrumental as fit_instrumen
 from gimbal_pin.regression.instrumental import fit_repeated as fit_repeated
 from gimbal_pin.regression.instrumental import solve_moments as solve_moments
 from gimbal_pin.regression.missing_samples import Filled as Filled
-from gimbal_pin.regression.missing_samples import filled as filled
+from gimbal_pin.regression.missing_samples import fill_gaps as fill_gaps
 from gimbal_pin.regression.missing_samples import holes as holes
 from gimbal_pin.regression.missing_samples import inside as inside
 from gimbal_pin.regression.missing_samples import resolution as resolution
@@ -70,7 +70,7 @@ from gimbal_pin.regression.physical import fit_bounded_bodies as fit_bounded_bod
 from gimbal_pin.regression.physical import fit_physical as fit_physical
 from gimbal_pin.regression.physical import fit_ridge as fit_ridge
 from gimbal_pin.regression.recursive import TRUSTED as TRUSTED
-from gimbal_pin.regression.recursive import Past as Past
+from gimbal_pin.regression.recursive import PastRows as PastRows
 from gimbal_pin.regression.recursive import loosen_prior as loosen_prior
 from gimbal_pin.regression.samples import Filtering as Filtering
 from gimbal_pin.regression.samples import Flags as Flags

@@ -37,9 +37,11 @@ STRUCTURED = 0.1
 ANGLES, RATES, SIGNED = 24, 12, 6
 """Cosines over the angle's range (a ripple of 14 per turn has six in 2.5 rad), over the rate's, and over the angle
 times the direction of motion."""
-SLOW = 4
+SLOWEST_COSINES = 4
 """Of the angle's and of the rate's, the slowest have a variance of their own: a spring is no ripple."""
-GROUPS = np.repeat(np.arange(5), (SLOW, ANGLES - SLOW, SLOW, RATES - SLOW, SIGNED))
+GROUPS = np.repeat(
+    np.arange(5), (SLOWEST_COSINES, ANGLES - SLOWEST_COSINES, SLOWEST_COSINES, RATES - SLOWEST_COSINES, SIGNED)
+)
 """Which variance each column has."""
 SIZES = np.concatenate([[0.0], np.geomspace(1e-4, 1e6, 11)])
 """Variances that are tried, in units of the noise's: a decade apart."""

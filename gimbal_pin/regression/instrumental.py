@@ -24,12 +24,12 @@ from gimbal_pin.regression.solve import (
 )
 from gimbal_pin.rig.brief import brief
 
-PASSES = 3
+REWEIGHTINGS = 3
 """Solutions in turn, each weighted by the residuals of the one before."""
 
-MEMORY = 4
+CORRELATED_ROWS = 4
 """Rows over which products of noises are taken to be correlated: two periods of the cutoff."""
-PRODUCTS = 1.5
+PRODUCT_VARIANCE = 1.5
 """Variance of all products that a residual's colour does not count, over that of those of half the differences."""
 
 
@@ -153,7 +153,7 @@ def _solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[A
     """
     rows, width = count_effective_rows(blocks), blocks[0].A.shape[2]
     weight: Array = np.ones(blocks[0].b.shape[1])
-    for _ in range(PASSES):
+    for _ in range(REWEIGHTINGS):
         moment = compute_moments(pairs, weight) - compute_moments([(D, D) for D in noise], weight, width)
         theta, inverse, condition = solve_moments(moment, compute_targets(blocks, [Z for Z, _ in pairs], weight))
         squares = sum(np.sum(compute_residuals(block, theta) ** 2, axis=0) for block in blocks)
@@ -183,10 +183,10 @@ def _compute_product_covariance(noise: Sequence[Array], theta: Array, weight: Ar
     each = [np.einsum("tjk,j,tj->tk", D, weight, D @ theta) for D in noise]
     middle = sum((h.sum(axis=0) for h in each), 0.0) / max(sum(map(len, each)), 1)
     for h in (h - middle for h in each):
-        for lag in range(min(MEMORY + 1, len(h))):
-            lagged = h[: len(h) - lag].T @ h[lag:] * (1 - lag / (MEMORY + 1))
+        for lag in range(min(CORRELATED_ROWS + 1, len(h))):
+            lagged = h[: len(h) - lag].T @ h[lag:] * (1 - lag / (CORRELATED_ROWS + 1))
             out += lagged + lagged.T if lag else lagged
-    return PRODUCTS * out
+    return PRODUCT_VARIANCE * out
 
 
 def compute_moments(pairs: Pairs, weight: Array, width: int = 0) -> Array:

@@ -1,6 +1,6 @@
 """Gaps in a log: where samples are lost, and which of them are interpolated from the motion around them.
 
-A gap that is closed is filled, so that the filters run on, and flagged: nothing is ever fitted or judged inside it.
+A gap that is closed is fill_gaps, so that the filters run on, and flagged: nothing is ever fitted or judged inside it.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gimbal_pin.log.log import GAP, Array, Imu, Log
+from gimbal_pin.log.log import GAP_SAMPLES, Array, Imu, Log
 
 Indices = NDArray[np.integer[Any]]
 
 PERIODS = 0.1
 """A longer interval than `GAP` samples and so many periods of the cutoff is a gap."""
-LONGEST = 0.25
+LONGEST_GAP = 0.25
 """Longest gap that is closed, in periods of the cutoff: nothing below it can turn unseen in less."""
-SIDE, LEAST = 2.0, 6
+GAP_SIDE, FEWEST_SIDE_SAMPLES = 2.0, 6
 """Time on either side from which the motion is taken, in lengths of the gap, and the fewest samples in it."""
-KEPT = 0.98
+RESOLUTION_SHARE = 0.98
 """Share of the samples that the resolution is taken from."""
 
 
@@ -48,14 +48,14 @@ def holes(log: Log, cutoff: float) -> Indices:
 
 def compute_gap_length(dt: float, cutoff: float) -> float:
     """Return the interval, s, from which on two samples have a gap between them."""
-    return max(GAP * dt, PERIODS / cutoff)
+    return max(GAP_SAMPLES * dt, PERIODS / cutoff)
 
 
-def filled(log: Log, cutoff: float) -> Filled:
+def fill_gaps(log: Log, cutoff: float) -> Filled:
     """Fill the gaps in which ``h²/8 max |a| <= resolution``: no chord is further from a motion of that curvature.
 
     h is the gap's length and a the acceleration on both sides of it and across it. What fills it is a cubic, which
-    lies closer still. Longer gaps than `LONGEST`, and those with too few samples around them, stay.
+    lies closer still. Longer gaps than `LONGEST_GAP`, and those with too few samples around them, stay.
 
     `cutoff`: the highest frequency that will be looked at, Hz.
     """
@@ -66,10 +66,13 @@ def filled(log: Log, cutoff: float) -> Filled:
     closed: list[tuple[int, Side, Side]] = []
     for first, k, last in zip(edges, edges[1:], edges[2:]):
         length = float(log.t[k + 1] - log.t[k])
-        near = log.t[k] - SIDE * length, log.t[k + 1] + SIDE * length
+        near = log.t[k] - GAP_SIDE * length, log.t[k + 1] + GAP_SIDE * length
         begin, end = np.searchsorted(log.t, near, side="right").tolist()
         before, after = slice(max(begin, first + 1), k + 1), slice(k + 1, min(end, last + 1))
-        if min(before.stop - before.start, after.stop - after.start) < LEAST or length * cutoff > LONGEST:
+        if (
+            min(before.stop - before.start, after.stop - after.start) < FEWEST_SIDE_SAMPLES
+            or length * cutoff > LONGEST_GAP
+        ):
             continue
         sides = parabola(log, before, float(log.t[k])), parabola(log, after, float(log.t[k + 1]))
         (_, v, a), (_, w, b) = sides
@@ -100,7 +103,7 @@ def resolution(log: Log) -> Array:
     weights = [1.0 / np.prod([own - other for other in near if other is not own], axis=0) for own in near]
     rough = np.sum([w[:, None] * log.q[i : i + n] for i, w in enumerate(weights)], axis=0)
     squares = np.sort(rough**2 / np.sum(np.square(weights), axis=0)[:, None], axis=0)
-    return np.asarray(np.sqrt(squares[: max(1, int(KEPT * n))].mean(axis=0)))
+    return np.asarray(np.sqrt(squares[: max(1, int(RESOLUTION_SHARE * n))].mean(axis=0)))
 
 
 def inserted(log: Log, closed: list[tuple[int, Side, Side]]) -> Log:

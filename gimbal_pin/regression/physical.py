@@ -26,13 +26,13 @@ from gimbal_pin.regression.solve import (
     weigh_joints,
 )
 
-PASSES = 3
+PHYSICAL_PASSES = 3
 """Solutions in turn, each weighted by the residuals of the one before."""
 ELSEWHERE = 0.03
 """Weight of the states that fill the rig's limits, all together, as a share of the log's rows."""
 TRUST = 0.3
 """Relative standard deviation of a URDF's masses where nobody says how good it is."""
-MOST = 30.0
+LARGEST_PRIOR_WEIGHT = 30.0
 """No combination of parameters counts more for them than so many times what the log says of it."""
 
 
@@ -53,7 +53,7 @@ def fit_physical(blocks: Sequence[Block]) -> Estimate:
     factors, count = factor_rows(blocks), count_effective_rows(blocks)
     wide = factor_wide_states(rows, factors.shape[2] - 1)
     theta = solve_factors(factors, np.ones(len(factors))).theta
-    for _ in range(PASSES):
+    for _ in range(PHYSICAL_PASSES):
         scale = weigh_joints(compute_residual_power(factors, theta, count))
         phi, friction = fit_bounded_bodies(rows, build_program(factors, wide, scale, count))
         theta = np.concatenate([rows.mixing @ phi, friction])
@@ -146,7 +146,7 @@ def anchor(data: Array, wide: Array) -> Array:
     seen = values > RANK * values[0]
     forth, back = values[seen, None] * right[seen] * unit, right[seen].T / values[seen] / unit[:, None]
     _, size, turned = np.linalg.svd(wide @ back, full_matrices=False)
-    rows = np.minimum(size, np.sqrt(MOST))[:, None] * (turned @ forth)
+    rows = np.minimum(size, np.sqrt(LARGEST_PRIOR_WEIGHT))[:, None] * (turned @ forth)
     return np.column_stack([rows, rows @ (back @ (left[:, seen].T @ R[:-1, -1]))])
 
 

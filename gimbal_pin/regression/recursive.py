@@ -20,7 +20,7 @@ LEAST_EIGENVALUE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Past:
+class PastRows:
     """Rows ``x = [A b share]`` as least squares needs them: their triangular factors, and the covariance of ``Aᵀe``.
 
     The factor R of each joint's rows is updated by ``R ← qr([R; x])``: it never holds the squares of the rows, nor
@@ -39,21 +39,21 @@ class Past:
     __repr__ = brief
 
     @staticmethod
-    def empty(n: int, width: int) -> Past:
+    def empty(n: int, width: int) -> PastRows:
         """Return that of no rows, for n joints and `width` parameters."""
-        return Past(np.zeros((n, width + 2, width + 2)), np.zeros((n, width, width)))
+        return PastRows(np.zeros((n, width + 2, width + 2)), np.zeros((n, width, width)))
 
     @property
     def count(self) -> Array:
         """Rows that were not masked out, per joint, (n,)."""
         return np.asarray(np.sum(self.factors[:, :, -1] ** 2, axis=1))
 
-    def fade(self, weight: Array) -> Past:
+    def fade(self, weight: Array) -> PastRows:
         """Return it with each joint's rows counting less, (n,)."""
         root = np.sqrt(weight)[:, None, None]
-        return Past(root * self.factors, root**4 * self.score, self.rows)
+        return PastRows(root * self.factors, root**4 * self.score, self.rows)
 
-    def with_noise(self, power: Array) -> Past:
+    def with_noise(self, power: Array) -> PastRows:
         """Return it as if `TRUSTED` more rows had shown a residual of this power at each joint, (n,), and nothing else.
 
         What weighs the joints then trusts the noise that was known beforehand.
@@ -62,7 +62,7 @@ class Past:
         known = Block(one[:, 0], nothing, np.sqrt(TRUSTED * power) * one, one, one, np.sqrt(TRUSTED) * one)
         return replace(self.add([known]), rows=self.rows)
 
-    def add(self, blocks: Sequence[Block], processes: Sequence[Autoregression] | None = None) -> Past:
+    def add(self, blocks: Sequence[Block], processes: Sequence[Autoregression] | None = None) -> PastRows:
         """Return it with more rows; without their residuals' processes the score's covariance stays as it is."""
         if not blocks:
             return self
@@ -72,7 +72,7 @@ class Past:
         if processes is not None:
             columns = [block.A for block in join_blocks(blocks)]
             score = score + compute_score_covariance(columns, processes, np.ones(len(score)))
-        return Past(factors, score, self.rows + rows.shape[1])
+        return PastRows(factors, score, self.rows + rows.shape[1])
 
     def to_block(self) -> Block:
         """Return rows that have the same mean squares and products as all those that went in, oldest unknown.

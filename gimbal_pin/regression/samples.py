@@ -16,7 +16,7 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BaseMotion, Platform
-from gimbal_pin.regression.missing_samples import filled, holes, inside
+from gimbal_pin.regression.missing_samples import fill_gaps, holes, inside
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -141,7 +141,7 @@ def split_segments(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Seg
     """
     if len(log) < SHORTEST_SEGMENT:
         return
-    log, closed = filled(log, cutoff)
+    log, closed = fill_gaps(log, cutoff)
     dt, gaps = log.dt, holes(log, cutoff)
     ends = np.stack([log.t[gaps], log.t[gaps + 1]], axis=1)
     passed = ends[:, 1] - ends[:, 0] <= across

@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dgeqrf
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.covariance import compute_coloured_covariance
 from gimbal_pin.regression.design import Block
-from gimbal_pin.regression.recursive import Past
+from gimbal_pin.regression.recursive import PastRows
 from gimbal_pin.rig.brief import brief
 
 LEAF = 8192
@@ -242,7 +242,7 @@ def compute_residuals(block: Block, theta: Array) -> Array:
 
 
 def compute_covariance(
-    blocks: Sequence[Block], solution: Solution, scale: Array, prior: Array | None = None, past: Past | None = None
+    blocks: Sequence[Block], solution: Solution, scale: Array, prior: Array | None = None, past: PastRows | None = None
 ) -> Array:
     """Covariance of weighted least squares under coloured, joint-wise different residuals, (k, k).
 
@@ -273,7 +273,7 @@ def solve(
     prior: Array | None = None,
     scale: Array | None = None,
     method: Method = Method.WEIGHTED,
-    past: Past | None = None,
+    past: PastRows | None = None,
 ) -> Estimate:
     """``theta = argmin Σ_j ‖b_j - A_j theta‖² / σ_j² + ‖U theta - z‖²`` by triangular factors.
 

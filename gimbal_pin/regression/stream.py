@@ -13,7 +13,7 @@ import numpy as np
 
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression.design import Block, Design
-from gimbal_pin.regression.missing_samples import LONGEST, SIDE, compute_gap_length, filled, holes
+from gimbal_pin.regression.missing_samples import GAP_SIDE, LONGEST_GAP, compute_gap_length, fill_gaps, holes
 from gimbal_pin.regression.samples import Filtering, Segment, compute_reach, compute_row_step, compute_settling_time
 from gimbal_pin.rig.brief import brief
 
@@ -89,7 +89,7 @@ def read_window(design: Design, recording: Recording, ended: bool = False) -> tu
     stop = len(t) if ended else _find_end(t, until, compute_gap_length(dt, filtering.cutoff), filtering.cutoff)
     if stop is None:
         return None
-    seen, closed = filled(recording.log.part(slice(0, stop)), filtering.cutoff)
+    seen, closed = fill_gaps(recording.log.part(slice(0, stop)), filtering.cutoff)
     closed = np.concatenate([recording.closed, closed])
     gaps = holes(seen, filtering.cutoff)
     has_gap = len(gaps) > 0 and bool(seen.t[gaps[0]] <= until)
@@ -115,7 +115,7 @@ def _find_end(t: Array, until: float, gap: float, cutoff: float) -> int | None:
     """Count the samples up to the first one after a time, or after what tells the motion behind each gap before it."""
     while (last := int(np.searchsorted(t, until, side="right"))) < len(t):
         behind = t[1 : last + 1][np.diff(t[: last + 1]) > gap]
-        if not len(behind) or (context := float(behind[-1]) + 2 * SIDE * LONGEST / cutoff) <= until:
+        if not len(behind) or (context := float(behind[-1]) + 2 * GAP_SIDE * LONGEST_GAP / cutoff) <= until:
             return last + 1
         until = context
     return None

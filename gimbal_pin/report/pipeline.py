@@ -14,9 +14,9 @@ from gimbal_pin.control.experiment import bench_run, perturbed
 from gimbal_pin.control.judging import Judgement, judge_controllers
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import Tracking, tour, track
-from gimbal_pin.control.tuning import Law, Tuning, pair_rivals, tune, write_controller
+from gimbal_pin.control.tuning import TunedLaw, Tuning, pair_rivals, tune, write_controller
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
-from gimbal_pin.diagnosis.file import FILES as DIAGNOSED
+from gimbal_pin.diagnosis.file import DIAGNOSIS_FILES as DIAGNOSED
 from gimbal_pin.diagnosis.file import list_writers
 from gimbal_pin.dynamics.model import Model, build_rotor_terms, nominal
 from gimbal_pin.dynamics.simulation import plant_with, simulate
@@ -233,7 +233,9 @@ def examined(
     return planned(found, rng=rng), ""
 
 
-def carried(rig: Rig, log: Log, model: Model, law: Law, plant: Model | None, late: int) -> tuple[Verified | None, str]:
+def carried(
+    rig: Rig, log: Log, model: Model, law: TunedLaw, plant: Model | None, late: int
+) -> tuple[Verified | None, str]:
     """Hold the camera on profile S, briefly; return what came of it, or why it cannot be.
 
     By the tuned controller, and by a PID. Without a plant it is one that the model's covariance leaves possible.

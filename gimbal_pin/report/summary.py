@@ -11,7 +11,7 @@ import numpy as np
 
 from gimbal_pin.control.laws.reasons import ReasonKind, list_compensated
 from gimbal_pin.control.tuning import RIVAL
-from gimbal_pin.diagnosis.result import MEASURED
+from gimbal_pin.diagnosis.result import MEASURED_CAUSE
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD
@@ -186,7 +186,7 @@ def to_do(wrong: Diagnosis | None, tuning: Tuning | None, payload: PayloadStatem
     for finding in [] if wrong is None else wrong.lacking:
         if finding.open:
             open_.append(f"Find out whether it is {named(finding)}: {finding.experiment}.")
-        elif finding.cause != MEASURED and (finding.cause, finding.joint) not in compensated:
+        elif finding.cause != MEASURED_CAUSE and (finding.cause, finding.joint) not in compensated:
             known.append(f"Against {named(finding)}: {CAUSES[finding.cause].compensation}.")
     if tuning is not None and tuning.doubts:
         richer = "Record a richer log, for which 'gimbal-pin excite' designs the motion, before a controller runs."

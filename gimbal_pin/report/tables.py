@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.identification import Agreement, Identified
     from gimbal_pin.identification.bodies import Body, Figure
-    from gimbal_pin.identification.payloads import Camera
+    from gimbal_pin.identification.payloads import CameraEstimate
     from gimbal_pin.log.io.inspection import Channel
     from gimbal_pin.pointing.result import Verified
     from gimbal_pin.report.evaluation import Evaluated, Known
@@ -91,7 +91,7 @@ def parameters(
     return Table(head, body, texts=2, label=label)
 
 
-def tabulate_camera(found: Camera) -> Table:
+def tabulate_camera(found: CameraEstimate) -> Table:
     """A camera's own parameters with 95 % intervals, beside what its URDF states."""
     rows = [
         [regrouping(name), unit(unit_of), *interval(x, NORMAL_95 * std), figures(given, 4)]

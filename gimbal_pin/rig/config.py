@@ -13,7 +13,7 @@ from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, read_fields, read_record
 
-SMALLEST = 1e-9
+SMALLEST_POSITIVE = 1e-9
 """Least torque, N m and N m/A, and rate, rad/s: the smallest motors give 1e-6 N m, and nothing is divided by zero."""
 _OPTICAL_AXES = tuple(f"{sign}{axis}" for axis in "xyz" for sign in ("", "-"))
 
@@ -32,8 +32,8 @@ class Motor:
         rotor_inertia: The rotor's inertia about its own axis, kg m².
     """
 
-    tau_max: float = bounded_field(inf, SMALLEST, inf)
-    torque_constant: float | None = bounded_field(None, SMALLEST, LARGEST_NUMBER)
+    tau_max: float = bounded_field(inf, SMALLEST_POSITIVE, inf)
+    torque_constant: float | None = bounded_field(None, SMALLEST_POSITIVE, LARGEST_NUMBER)
     slots: int | None = bounded_field(None, 1, 1000)
     poles: int | None = bounded_field(None, 2, 1000)
     encoder_bits: float | None = bounded_field(None, 1, 52)
@@ -57,9 +57,9 @@ class Limits:
 
     lower: float = bounded_field(-inf, -inf, LARGEST_NUMBER)
     upper: float = bounded_field(inf, -LARGEST_NUMBER, inf)
-    velocity: float = bounded_field(inf, SMALLEST, inf)
-    acceleration: float = bounded_field(inf, SMALLEST, inf)
-    effort: float = bounded_field(inf, SMALLEST, inf)
+    velocity: float = bounded_field(inf, SMALLEST_POSITIVE, inf)
+    acceleration: float = bounded_field(inf, SMALLEST_POSITIVE, inf)
+    effort: float = bounded_field(inf, SMALLEST_POSITIVE, inf)
 
 
 @dataclass(frozen=True)

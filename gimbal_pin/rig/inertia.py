@@ -124,7 +124,7 @@ def mend_inertias(text: str, model: pin.Model, place: str, every: bool) -> tuple
     Raises:
         RigError: A link has an inertia that breaks a rule, and a joint feels it.
     """
-    stated = urdf.parse(text, place).xpath("link/inertial/inertia")
+    stated = urdf.parse_robot(text, place).xpath("link/inertial/inertia")
     rules = {one.getparent().getparent().get("name"): describe_broken_rule(read_inertia(one)) for one in stated}
     bodies, mended, said = urdf.read_inertials(text), dict[str, urdf.LinkInertia](), list[str]()
     for link, rule in rules.items():

@@ -20,11 +20,11 @@ _MESH_FORMATS = (".stl", ".obj", ".ply", ".off", ".dae", ".glb")
 _LARGEST_FILE = 32 * 2**20
 """Largest file, bytes: 670 000 triangles in a binary STL, more than a browser turns smoothly."""
 
-MEMORY, SECONDS = 2 * 2**30, 5
+READER_MEMORY, READER_SECONDS = 2 * 2**30, 5
 """Address space, bytes, and processor time, s, of the reading of one file. One of `_LARGEST_FILE` bytes takes 1.1 GiB
 and 5 s in the slowest format, OFF; 1 GiB and 1.5 to 2 s as STL, OBJ or COLLADA."""
 
-PATIENCE = 60.0
+MESH_PATIENCE = 60.0
 """Longest wait for all the meshes of a rig, s: thirty such files."""
 
 
@@ -56,10 +56,10 @@ def find_mesh_file(name: str, folder: Path) -> Path | None:
 def list_sources(rig: Path, arguments: Mapping[str, str]) -> list[Path]:
     """Return the file of a rig or payload, what it includes, and the meshes that it names; `arguments`: xacro's."""
     from gimbal_pin.rig.formats import convert_to_urdf
-    from gimbal_pin.rig.urdf import parse
+    from gimbal_pin.rig.urdf import parse_robot
 
     text, _, included = convert_to_urdf(rig, arguments)
-    named = [mesh.get("filename", "") for mesh in parse(text, str(rig)).iter("mesh")]
+    named = [mesh.get("filename", "") for mesh in parse_robot(text, str(rig)).iter("mesh")]
     meshes = (find_mesh_file(name, rig.parent) for name in named)
     return [rig, *map(Path, included), *(file for file in meshes if file is not None)]
 
@@ -82,7 +82,7 @@ def _read_meshes(files: Iterable[Path]) -> Mapping[Path, Mesh]:
     with TemporaryDirectory() as folder:
         Path(folder, "names").write_bytes(b"\0".join(map(os.fsencode, wanted)))
         with suppress(ProcessStopped):
-            run_bounded(__name__, folder, memory=MEMORY, seconds=SECONDS, patience=PATIENCE)
+            run_bounded(__name__, folder, memory=READER_MEMORY, seconds=READER_SECONDS, patience=MESH_PATIENCE)
         made = {file: Path(folder, f"{k}.npz") for k, file in enumerate(wanted)}
         return {file: _load_mesh(out) for file, out in made.items() if out.exists()}
 

@@ -27,7 +27,7 @@ LONGEST_NUMBER = 64
 """Most characters of a number, boolean or null; 17 digits distinguish all doubles."""
 _DECIMAL = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?0*\d{1,2})?", re.ASCII)
 """A decimal number that every reader takes for the same double; with a third digit in the exponent some overflow."""
-_WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_]+")
+_WORD_PATTERN = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_]+")
 _PREFIX = "tag:yaml.org,2002:"
 _TEXT_TAG = f"{_PREFIX}str"
 _COLLECTION_TAGS = (None, "!", f"{_PREFIX}seq", f"{_PREFIX}map")
@@ -180,4 +180,4 @@ def parse_decimal(text: str) -> float | None:
 
 def split_words(name: str) -> tuple[str, ...]:
     """Return the words and numbers of a name in lower case: ``posMeas_1`` and ``pos meas 1`` are pos, meas, 1."""
-    return tuple(word.lower() for word in _WORD.findall(name[:400]))
+    return tuple(word.lower() for word in _WORD_PATTERN.findall(name[:400]))

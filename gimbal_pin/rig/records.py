@@ -84,7 +84,7 @@ def convert_value(kind: Any, x: Any, place: str, error: type[GimbalPinError], bo
         return read_record(kind, x, place, error)
     if kind in (float, int):
         return _convert_number(kind, x, place, error, bounds)
-    shape, words = _FORMS[form or kind]
+    shape, words = _YAML_FORMS[form or kind]
     if not isinstance(x, shape):
         raise error(place, f"is {x!r}", f"write {words}")
     if isinstance(x, dict):
@@ -99,7 +99,7 @@ def _join_place(place: str, key: str) -> str:
     return f"{place}.{key}" if ": " in place else f"{place}: {key}"
 
 
-_FORMS: Mapping[Any, tuple[type, str]] = {
+_YAML_FORMS: Mapping[Any, tuple[type, str]] = {
     str: (str, "a text"),
     bool: (bool, "true or false"),
     tuple: (list, "a list"),

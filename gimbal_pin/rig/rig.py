@@ -203,7 +203,7 @@ def build_rig(
     urdf.check_joints(urdf.parse_checked(text, str(path)), str(path))
     model = to_pinocchio(text, str(path))
     sound, notes = mend_inertias(text, model, str(path), mend)
-    element = urdf.parse(sound, str(path))
+    element = urdf.parse_robot(sound, str(path))
     joints, links = tuple(model.names[1:]), urdf.list_names(element, "link")
     for key in (*config.motors, *config.limits):
         if key not in joints and key not in config.fixed:
@@ -292,7 +292,7 @@ def to_pinocchio(text: str, place: str) -> pin.Model:
 
     A joint that mimics another, ``q = multiplier q' + offset``, is fixed at its offset.
     """
-    robot = urdf.parse(text, place)
+    robot = urdf.parse_robot(text, place)
     for joint in robot.xpath("joint[mimic]"):
         _fix_joint(joint, float(joint.find("mimic").get("offset", "0")))
     for joint in robot.findall("joint[@type='continuous']"):

@@ -33,7 +33,7 @@ LinkInertia = tuple[float, np.ndarray, np.ndarray]
 """Mass, kg, centre of mass, m, (3,), and inertia about it, kg m², (3, 3), in the link's frame."""
 
 
-def parse(text: str, place: str) -> etree._Element:
+def parse_robot(text: str, place: str) -> etree._Element:
     """Return the ``<robot>`` element of a URDF; `RigError` names the line where the XML breaks."""
     robot = parse_xml(text, place)
     if robot.tag != "robot":
@@ -65,7 +65,7 @@ def parse_checked(text: str, place: str, fixed: Collection[str] = ()) -> etree._
     Raises:
         RigError: The first thing that is not, with the line of the file where it has one.
     """
-    robot = parse(text, place)
+    robot = parse_robot(text, place)
     if robot.xpath("joint/parent[@link='world']") and "world" not in list_names(robot, "link"):
         robot.insert(0, etree.Element("link", name="world"))  # simulators know it without being told
     check_names(robot, place, fixed)
@@ -169,7 +169,7 @@ def load_checked(text: str, place: str) -> yourdfpy.Robot:
 def read_inertials(text: str) -> dict[str, LinkInertia]:
     """Return link → mass, centre of mass and inertia about it, where it has mass."""
     out = {}
-    for link in parse(text, "URDF").findall("link"):
+    for link in parse_robot(text, "URDF").findall("link"):
         if (inertial := link.find("inertial")) is not None:
             at = read_pose(inertial)
             inertia = at.rotation @ read_inertia(inertial.find("inertia")) @ at.rotation.T
@@ -179,7 +179,7 @@ def read_inertials(text: str) -> dict[str, LinkInertia]:
 
 def replace_inertials(text: str, inertials: Mapping[str, LinkInertia]) -> str:
     """Return the URDF with the named links' ``<inertial>`` values replaced and every other tag kept."""
-    robot = parse(text, "URDF")
+    robot = parse_robot(text, "URDF")
     for link in robot.findall("link"):
         if link.get("name") in inertials:
             write_inertial(link, *inertials[link.get("name")])
@@ -191,7 +191,7 @@ def replace_friction(text: str, friction: Mapping[str, tuple[float, float]]) -> 
 
     A URDF holds no negative friction: a value that noise made negative is written as zero.
     """
-    robot = parse(text, "URDF")
+    robot = parse_robot(text, "URDF")
     for joint in robot.findall("joint"):
         if joint.get("name") in friction:
             for name, value in zip(("friction", "damping"), friction[joint.get("name")]):

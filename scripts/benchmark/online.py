@@ -10,7 +10,7 @@ from benchmark.data import DT, noisy_log
 from benchmark.figure import Figure
 from benchmark.timing import alternating
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.identification import Memory, Online
+from gimbal_pin.identification import LogMemory, Online
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.rig import Rig
 
@@ -42,7 +42,7 @@ def blocks(log: Log, begin: int, size: int) -> Sequence[Log]:
     return [log.part(slice(k, k + size)) for k in range(begin, len(log), size)]
 
 
-def advanced(online: Online, memory: Memory, parts: Sequence[Log]) -> Memory:
+def advanced(online: Online, memory: LogMemory, parts: Sequence[Log]) -> LogMemory:
     """Take the blocks in."""
     for part in parts:
         memory = online.advance(memory, part)

@@ -15,11 +15,11 @@ import numpy as np
 
 from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.control.laws import ComputedTorque, bounds
-from gimbal_pin.control.laws.base import Carried, Pid
+from gimbal_pin.control.laws.base import BaseState, Pid
 from gimbal_pin.control.laws.carried import CarriedTorque
 from gimbal_pin.control.laws.computed_torque import Robust, lyapunov, stiffened
 from gimbal_pin.control.laws.design import LAYERED, bisected
-from gimbal_pin.control.laws.equal import DAMPING, INTEGRAL, Equal, bandwidth
+from gimbal_pin.control.laws.equal import OUTER_DAMPING, OUTER_INTEGRAL, Equal, bandwidth
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
@@ -40,13 +40,13 @@ class Foreknowledge(Forecast):
 
     platform: Platform | None = None
 
-    def ahead(self, past: Past) -> list[Carried]:
+    def ahead(self, past: Past) -> list[BaseState]:
         """Return the mean of the motion over the hold of each lead (Simpson's rule)."""
         assert self.platform is not None
         true, t = [], (past.samples - 1) * self.dt
         for lead in self.leads:
             now = self.platform.at(np.clip(t + lead + self.dt / 2 * np.arange(-1, 2), 0.0, self.platform.t[-1]))
-            true.append(Carried(*(np.array([1, 4, 1]) / 6 @ x for x in (now.f, now.w, now.dw))))
+            true.append(BaseState(*(np.array([1, 4, 1]) / 6 @ x for x in (now.f, now.w, now.dw))))
         return true
 
 
@@ -74,7 +74,7 @@ def without_hidden(model: Model) -> Model:
 
 def redesign(law: CarriedTorque, equals: Sequence[Equal]) -> CarriedTorque:
     """Return slower loops with Lyapunov redesign, of the thinnest layer that keeps every joint's margin."""
-    slow = tuple(Pid.placed(LAYERED * bandwidth(equal.pid), DAMPING, INTEGRAL) for equal in equals)
+    slow = tuple(Pid.placed(LAYERED * bandwidth(equal.pid), OUTER_DAMPING, OUTER_INTEGRAL) for equal in equals)
     layer = Robust(lyapunov(slow), bounds(law.model, np.random.default_rng(0)), 1.0)
 
     def enough(gain: float) -> bool:

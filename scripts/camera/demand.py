@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import lsq_linear
 
 from gimbal_pin.cli.inputs import read_platform
-from gimbal_pin.control.laws.uncertainty import inertia
+from gimbal_pin.control.laws.uncertainty import compute_inertia
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
@@ -55,7 +55,7 @@ class Demand:
         sight = Sight(rig)
         held = holding(sight, wanted, part)
         across = np.array([np.linalg.norm(sight.view(q).J[-2:], axis=0) for q in held.q])
-        own = np.diagonal(inertia(plant, held.q), axis1=1, axis2=2)
+        own = np.diagonal(compute_inertia(plant, held.q), axis1=1, axis2=2)
         tau = plant.inverse(held.q, held.v, held.a, platform=part)
         return Demand(rig.joints, part.t, tau, rig.tau_max, across / own)
 

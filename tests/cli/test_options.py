@@ -25,7 +25,7 @@ from gimbal_pin.cli import VERBS, ending_orderly, options
 from gimbal_pin.cli.paths import label
 from gimbal_pin.cli.present import say
 from gimbal_pin.cli.work import check_cost
-from gimbal_pin.errors import LONGEST, UNSAFE, DataError, GimbalPinError, UsageError
+from gimbal_pin.errors import LONGEST_MESSAGE, UNSAFE, DataError, GimbalPinError, UsageError
 from gimbal_pin.identification import ESTIMATORS
 from gimbal_pin.log.io import files
 from tests.command_line import Run, refused
@@ -99,7 +99,7 @@ def test_work_asks_where_it_needs_more_than_half_of_what_a_limit_leaves(monkeypa
 def test_a_message_is_one_short_line_that_a_terminal_shows(parts: tuple[str, str, str]) -> None:
     error = GimbalPinError(*parts)
     said = str(error)
-    assert len(said) <= LONGEST and len(said.splitlines()) <= 1 and not UNSAFE.search(said)
+    assert len(said) <= LONGEST_MESSAGE and len(said.splitlines()) <= 1 and not UNSAFE.search(said)
     assert (str(again := pickle.loads(pickle.dumps(error))), type(again)) == (said, GimbalPinError)
     assert str(DataError(*parts, unseen=("a",) * 9)).count("; ") >= 1
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin.control import ComputedTorque, Pid, margins, stored, tune
+from gimbal_pin.control import ComputedTorque, Pid, compute_margins, stored, tune
 from gimbal_pin.diagnosis.gain import simulate_tracking
 from gimbal_pin.dynamics import Estimated, Model, convert_model, nominal, plant_with, read_model_data
 from gimbal_pin.effects import (
@@ -61,8 +61,8 @@ def test_a_drive_is_as_late_as_it_says(signal: Signal, late: float) -> None:
 @pytest.mark.parametrize("samples", [1, 4])
 def test_a_delay_found_and_a_delay_stated_leave_the_same_margins(samples: int) -> None:
     gains = Pid.placed(6.0, 1.0, 0.2)
-    found = margins(gains, DT, DT, drive=(Delay("pan", samples * DT),))
-    stated = margins(gains, DT, (1 + samples) * DT)
+    found = compute_margins(gains, DT, DT, drive=(Delay("pan", samples * DT),))
+    stated = compute_margins(gains, DT, (1 + samples) * DT)
     assert vars(found) == pytest.approx(vars(stated), rel=1e-6)
 
 

@@ -14,18 +14,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.control import (
-    Bounds,
     ComputedTorque,
     JointPid,
-    Memory,
+    LawMemory,
+    ModelErrorBounds,
     Outer,
     Pid,
     Robust,
     bounds,
-    inertia,
+    compute_inertia,
+    compute_margins,
     lyapunov,
-    margins,
-    poses,
+    sample_poses,
     sampled_loop,
 )
 from gimbal_pin.control.laws.computed_torque import stiffened
@@ -96,10 +96,10 @@ def run(plant: Model, law: Controller, motion: Motion, start: State, delay: int 
     return simulate(plant, law, motion, rng=rng, sensors=Sensors.exact(plant.rig.n), delay=delay, start=start)
 
 
-def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Reference, Memory]:
+def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Reference, LawMemory]:
     q, v = rng.uniform(-0.7, 0.7, n), rng.uniform(-2, 2, n)
     reference = Reference(q + 0.05 * rng.standard_normal(n), v + rng.standard_normal(n), 5 * rng.standard_normal(n))
-    return q, v, reference, Memory(tuple((0.01 * rng.standard_normal(n)).tolist()))
+    return q, v, reference, LawMemory(tuple((0.01 * rng.standard_normal(n)).tolist()))
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
@@ -180,7 +180,7 @@ def test_torque_never_exceeds_the_limit(seed: int, limit: float) -> None:
 def test_pid_is_the_textbook_formula() -> None:
     law = JointPid((Pid(100.0, 50.0, 20.0), Pid(10.0, 0.0, 1.0)), (2.0, 3.0), (inf, inf), 0.01)
     reference = Reference(np.array([0.3, 0.0]), np.array([1.0, -1.0]), np.array([9.0, 9.0]))
-    tau, memory = law.torque(0.0, np.array([0.1, 0.2]), np.zeros(2), reference, Memory((0.5, 0.0)))
+    tau, memory = law.torque(0.0, np.array([0.1, 0.2]), np.zeros(2), reference, LawMemory((0.5, 0.0)))
     np.testing.assert_allclose(tau, [2 * (100 * 0.2 + 50 * 0.502 + 20), 3 * (-2.0 - 1.0)])
     np.testing.assert_allclose(memory.integral, [0.502, -0.002])
 
@@ -195,10 +195,10 @@ class Winding:
     def dt(self) -> float:
         return self.law.dt
 
-    def start(self) -> Memory:
+    def start(self) -> LawMemory:
         return self.law.start()
 
-    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: Memory) -> tuple[Array, Memory]:
+    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
         tau, after = self.law.torque(t, q, v, reference, memory)
         wound = tuple(s + self.dt * e for s, e in zip(memory.integral, (reference.q - q).tolist()))
         return tau, after._replace(integral=wound)
@@ -207,7 +207,7 @@ class Winding:
 def pan_step(kind: str, **changes: Any) -> tuple[JointPid | ComputedTorque, Model, Array]:
     """A law on the frictionless turret, and a raw 30° step of its pan axis."""
     plant = frictionless(Rig.load("turret"))
-    moments = tuple(np.diagonal(inertia(plant, np.zeros((1, 2)))[0]).tolist())
+    moments = tuple(np.diagonal(compute_inertia(plant, np.zeros((1, 2)))[0]).tolist())
     pid = JointPid((GAINS,) * 2, moments, tuple(plant.rig.tau_max.tolist()), DT)
     law = pid if kind == "pid" else ComputedTorque(plant, (GAINS,) * 2, DT)
     return replace(law, **changes), plant, np.array([np.deg2rad(30), 0.0])
@@ -267,7 +267,7 @@ def test_integral_stops_only_further_into_the_limit_or_far_away(torque: float, e
 def test_braking_is_within_what_the_motor_has_at_every_pose(name: str) -> None:
     """With the stated deceleration, gravity and dry friction against it, no motor passes its limit."""
     model = nominal(Rig.load(name))
-    q = poses(model.rig)[0]
+    q = sample_poses(model.rig)[0]
     for j, deceleration in enumerate(braking(model)):
         a = np.zeros_like(q)
         a[:, j] = deceleration
@@ -286,7 +286,7 @@ def test_gains_place_the_poles(hz: float, damping: float, integral: float) -> No
 
 # --- Lyapunov redesign -------------------------------------------------------------------------------------------
 
-BOUNDS = Bounds(alpha=0.3, phi=0.2, inverse=20.0, cross_model=0.0, cross_pid=0.0, source="stated")
+BOUNDS = ModelErrorBounds(alpha=0.3, phi=0.2, inverse=20.0, cross_model=0.0, cross_pid=0.0, source="stated")
 
 
 def perturbed(rig: Rig, rng: np.random.Generator) -> Rig:
@@ -294,7 +294,7 @@ def perturbed(rig: Rig, rng: np.random.Generator) -> Rig:
     return rig.with_phi(rig.phi * np.repeat(rng.uniform(0.9, 1.1, rig.n), 10))
 
 
-def decay(law: ComputedTorque, plant: Rig, state: tuple[Array, Array, Reference, Memory]) -> tuple[float, float]:
+def decay(law: ComputedTorque, plant: Rig, state: tuple[Array, Array, Reference, LawMemory]) -> tuple[float, float]:
     """Return V̇ along the true plant, and gain ‖z‖ - ρ: positive outside the boundary layer."""
     q, v, reference, memory = state
     assert law.robust is not None
@@ -327,14 +327,14 @@ def test_v_decreases_outside_the_boundary_layer_of_a_wrong_model(name: str) -> N
     assert outside > 100
 
 
-def holding(model: Model, plant: Model, state: tuple[Array, Array, Reference, Memory]) -> Bounds:
+def holding(model: Model, plant: Model, state: tuple[Array, Array, Reference, LawMemory]) -> ModelErrorBounds:
     """Bounds that are just met at one state."""
     q, v = state[0][None], state[1][None]
-    true, believed = inertia(plant, q)[0], inertia(model, q)[0]
+    true, believed = compute_inertia(plant, q)[0], compute_inertia(model, q)[0]
     alpha = np.linalg.norm(np.eye(len(true)) - np.linalg.solve(true, believed), 2)
     rest = np.linalg.norm(model.inverse(q, v, 0 * q) - plant.inverse(q, v, 0 * q))
     largest = 1 / np.linalg.eigvalsh(true)[0]
-    return Bounds(float(alpha) * 1.001, float(rest) * 1.001, float(largest), 0.0, 0.0, "this state's own")
+    return ModelErrorBounds(float(alpha) * 1.001, float(rest) * 1.001, float(largest), 0.0, 0.0, "this state's own")
 
 
 def test_without_the_redesign_a_wrong_model_can_make_v_grow() -> None:
@@ -412,8 +412,8 @@ def test_inertia_uncertainty_is_alpha_as_by_hand() -> None:
     reduction = reduce_parameters(rig)
     leading = reduction.base_names[0]
     base = Model(rig, ())
-    q = poses(rig)[0]
-    D = inertia(base, q)
+    q = sample_poses(rig)[0]
+    D = compute_inertia(base, q)
     alone = np.zeros((2, 2))
     alone[0, 0] = 1.0
     delta = 0.02
@@ -434,8 +434,8 @@ def test_inertia_counts_what_terms_add_per_acceleration() -> None:
     """Viscous friction adds nothing; the matrix is CRBA's, symmetric, positive."""
     rig = Rig.load("handheld")
     model = Model(rig, tuple(Term(Viscous(joint), (0.3,)) for joint in rig.joints))
-    q = poses(rig)[0][:5]
-    for D, angles in zip(inertia(model, q), q):
+    q = sample_poses(rig)[0][:5]
+    for D, angles in zip(compute_inertia(model, q), q):
         data = rig.model.createData()
         zero = np.zeros(3)
         level = pin.rnea(rig.model, data, angles, zero, zero)
@@ -444,4 +444,4 @@ def test_inertia_counts_what_terms_add_per_acceleration() -> None:
 
 
 def test_margins_of_an_unstable_loop_are_zero() -> None:
-    assert margins(Pid.placed(200.0, 1.0, 0.2), DT, 0.005).disk_margin == 0.0
+    assert compute_margins(Pid.placed(200.0, 1.0, 0.2), DT, 0.005).disk_margin == 0.0

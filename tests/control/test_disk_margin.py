@@ -12,10 +12,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from gimbal_pin.control import Pid, ReasonKind, Wish, estimate, inertia, margins, poses, stored, tune
+from gimbal_pin.control import (
+    Pid,
+    ReasonKind,
+    Wish,
+    compute_inertia,
+    compute_margins,
+    estimate,
+    sample_poses,
+    stored,
+    tune,
+)
 from gimbal_pin.control.laws.design import lowered
 from gimbal_pin.control.laws.loop import smallest_disk
-from gimbal_pin.control.laws.uncertainty import drawn
+from gimbal_pin.control.laws.uncertainty import draw_inertia_ratios
 from gimbal_pin.dynamics import Estimated, Model, nominal, reduce_parameters
 from gimbal_pin.effects import ActuatorLag, Delay, JointFlexibility, Signal
 from gimbal_pin.errors import UsageError
@@ -127,20 +137,20 @@ def drawn_models(model: Model, count: int) -> list[Model]:
 
 
 def diagonal(model: Model, q: Array) -> Array:
-    return np.asarray(np.diagonal(inertia(model, q), axis1=1, axis2=2))
+    return np.asarray(np.diagonal(compute_inertia(model, q), axis1=1, axis2=2))
 
 
 @pytest.fixture(scope="module")
 def turned(model: Model) -> Array:
     """Inertia that each joint turns, kg m², (200, poses, n): each drawn rig's own, by Pinocchio."""
-    q = poses(model.rig)[0]
+    q = sample_poses(model.rig)[0]
     return np.array([diagonal(one, q) for one in drawn_models(model, 200)])
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_worst_is_that_of_every_drawn_rig(model: Model, turned: Array, kind: str) -> None:
     """None of the 200 has less margin at any pose, and one has that."""
-    tuning, q = tune(model, disk_margin=0.8, kind=kind), poses(model.rig)[0]
+    tuning, q = tune(model, disk_margin=0.8, kind=kind), sample_poses(model.rig)[0]
     believed = diagonal(model, q) if kind == "computed-torque" else np.array(tuning.inertia)
     ratios = believed / turned
     assert tuning.draws == len(turned) and np.all(turned > 0)
@@ -150,7 +160,7 @@ def test_the_worst_is_that_of_every_drawn_rig(model: Model, turned: Array, kind:
         assert lowest >= least.disk_margin * (1 - 1e-6)
         if kind == "computed-torque":  # a PID's poses are more, and may be worse
             assert lowest == pytest.approx(least.disk_margin, rel=1e-6)
-            assert least.crossover_hz == pytest.approx(margins(pid, DT, 0.001, every.max(), drive).crossover_hz)
+            assert least.crossover_hz == pytest.approx(compute_margins(pid, DT, 0.001, every.max(), drive).crossover_hz)
 
 
 def test_a_clock_twice_as_slow_halves_the_bandwidth() -> None:
@@ -199,7 +209,7 @@ def test_a_loop_is_doubted_where_half_the_inertia_is_possible(kind: str) -> None
     sure, unsure = tune(known(0.02), kind=kind), tune(known(1.0), kind=kind)
     assert sure.doubts == () and sure.to_dict()["doubts"] == []
     assert unsure.doubts and show_controller(unsure).to_text().startswith(f"Warning\n  {unsure.doubts[0]}")
-    gains = drawn(unsure.model, kind, np.random.default_rng(0))
+    gains = draw_inertia_ratios(unsure.model, kind, np.random.default_rng(0))
     assert gains is not None
     doubted = {joint for line in unsure.doubts for joint in line.split(": ")[0].split(", ")}
     assert doubted == {joint for joint, (_, _, most) in zip(unsure.model.rig.joints, gains) if most >= 2}
@@ -217,7 +227,7 @@ def test_it_is_told_in_json_and_text(model: Model) -> None:
     assert "worst of 200" not in show_controller(plain).to_text()
     rows = plain.to_dict()
     assert rows["draws"] == 0 and all(row["worst_of_draws"] is None for row in rows["joints"].values())
-    assert drawn(plain.model, "pid", np.random.default_rng(0)) is None
+    assert draw_inertia_ratios(plain.model, "pid", np.random.default_rng(0)) is None
 
 
 def test_plot_keeps_every_draw_off_the_disk(model: Model) -> None:

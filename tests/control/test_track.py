@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin.control import Tracking, home, metrics, minimum_jerk, track, tune
-from gimbal_pin.control.tracking import within
+from gimbal_pin.control.tracking import shrink_steps
 from gimbal_pin.dynamics import Model, Sensors, nominal
 from gimbal_pin.effects import Term
 from gimbal_pin.errors import UsageError
@@ -63,7 +63,7 @@ def test_steps_stay_within_every_limit(name: str) -> None:
     plant = nominal(Rig.load(name))
     rig, start = plant.rig, home(plant.rig)
     wanted = np.deg2rad([30.0, -80.0, 170.0])[: rig.n]
-    goal = within(plant, wanted.tolist(), 0.5)
+    goal = shrink_steps(plant, wanted.tolist(), 0.5)
     assert (np.sign(goal) == np.sign(wanted)).all() and (np.abs(goal) <= np.abs(wanted)).all()
     motion = minimum_jerk(start, start + goal, dt=0.001)
     tau = plant.inverse(motion.q, motion.v, motion.a)
@@ -77,7 +77,7 @@ def test_steps_stay_within_every_limit(name: str) -> None:
 def test_steps_that_fit_are_left_alone() -> None:
     plant = nominal(generous("thesis"))
     wanted = np.deg2rad([30.0, 20.0, -25.0])
-    np.testing.assert_allclose(within(plant, wanted.tolist(), 0.5), wanted)
+    np.testing.assert_allclose(shrink_steps(plant, wanted.tolist(), 0.5), wanted)
 
 
 def generous(name: str, payload: str | None = None) -> Rig:

@@ -21,9 +21,9 @@ from gimbal_pin.control import (
     Pid,
     ReasonKind,
     Tuning,
-    inertia,
-    margins,
-    poses,
+    compute_inertia,
+    compute_margins,
+    sample_poses,
     stored,
     track,
     tune,
@@ -73,7 +73,7 @@ def by_hand(gains: Pid, dt: float, samples: int, omega: Any) -> Any:
 def test_margins_are_those_computed_by_hand(hz: float, damping: float, integral: float, samples: int) -> None:
     """Crossings by root finding on the z-transform; the disk margin as the least 2 |1 + L|/|1 - L|."""
     dt, gains = 0.001, Pid.placed(hz, damping, integral)
-    found = margins(gains, dt, samples * dt)
+    found = compute_margins(gains, dt, samples * dt)
     w = 2 * pi * hz
     crossover = brentq(lambda omega: abs(by_hand(gains, dt, samples, omega)) - 1, 0.5 * w, 10 * w)
     phase = np.angle(by_hand(gains, dt, samples, crossover))
@@ -91,7 +91,7 @@ def test_without_delay_and_hold_the_phase_margin_is_the_textbooks() -> None:
     """PD on 1/s²: ω_c² = ω² (2 ζ² + √(4 ζ⁴ + 1)), margin = atan(2 ζ ω_c/ω)."""
     w, damping = 2 * pi * 5.0, 0.7
     crossover = w * sqrt(2 * damping**2 + sqrt(4 * damping**4 + 1))
-    found = margins(Pid.placed(5.0, damping, 0.0), 1e-5, 0.0)
+    found = compute_margins(Pid.placed(5.0, damping, 0.0), 1e-5, 0.0)
     assert found.crossover_hz == pytest.approx(crossover / 2 / pi, rel=1e-3)
     assert found.phase_margin_deg == pytest.approx(np.degrees(atan(2 * damping * crossover / w)), abs=0.05)
 
@@ -99,7 +99,7 @@ def test_without_delay_and_hold_the_phase_margin_is_the_textbooks() -> None:
 def test_half_a_sample_of_delay_costs_its_phase() -> None:
     """Delay between whole samples is exact too: -ω_c T, and the delay margin shrinks by T itself."""
     gains = Pid.placed(8.0, 1.0, 0.2)
-    less, more = margins(gains, 0.001, 0.001), margins(gains, 0.001, 0.0015)
+    less, more = compute_margins(gains, 0.001, 0.001), compute_margins(gains, 0.001, 0.0015)
     assert less.delay_margin - more.delay_margin == pytest.approx(0.0005, rel=0.02)
     assert less.phase_margin_deg - more.phase_margin_deg == pytest.approx(360 * less.crossover_hz * 0.0005, rel=0.02)
 
@@ -199,10 +199,10 @@ def test_pid_margins_are_the_worst_over_the_poses(name: str) -> None:
     """No pose within the limits has a smaller margin than what is stated."""
     model = nominal(Rig.load(name))
     tuning = tune(model, kind="pid")
-    q = poses(model.rig, 200)[0][::25]
-    for D in inertia(model, q):
+    q = sample_poses(model.rig, 200)[0][::25]
+    for D in compute_inertia(model, q):
         for j, (pid, stated) in enumerate(zip(tuning.gains, tuning.margins)):
-            here = margins(pid, 0.001, 0.001, float(tuning.inertia[j] / D[j, j]))
+            here = compute_margins(pid, 0.001, 0.001, float(tuning.inertia[j] / D[j, j]))
             assert here.disk_margin >= stated.disk_margin - 1e-3
             assert here.delay_margin >= stated.delay_margin - 1e-5
 
@@ -245,7 +245,7 @@ def test_a_margin_that_cannot_be_says_which_can(tuned: Tuning, wish: dict[str, o
     assert 0.5 < float(most) < float(more) < 1.9
     for disk, rest in ((most, {}), (more, {"damping": 2.0, "integral": 0.0})):
         found = tuned.with_(disk_margin=float(disk), **{**wish, **rest})
-        assert min(margins.disk_margin for margins in found.worst) >= float(disk) - 1e-9
+        assert min(compute_margins.disk_margin for compute_margins in found.worst) >= float(disk) - 1e-9
 
 
 def test_joints_that_share_a_loop_share_a_curve(tuned: Tuning) -> None:
@@ -270,7 +270,7 @@ def test_redesign_keeps_the_margin_it_states(thesis: Model) -> None:
         for pid, row, found in zip(tuning.gains, tuning.robust.rows, tuning.margins):
             gain = tuning.robust.gain
             inside = Pid(pid.kp + gain * row[1], pid.ki + gain * row[0], pid.kd + gain * row[2])
-            assert margins(inside, 0.001, 0.001) == found
+            assert compute_margins(inside, 0.001, 0.001) == found
             assert disk <= found.disk_margin < disk + 0.05
 
 

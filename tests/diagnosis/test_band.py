@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import BAND, diagnose, usual
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, diagnose, usual
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
@@ -41,7 +41,7 @@ def test_the_band_holds_the_lines_of_the_teeth(rotor: Rig, turns: float, teeth: 
 
 @pytest.mark.parametrize("noise", [1e-5, 1e-3, 1e-1])
 def test_the_band_follows_no_noise(rotor: Rig, noise: float) -> None:
-    assert usual(rotor, [turning(0.0, noise)]) == BAND
+    assert usual(rotor, [turning(0.0, noise)]) == DIAGNOSIS_BAND
 
 
 def test_teeth_that_pass_quickly_are_named(rotor: Rig) -> None:

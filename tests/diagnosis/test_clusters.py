@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gimbal_pin import bench_run
-from gimbal_pin.diagnosis import BAND, Problem, State, gather, solved
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Problem, State, gather, solve_causes
 from gimbal_pin.diagnosis.uncertainty import bin_rows, cluster_covariance, estimate_figures
 from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import AsymmetricFriction, Backlash, CableSpring, Cause, Cogging, Parameter, parse_effect
@@ -40,8 +40,8 @@ def log() -> Log:
 
 def fitted(log: Log, *causes: Cause) -> State:
     """Causes fitted without any search."""
-    problem = Problem.of(gather(RIG, [log], BAND), reduce_parameters(RIG))
-    return solved(problem, causes, solved(problem, causes))
+    problem = Problem.of(gather(RIG, [log], DIAGNOSIS_BAND), reduce_parameters(RIG))
+    return solve_causes(problem, causes, solve_causes(problem, causes))
 
 
 def told(state: State) -> dict[str, Parameter]:

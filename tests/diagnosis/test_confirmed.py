@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gimbal_pin.control import bench_run
-from gimbal_pin.diagnosis import BAND, confirm_causes, explain, gather
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, confirm_causes, explain, gather
 from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.effects import CAUSES, Cogging, Term
 from gimbal_pin.rig import Rig
@@ -18,7 +18,7 @@ def test_a_cause_that_unseen_data_deny_is_left_out_and_its_joint_is_unknown() ->
     smooth = nominal(rig)
     cogging = replace(smooth, terms=(*smooth.terms, Term(Cogging("pan", (7.0,)), (0.05, 0.0))))
     train, alike, other = (
-        gather(rig, [bench_run(plant, rng=np.random.default_rng(seed), seconds=30)], BAND)
+        gather(rig, [bench_run(plant, rng=np.random.default_rng(seed), seconds=30)], DIAGNOSIS_BAND)
         for seed, plant in enumerate((cogging, cogging, smooth))
     )
     found = explain(train, reduce_parameters(rig), {"cogging": CAUSES["cogging"]})

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.control import bench_run, repeated
-from gimbal_pin.diagnosis import BAND, Diagnosis, Evidence, diagnose, gather
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Diagnosis, Evidence, diagnose, gather
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, parse_effect
 from gimbal_pin.errors import DataError
@@ -57,7 +57,7 @@ def clean(rig: Rig, motion: Motion) -> Log:
 
 @pytest.fixture(scope="module")
 def evidence(rig: Rig, clean: Log) -> Evidence:
-    return gather(rig, [clean], BAND)
+    return gather(rig, [clean], DIAGNOSIS_BAND)
 
 
 def test_white_torque_noise_becomes_rows_of_unit_noise(rig: Rig) -> None:
@@ -65,7 +65,7 @@ def test_white_torque_noise_becomes_rows_of_unit_noise(rig: Rig) -> None:
     t, steady = 0.002 * np.arange(15_001), 1e-3 * np.ones((15_001, rig.n))
     noise = np.random.default_rng(3).standard_normal(steady.shape) * [0.02, 0.3]
     still = Log("still", rig.joints, t, np.cumsum(steady, axis=0), None, noise)
-    found = gather(rig, [still], BAND)
+    found = gather(rig, [still], DIAGNOSIS_BAND)
     inner = slice(40, -40)
     for j in range(rig.n):
         white = found.whiten([part.channels.tau[:, j] for part in found.parts], j)[inner]
@@ -171,7 +171,7 @@ def test_one_weak_motor_is_told_and_not_all_others_at_the_reciprocal() -> None:
     plant = plant_with(nominal(rig), [parse_effect("torque-gain:tilt:gain=0.8", rig)]).plant
     log = prescribed(plant, seconds=16.0, torque_noise=0.01, dt=0.002)
     few = {name: CAUSES[name] for name in ("torque-gain", "armature")}
-    found = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=replace(BAND, alignment=0.0))
+    found = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=replace(DIAGNOSIS_BAND, alignment=0.0))
     assert [(one.cause, one.joint) for one in found.findings] == [("torque-gain", "tilt")]
     assert found.findings[0].parameters[0].value == pytest.approx(0.8, abs=0.01)
 
@@ -363,7 +363,7 @@ def test_logs_of_different_payloads_are_a_fault_of_the_data(rig: Rig) -> None:
         for k, payload in enumerate(("infrared", "infrared", "mirrorless"))
     ]
     few = {name: CAUSES[name] for name in ("cable-spring", "base-tilt", "torque-bias")}
-    found = diagnose(rig, logs, few, rng=np.random.default_rng(0), filtering=replace(BAND, alignment=0.0))
+    found = diagnose(rig, logs, few, rng=np.random.default_rng(0), filtering=replace(DIAGNOSIS_BAND, alignment=0.0))
     assert found.verdict == "data" and not found.findings
     assert [fault.cause for fault in found.spoiling] == ["logs-disagree"]
     assert "one at a time" in found.spoiling[0].next_experiment
@@ -375,7 +375,7 @@ def test_a_cause_is_the_same_in_every_log_of_one_rig(rig: Rig, sizes: tuple[floa
     """A constant torque explains the logs of one rig together, and not those of a rig that was touched in between."""
     models = [plant_with(nominal(rig), [parse_effect(f"torque-bias:tilt:bias={x}", rig)]).plant for x in sizes]
     logs = [prescribed(model, k, seconds=16.0, torque_noise=0.02, dt=0.002) for k, model in enumerate(models)]
-    few, exact = {"torque-bias": CAUSES["torque-bias"]}, replace(BAND, alignment=0.0)
+    few, exact = {"torque-bias": CAUSES["torque-bias"]}, replace(DIAGNOSIS_BAND, alignment=0.0)
     found = diagnose(rig, logs, few, rng=np.random.default_rng(0), filtering=exact)
     named, spoilt = ([one.cause for one in part] for part in (found.findings, found.spoiling))
     assert (named, spoilt) == ((["torque-bias"], []) if len(set(sizes)) == 1 else ([], ["logs-disagree"]))
@@ -387,7 +387,8 @@ def test_what_pulls_one_way_beside_a_spring_is_told_to_be_in_where_it_rests(rig:
     plant = plant_with(nominal(rig), [parse_effect(one, rig) for one in (spring, beside)]).plant
     few = {name: CAUSES[name] for name in ("cable-spring", "torque-bias", "asymmetric-friction")}
     log = prescribed(plant, seconds=16.0, torque_noise=0.01, dt=0.002)
-    (found,) = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=replace(BAND, alignment=0.0)).findings
+    aligned = replace(DIAGNOSIS_BAND, alignment=0.0)
+    (found,) = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=aligned).findings
     figures = {figure.name: figure.value for figure in found.parameters}
     assert found.cause == "cable-spring" and figures["rest"] == pytest.approx(0.2 - 0.02 / 0.5, abs=0.01)
     assert (

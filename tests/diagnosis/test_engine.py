@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gimbal_pin.diagnosis import BAND, Evidence, Explained, explain, gather
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Evidence, Explained, explain, gather
 from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.effects import CAUSES, Cause, Delay
 from gimbal_pin.log import Array, Log
@@ -41,7 +41,7 @@ def log_of(size: float = 0.0, seed: int = 1, noise: float = 0.02, seconds: float
 
 
 def evidence_of(log: Log, alignment: float = 0.0) -> Evidence:
-    return gather(Rig.load(RIG), [log], replace(BAND, alignment=alignment))
+    return gather(Rig.load(RIG), [log], replace(DIAGNOSIS_BAND, alignment=alignment))
 
 
 def explain_log(log: Log, kinds: Mapping[str, type[Cause]] = KINDS) -> Explained:

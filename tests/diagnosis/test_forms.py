@@ -10,10 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.diagnosis import BAND, Evidence, Problem, State, gather, solved, torque_rmse, without
+from gimbal_pin.diagnosis import (
+    DIAGNOSIS_BAND,
+    Evidence,
+    Problem,
+    State,
+    gather,
+    refit_without,
+    solve_causes,
+    torque_rmse,
+)
 from gimbal_pin.diagnosis.extended import settle_causes
-from gimbal_pin.diagnosis.library import Library, list_candidates
-from gimbal_pin.diagnosis.shapes import free, moved, shape_names
+from gimbal_pin.diagnosis.library import ColumnLibrary, list_candidates
+from gimbal_pin.diagnosis.shapes import free, move_shape, shape_names
 from gimbal_pin.diagnosis.state import resize, solve_consistently
 from gimbal_pin.dynamics import Model, nominal, reduce_parameters
 from gimbal_pin.effects import (
@@ -42,7 +51,7 @@ from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 from tests.candidates import measure, refined, worth
 
-ALIGNED = replace(BAND, alignment=0.0)
+ALIGNED = replace(DIAGNOSIS_BAND, alignment=0.0)
 SEEN = OperatingRange(60.0, 0.002, 12.0, 2.0, 1.0, 1e-3, 1.0, 1.2)
 RIG = Rig.load("thesis")
 
@@ -56,7 +65,7 @@ def evidence(model: Model) -> Evidence:
 def fitted(model: Model, *causes: Cause) -> State:
     """Causes as the library starts them, fitted to a log of the model, before what they are built from is settled."""
     problem = Problem.of(evidence(model), reduce_parameters(RIG))
-    return solved(problem, causes, solved(problem, ()))
+    return solve_causes(problem, causes, solve_causes(problem, ()))
 
 
 def inverse(zone: DeadZone, torque: Array) -> Array:
@@ -112,10 +121,10 @@ def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_
     found = fitted(model, tooth)
     kinds: dict[str, type[Cause]] = {"cogging": Cogging, "torque-ripple": TorqueRipple}
     grid = [cause for cause in list_candidates(found.problem.evidence, kinds) if cause not in tooth.above()]
-    shelf = Library(found.problem.evidence.rig, grid)
+    shelf = ColumnLibrary(found.problem.evidence.rig, grid)
     shown = [one.cause for one in shelf.columns(found)]
     assert second in shown and max(shown, key=partial(worth, found)) == second
-    assert not [one for one in shelf.columns(without(found, tooth)) if one.cause == second]
+    assert not [one for one in shelf.columns(refit_without(found, tooth)) if one.cause == second]
     assert {one.harmonic for one in Cogging("tilt", (400.0,)).above()} == {(800.0,)}
 
 
@@ -188,7 +197,7 @@ def test_a_large_turn_is_built_at_its_own_angle(turn: RigEffect, trials: tuple[C
     for shape in turn.shapes:
         assert getattr(found, shape.name) == pytest.approx(getattr(turn, shape.name), abs=1e-3)
     assert np.all(state.fit.dispersion < 1.2) and np.all(linear.fit.dispersion > 100)
-    assert not Library(state.problem.evidence.rig, trials).columns(state)
+    assert not ColumnLibrary(state.problem.evidence.rig, trials).columns(state)
 
 
 @pytest.mark.parametrize("turn", [BaseTilt(pitch=0.7), EncoderOffset(RIG.joints[1], 0.5)])
@@ -196,7 +205,7 @@ def test_a_large_turn_explains_as_much_as_is_missed_without_it(turn: RigEffect) 
     """The inertias that are fitted without it take it up, and are no rig's that is turned."""
     state = solve_consistently(fitted(nominal(turn.apply(RIG)), resize(turn, 1e-3)))
     (cause,) = state.causes
-    base = without(state, cause)
+    base = refit_without(state, cause)
     found = measure(base, cause)
     assert found.gain == pytest.approx(base.fit.cost - state.fit.cost, rel=1e-3)
     np.testing.assert_allclose(found.beta, state.coefficients(cause), rtol=1e-3)
@@ -209,7 +218,7 @@ def test_a_base_that_sinks_is_found_with_its_rate() -> None:
     more = [m.inverse(log.q, log.v, 0.0 * log.q, t=log.t) for m in (model, nominal(RIG))]
     log = replace(log, tau=log.tau + more[0] - more[1])
     problem = Problem.of(gather(RIG, [log], ALIGNED), reduce_parameters(RIG))
-    linear = solved(problem, (BaseTilt(pitch_rate=1e-3),), solved(problem, ()))
+    linear = solve_causes(problem, (BaseTilt(pitch_rate=1e-3),), solve_causes(problem, ()))
     state = solve_consistently(linear)
     (found,) = settle_causes(state)
     assert found.to_dict()["pitch_rate"] == pytest.approx(-0.02, abs=1e-4)
@@ -231,7 +240,7 @@ def test_a_switch_is_found_from_a_gap_that_is_none() -> None:
     problem = Problem.of(
         replace(found, parts=(part._replace(channels=part.channels._replace(tau=tau)),)), reduce_parameters(RIG)
     )
-    base, best = solved(problem, (), solved(problem, ())), replace(start, width=start.width * low)
+    base, best = solve_causes(problem, (), solve_causes(problem, ())), replace(start, width=start.width * low)
     for _ in range(4):
         best = refined(base, best)
     assert isinstance(best, DeadZone) and best.sharpness > 60.0
@@ -347,7 +356,7 @@ def test_a_spring_that_is_never_slack_is_not_told_as_one_that_is(given: str) -> 
 
 def test_an_angle_of_either_sign_is_moved_by_radians_and_no_end_of_the_slack_passes_the_other() -> None:
     cable = CableSpring("tilt", taut=2, upper=0.1, lower=-0.3)
-    assert (up := moved(cable, "upper", 2.0)) and (down := moved(cable, "upper", 0.5))
+    assert (up := move_shape(cable, "upper", 2.0)) and (down := move_shape(cable, "upper", 0.5))
     assert up.to_dict()["upper"] == pytest.approx(0.1 + np.log(2.0)) and down.to_dict()["upper"] == -0.3
     assert shape_names(cable) == ["upper", "lower"] and shape_names(CableSpring("tilt")) == []
     assert shape_names(CableSpring("tilt", taut=-1, lower=0.2)) == ["lower"]

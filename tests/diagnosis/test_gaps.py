@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gimbal_pin.control import tune
-from gimbal_pin.diagnosis import BAND, Problem, State, gather, solved
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Problem, State, gather, solve_causes
 from gimbal_pin.dynamics import nominal, reduce_parameters, simulate
 from gimbal_pin.effects import Backlash, JointFlexibility, parse_effect
 from gimbal_pin.errors import UsageError
@@ -80,5 +80,5 @@ def test_flanks_that_nothing_comes_of_are_refused() -> None:
 
 def plain(log: Log) -> State:
     """The refitted model of a log, without any cause."""
-    problem = Problem.of(gather(RIG, [log], BAND), reduce_parameters(RIG))
-    return solved(problem, (), solved(problem, ()))
+    problem = Problem.of(gather(RIG, [log], DIAGNOSIS_BAND), reduce_parameters(RIG))
+    return solve_causes(problem, (), solve_causes(problem, ()))

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import (
-    BAND,
+    DIAGNOSIS_BAND,
     Diagnosis,
     GivenResponse,
     Problem,
-    compute_difference,
+    compute_base_difference,
     diagnose,
     find_given_causes,
     gather,
-    solved,
+    solve_causes,
 )
 from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import (
@@ -34,7 +34,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 
-ALIGNED = replace(BAND, alignment=0.0)
+ALIGNED = replace(DIAGNOSIS_BAND, alignment=0.0)
 BODIES = {name: kind for name, kind in CAUSES.items() if issubclass(kind, RigEffect)}
 MOVED = "payload-shift:x=0.0042,y=0.002,z=-0.001"
 BOTH = "off-diagonal-inertia:tilt:Ixy=0.0008,Ixz=0.0006,payload_Ixy=-0.0004,payload_Iyz=-0.0007"
@@ -62,7 +62,7 @@ def clean() -> BaseDifference:
     rig = Rig.load("turret")
     log = record(rig, seed=0, noise=2e-3)
     problem = Problem.of(gather(rig, [log], ALIGNED), reduce_parameters(rig))
-    return compute_difference(solved(problem, (), solved(problem, ())))
+    return compute_base_difference(solve_causes(problem, (), solve_causes(problem, ())))
 
 
 MASS = 0.15 * get_payload(Rig.load("turret"))[1].mass

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from gimbal_pin.control import tune
-from gimbal_pin.diagnosis import BAND, Problem, gather, solved
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Problem, gather, solve_causes
 from gimbal_pin.dynamics import nominal, reduce_parameters, simulate
 from gimbal_pin.effects import Backlash, JointFlexibility, JointLoad, Presliding, Term
 from gimbal_pin.log import Array, Motion
@@ -149,9 +149,9 @@ def test_a_spring_is_found_by_its_zero() -> None:
     true, controller = JointFlexibility(JOINT, 13.0, 0.08, 0.2), tune(nominal(RIG), bandwidth_hz=2.0).controller
     reference = brisk(RIG.joint_index(JOINT), 5, 6.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
-    problem = Problem.of(gather(RIG, [log], BAND), reduce_parameters(RIG))
+    problem = Problem.of(gather(RIG, [log], DIAGNOSIS_BAND), reduce_parameters(RIG))
     seen = problem.evidence.seen[RIG.joint_index(JOINT)]
-    state = solved(problem, (), solved(problem, ()))
+    state = solve_causes(problem, (), solve_causes(problem, ()))
     found = refined(state, max(JointFlexibility.tried(JOINT, seen), key=partial(worth, state)))
     assert isinstance(found, JointFlexibility)
     stiff, told = (x.frequency / sqrt(1 / x.rotor_share - 1) for x in (true, found))
@@ -164,11 +164,11 @@ def test_bristles_are_told_from_others_by_damping_and_lengths(stroke: float, dam
     term = Term(Presliding(name, stroke, True, slips), (0.1, damping))
     plain = nominal(RIG)
     log = prescribed(replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3)
-    problem = Problem.of(gather(RIG, [log], replace(BAND, alignment=0.0)), reduce_parameters(RIG))
-    first = solved(problem, (), solved(problem, ()))
+    problem = Problem.of(gather(RIG, [log], replace(DIAGNOSIS_BAND, alignment=0.0)), reduce_parameters(RIG))
+    first = solve_causes(problem, (), solve_causes(problem, ()))
     tried = [refined(first, one) for one in Presliding.tried(name, problem.evidence.seen[0])]
     found = max(tried, key=partial(worth, first))
-    state = solved(problem, (found,), first)
+    state = solve_causes(problem, (found,), first)
     assert isinstance(found, Presliding) and found.damped and found.slips == slips
     assert found.stroke == pytest.approx(stroke, rel=0.1)
     assert state.coefficients(found)[1] == pytest.approx(damping, rel=0.2)

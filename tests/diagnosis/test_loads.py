@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.control import ComputedTorque, Pid, bench_run
-from gimbal_pin.diagnosis import BAND, Diagnosis, Problem, diagnose, gather, solved, without
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Diagnosis, Problem, diagnose, gather, refit_without, solve_causes
 from gimbal_pin.dynamics import Model, Plant, State, compute_rnea, nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import CAUSES, LoadDependentFriction, Sample, Term, parse_effect, read_cause
 from gimbal_pin.log import Log, Platform
@@ -84,9 +84,9 @@ def test_a_fit_without_a_cause_bears_what_the_whole_one_does() -> None:
     where = rig()
     cause = LoadDependentFriction("tilt", weighs=True)
     log = prescribed(Model(where, (*nominal(where).terms, Term(cause, (0.4,)))), 0, 10.0, 0.01, DT)
-    problem = Problem.of(gather(where, [log], BAND), reduce_parameters(where))
-    state = solved(problem, (cause,), solved(problem, ()))
-    base = without(state, cause)
+    problem = Problem.of(gather(where, [log], DIAGNOSIS_BAND), reduce_parameters(where))
+    state = solve_causes(problem, (cause,), solve_causes(problem, ()))
+    base = refit_without(state, cause)
     for part in range(len(problem.evidence.parts)):
         np.testing.assert_array_equal(base.load.borne[part], state.torque[part])
         np.testing.assert_array_equal(base.load.weight[part], state.load.weight[part])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import BAND, diagnose, explain, gather, is_hidden_by_noise
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, diagnose, explain, gather, is_hidden_by_noise
 from gimbal_pin.dynamics import reduce_parameters
 from gimbal_pin.effects import Armature, Cogging, Delay, JointFlexibility, TorqueGain
 from gimbal_pin.log import Log
@@ -57,7 +57,7 @@ def test_a_quiet_motion_tells_the_inertia_and_a_shaken_one_does_not(pendulum: Ri
 @pytest.mark.parametrize("shaken", [False, True])
 def test_nothing_that_an_inertia_feels_is_named_where_noise_may_hide_it(pendulum: Rig, shaken: bool) -> None:
     log, joint = swing(0, 0.02 if shaken else 0.0), pendulum.joints[0]
-    first = explain(gather(pendulum, [log], BAND), reduce_parameters(pendulum), {}).first
+    first = explain(gather(pendulum, [log], DIAGNOSIS_BAND), reduce_parameters(pendulum), {}).first
     springs = JointFlexibility(joint, 8.0, rotor_share=0.3), Armature(joint), TorqueGain(joint)
     assert [is_hidden_by_noise(first, cause) for cause in springs] == [shaken] * 3
     assert not any(is_hidden_by_noise(first, cause) for cause in (Delay(joint, 0.01), Cogging(joint, (7.0,))))

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import (
-    BAND,
+    DIAGNOSIS_BAND,
     Diagnosis,
     NextExperiment,
     Rival,
     diagnose,
     next_experiment,
     planned,
-    solved,
+    solve_causes,
     write_diagnosis,
 )
-from gimbal_pin.diagnosis.next_experiment import Contest, contest, imagined
+from gimbal_pin.diagnosis.next_experiment import Contest, build_contest, imagined
 from gimbal_pin.diagnosis.parting import SURE, Apart, Parting
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, Backlash, Cause, JointFlexibility, parse_effect
@@ -64,7 +64,7 @@ def recorded(rig: Rig, motion: Motion, planted: str, seed: int) -> Log:
 
 
 def said(rig: Rig, logs: list[Log], causes: Mapping[str, type[Cause]]) -> Diagnosis:
-    band = replace(BAND, alignment=0.0)  # the torque is that of the sample itself
+    band = replace(DIAGNOSIS_BAND, alignment=0.0)  # the torque is that of the sample itself
     return diagnose(rig, logs, causes, rng=np.random.default_rng(1), holdout="last-third", filtering=band)
 
 
@@ -220,8 +220,8 @@ def test_what_is_behind_the_motors_friction_is_imagined_on_another_motion(rig: R
     """What the joint bears comes from the logs: a motion of another length has other rows than their fit."""
     found = cogged()
     assert found.state is not None
-    state = solved(found.state.problem, (*found.state.causes, cause), found.state)
-    against = contest(state, cause, CAUSES["actuator-lag"], Rival("actuator-lag", 0.0, 0.0))
+    state = solve_causes(found.state.problem, (*found.state.causes, cause), found.state)
+    against = build_contest(state, cause, CAUSES["actuator-lag"], Rival("actuator-lag", 0.0, 0.0))
     assert against is not None
     after = against.expected(*imagined(state.problem, small(0.8, 9.0), nominal(rig)))
     assert np.isfinite(after).all() and after.deviations >= 0
@@ -231,7 +231,7 @@ def test_a_joint_bears_on_the_same_motion_imagined_what_it_bears_along_the_log()
     """The logs' fit asked on the logs' own rows and torque: nothing is lost by way of the imagination."""
     found = cogged()
     assert found.state is not None
-    state = solved(found.state.problem, found.state.causes, found.state)
+    state = solve_causes(found.state.problem, found.state.causes, found.state)
     asked: list[Array] = [x - y for x, y in zip(state.acting, state.unexplained)]
     again = replace(state, torque=asked, acting=asked, learned=state)
     for one, other in zip(state.bearing, again.bearing):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import BAND, Diagnosis, Rehearsal, Rehearsed, diagnose, rehearse
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Diagnosis, Rehearsal, Rehearsed, diagnose, rehearse
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, Cause, Term, parse_effect
 from gimbal_pin.log import Log, Motion, write_motion
@@ -50,7 +50,7 @@ def said(effect: str, factor: float, seed: int) -> Diagnosis:
     tau = plant_with(nominal(rig()), [larger]).plant.inverse(m.q, m.v, m.a, t=m.t)
     tau = tau + NOISE * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
     log = Log("log", rig().joints, m.t, m.q, m.v + 1e-4 * rng.standard_normal(m.q.shape), tau)
-    return diagnose(rig(), [log], KINDS, rng=1, filtering=replace(BAND, alignment=0.0))
+    return diagnose(rig(), [log], KINDS, rng=1, filtering=replace(DIAGNOSIS_BAND, alignment=0.0))
 
 
 @pytest.mark.parametrize("cause", ["friction-drift", "quadratic-drag", "cable-spring", "stribeck"])

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from gimbal_pin.control import ComputedTorque, Pid
-from gimbal_pin.diagnosis import Problem, State, gather, solved
+from gimbal_pin.diagnosis import Problem, State, gather, solve_causes
 from gimbal_pin.dynamics import Sensors, nominal, reduce_parameters, simulate
 from gimbal_pin.effects import DeadZone
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.candidates import refined, worth
-from tests.diagnosis.test_forms import BAND
+from tests.diagnosis.test_forms import DIAGNOSIS_BAND
 
 RIG = Rig.load("turret")
 DT = 2e-3
@@ -27,8 +27,8 @@ def looped(*drive: DeadZone) -> State:
     law = ComputedTorque(model, (Pid.placed(6.0, 1.0, 0.2),) * RIG.n, DT, lead=1.5 * DT)
     sense = Sensors(np.full(RIG.n, 2 * np.pi / 2**18), np.full(RIG.n, 2e-3), np.zeros(RIG.n))
     log = simulate(model, law, fourier(RIG, 2, 14.0, DT), rng=np.random.default_rng(2), sensors=sense, drive=drive)
-    problem = Problem.of(gather(RIG, [log], BAND), reduce_parameters(RIG))
-    return solved(problem, (), solved(problem, ()))
+    problem = Problem.of(gather(RIG, [log], DIAGNOSIS_BAND), reduce_parameters(RIG))
+    return solve_causes(problem, (), solve_causes(problem, ()))
 
 
 def test_what_comes_to_the_samples_as_the_torque_did_is_the_torque() -> None:
@@ -47,7 +47,7 @@ def test_a_threshold_explains_more_than_an_edge_though_the_command_crosses_it_al
     edge = max((refined(state, DeadZone(place, x * width, 12.0)) for x in (0.83, 1.07)), key=lambda c: worth(state, c))
     best = DeadZone(place, width, whole=True)
     assert worth(state, best) > worth(state, edge)
-    after, mended = (solved(state.problem, (cause,), state).fit.dispersion[joint] for cause in (best, edge))
+    after, mended = (solve_causes(state.problem, (cause,), state).fit.dispersion[joint] for cause in (best, edge))
     assert after < mended / 2
 
 

@@ -10,7 +10,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
 from gimbal_pin.control import ComputedTorque, Pid
-from gimbal_pin.diagnosis import BAND, Problem, diagnose, gather, solved
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, Problem, diagnose, gather, solve_causes
 from gimbal_pin.diagnosis.reversals import (
     compute_corners,
     compute_inertial_torque,
@@ -28,9 +28,9 @@ from tests.bench_logs import prescribed
 
 SECONDS = 20.0
 RNG = np.random.default_rng
-ALIGNED = replace(BAND, alignment=0.0)
+ALIGNED = replace(DIAGNOSIS_BAND, alignment=0.0)
 DT = 0.004
-EXACT = replace(BAND, alignment=0.0)
+EXACT = replace(DIAGNOSIS_BAND, alignment=0.0)
 """Torque that acts at the moment of its sample."""
 LATE = 14.0
 """When the held-out part of 20 s has begun, s."""
@@ -79,7 +79,7 @@ def test_the_gate_opens_at_swift_turns_alone(rig: Rig, motion: Motion) -> None:
         tau = nominal(rig).inverse(moving.q, moving.v, moving.a) + friction * np.sign(moving.v)
         log = logged(rig, moving, tau)
         before = gather(rig, [log], ALIGNED)
-        after = open_turns(before, solved(Problem.of(before, reduce_parameters(rig)), ()), ALIGNED)
+        after = open_turns(before, solve_causes(Problem.of(before, reduce_parameters(rig)), ()), ALIGNED)
         assert np.all(after.parts[0].gate >= before.parts[0].gate)
         assert bool(np.any(after.used > before.used + 0.02)) == opens
 
@@ -89,7 +89,7 @@ def test_a_torque_that_acts_at_another_time_is_told_and_opens_no_turn(rig: Rig, 
     tau = nominal(rig).inverse(motion.q, motion.v, motion.a) + 0.002 * np.sign(motion.v)
     log = logged(rig, motion, np.roll(tau, late, axis=0))
     before = gather(rig, [log], ALIGNED)
-    state = solved(Problem.of(before, reduce_parameters(rig)), ())
+    state = solve_causes(Problem.of(before, reduce_parameters(rig)), ())
     np.testing.assert_allclose(find_shifts(state), abs(late) * log.dt, atol=0.15 * log.dt)
     assert bool(np.any(open_turns(before, state, ALIGNED).used > before.used + 0.02)) == (late == 0)
 
@@ -99,27 +99,27 @@ def test_the_smoother_shifts_a_turn_by_the_jump_of_the_acceleration(share: float
     """Late by ``SMEAR/(2π f_c) F/T``; where the torque jumps, too, its lost impulse is as much the other way."""
     t = 2.5e-4 * np.arange(-2000, 2001)
     v = np.where(t < 0, 1 + share, 1 - share) * t  # unit inertia under T = 1
-    sections = lowpass(BAND.cutoff * BAND.smoothing, 1 / 2.5e-4)
+    sections = lowpass(DIAGNOSIS_BAND.cutoff * DIAGNOSIS_BAND.smoothing, 1 / 2.5e-4)
     near = np.abs(t) < 0.01
     late = np.interp(0.0, zero_phase(v[:, None], sections)[near, 0], t[near])
-    assert late == pytest.approx(compute_smear(BAND) * share, rel=0.05)
+    assert late == pytest.approx(compute_smear(DIAGNOSIS_BAND) * share, rel=0.05)
     jumping = Log("jump", ("one",), t + 0.5, v[:, None], None, share * np.sign(t)[:, None])
-    stretch = next(split_segments(jumping, BAND.cutoff))
+    stretch = next(split_segments(jumping, DIAGNOSIS_BAND.cutoff))
     lost = compute_lost_impulse(stretch, EXACT, jumping.t)
-    assert lost[2000, 0] == pytest.approx(-compute_smear(BAND) * share, rel=0.05)
+    assert lost[2000, 0] == pytest.approx(-compute_smear(DIAGNOSIS_BAND) * share, rel=0.05)
 
 
 @pytest.mark.parametrize("jumps", ["torque", "acceleration"])
 def test_the_moment_of_a_turn_is_known(rig: Rig, jumps: str) -> None:
     """Whether the motor makes up for the friction or the motion bends: to half of what it might be late."""
-    model, filtering = nominal(rig), EXACT if jumps == "torque" else BAND
+    model, filtering = nominal(rig), EXACT if jumps == "torque" else DIAGNOSIS_BAND
     motion = turning(rig, 0.12, 1e-3)
     log = Log("exact", rig.joints, motion.t, motion.q, motion.v, model.inverse(motion.q, motion.v, motion.a))
     if jumps == "acceleration":
         law = ComputedTorque(replace(model, terms=()), (Pid.placed(5.0, 1.0, 0.2),) * rig.n, 1e-3, lead=1.5e-3)
         log = simulate(model, law, motion, rng=np.random.default_rng(1))
     problem = Problem.of(gather(rig, [log], filtering), reduce_parameters(rig))
-    gliding, (part,) = solved(problem, ()), problem.evidence.parts
+    gliding, (part,) = solve_causes(problem, ()), problem.evidence.parts
     c, friction = part.channels, get_dry_friction(gliding)
     turns = np.zeros(c.v.shape, dtype=bool)
     turns[1:] = c.v[1:] * c.v[:-1] < 0

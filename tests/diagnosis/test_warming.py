@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import Evidence, Problem, State, gather, solved, torque_rmse
+from gimbal_pin.diagnosis import Evidence, Problem, State, gather, solve_causes, torque_rmse
 from gimbal_pin.diagnosis.evidence import gather_for_judgement
 from gimbal_pin.diagnosis.extended import build_extended_model
 from gimbal_pin.diagnosis.library import list_candidates
@@ -51,7 +51,8 @@ def opened(log: Log) -> tuple[State, Evidence]:
     """The refitted model without any cause, and the held-out part."""
     train, test, _ = split_logs([log], None, ALIGNED)
     problem = Problem.of(gather(RIG, train, ALIGNED, {log.name: log}), reduce_parameters(RIG))
-    return solved(problem, (), solved(problem, ())), gather_for_judgement(RIG, test, ALIGNED, {log.name: log})
+    fitted = solve_causes(problem, (), solve_causes(problem, ()))
+    return fitted, gather_for_judgement(RIG, test, ALIGNED, {log.name: log})
 
 
 def found(state: State) -> list[FrictionDrift]:
@@ -110,10 +111,10 @@ def test_friction_that_a_motor_warms_by_its_own_torque_is_found() -> None:
     state, rest = opened(warming(seed, planted))
     best = found(state)[0]
     assert best.joint == joint and best.held > 0 and best.span == pytest.approx(span, rel=0.1)
-    after = solved(state.problem, (best,), state)
+    after = solve_causes(state.problem, (best,), state)
     assert after.fit.dispersion.max() < 1.5
     assert after.coefficients(best)[0] / best.held**2 == pytest.approx(change * dry / held**2, rel=0.1)
-    timed = solved(state.problem, (replace(best, held=0.0),), state)
+    timed = solve_causes(state.problem, (replace(best, held=0.0),), state)
     assert timed.fit.cost > 1.5 * after.fit.cost or timed.fit.dispersion.max() > 1.5 * after.fit.dispersion.max()
     left = [torque_rmse(rest, build_extended_model(x))[RIG.joint_index(joint)] for x in (after, timed, state)]
     assert left[0] < 0.5 * min(left[1:])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import Problem, State, solved
+from gimbal_pin.diagnosis import Problem, State, solve_causes
 from gimbal_pin.dynamics import Model, nominal, reduce_parameters
 from gimbal_pin.effects import (
     ActuatorLag,
@@ -33,7 +33,7 @@ def first(*terms: Term, seed: int = 3) -> State:
     """The refitted model without any cause, on a log of these terms."""
     log = prescribed(Model(RIG, (*nominal(RIG).terms, *terms)), seed, seconds=14.0, torque_noise=1e-4, dt=2e-3)
     problem = Problem.of(gather(RIG, [log], ALIGNED), reduce_parameters(RIG))
-    return solved(problem, (), solved(problem, ()))
+    return solve_causes(problem, (), solve_causes(problem, ()))
 
 
 @pytest.mark.parametrize(("joint", "seed"), [(0, 3), (1, 5)])

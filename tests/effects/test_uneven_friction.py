@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import solved
+from gimbal_pin.diagnosis import solve_causes
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import AsymmetricFriction, Sample, Term, parse_effect, read_term
 from gimbal_pin.errors import UsageError
@@ -49,7 +49,7 @@ def test_a_difference_that_sets_in_with_the_rate_is_fitted_with_its_speed(
     state = first(Term(AsymmetricFriction(JOINT, speed, thin), values))
     found = refined(state, AsymmetricFriction(JOINT, 1.5 * speed, thin))
     assert isinstance(found, AsymmetricFriction) and found.speed == pytest.approx(speed, rel=0.1)
-    after = solved(state.problem, (found,), state)
+    after = solve_causes(state.problem, (found,), state)
     assert after.coefficients(found).tolist() == pytest.approx(values, rel=0.1)
     assert after.fit.dispersion[0] < 2
 

@@ -106,13 +106,13 @@ SHAPES = ["dead-zone:tilt:width=0.1", "dead-zone:tilt:width=0.01,sharpness=3", "
 
 @pytest.mark.parametrize("cause", SHAPES)
 def test_a_table_of_commands_is_as_close_as_it_says(cause: str) -> None:
-    from gimbal_pin.control.laws.computed_torque import passed
+    from gimbal_pin.control.laws.computed_torque import invert_drive
 
     (drive,) = [own for own in modelled(bundled("thesis"), [cause]).drives if own]
-    points = np.array(table(lambda torque: passed(drive, torque), 3.6))
+    points = np.array(table(lambda torque: invert_drive(drive, torque), 3.6))
     assert (np.diff(points[:, 0]) > 0).all()
     torque = np.random.default_rng(0).uniform(-3.6, 3.6, 2000)
-    right = np.array([passed(drive, float(x)) for x in torque])
+    right = np.array([invert_drive(drive, float(x)) for x in torque])
     off = np.abs(np.interp(torque, *points.T) - right)[np.abs(right) < 3.6]
     assert off.max() < 3e-6 * 3.6
     assert table(lambda torque: torque, 3.6) == []

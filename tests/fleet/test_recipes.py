@@ -10,7 +10,7 @@ import pytest
 import yaml
 from distributed.cli import dask_scheduler, dask_worker
 
-from gimbal_pin.cli import parse
+from gimbal_pin.cli import parse_arguments
 from tests.test_docs import ROOT, blocks
 
 BLOCKS = {block.title: block.text for block in blocks(ROOT / "docs" / "pages" / "scale.md")}
@@ -19,7 +19,7 @@ BLOCKS = {block.title: block.text for block in blocks(ROOT / "docs" / "pages" / 
 def accept(words: list[str]) -> str:
     """Let the program that a command line calls parse its options; its name."""
     if words[0] == "gimbal-pin":
-        parse(words[1:])
+        parse_arguments(words[1:])
         return words[1]
     programs = {"scheduler": dask_scheduler.main, "worker": dask_worker.main}
     programs[words[1]].make_context(words[1], words[2:])

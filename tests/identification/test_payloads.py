@@ -16,7 +16,7 @@ from gimbal_pin.dynamics import nominal, plant_with, reduce_parameters
 from gimbal_pin.effects import Cogging, PayloadShift, parse_effect
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.identification import Identified, Several, given_beta, identify, identify_new, identify_several
-from gimbal_pin.identification.payloads import Carried, get_stated_payload
+from gimbal_pin.identification.payloads import CarrierEstimate, get_stated_payload
 from gimbal_pin.log import Array, Log, read_log, write_log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.report import show_cameras
@@ -38,8 +38,8 @@ def several(name: str, payloads: Sequence[str]) -> Several:
     return identify_several(rigs, logs, filtering=ALIGNED)
 
 
-def own_of(found: Several) -> Carried:
-    return Carried.of(found.first.model.rig, found.first.reduction)
+def own_of(found: Several) -> CarrierEstimate:
+    return CarrierEstimate.of(found.first.model.rig, found.first.reduction)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +99,7 @@ def new_camera(name: str, known: Identified, record, filtering: Filtering):  # t
     true = PayloadShift(0.01, -0.005, 0.012).apply(rig)
     found = identify_new(rig, [record(true)], known.model, filtering=filtering)
     camera = found.cameras["zoom-lens"]
-    own, reference = Carried.of(rig, known.reduction), Rig.load(name, "mirrorless")
+    own, reference = CarrierEstimate.of(rig, known.reduction), Rig.load(name, "mirrorless")
     mine = slice(10 * own.body, 10 * own.body + 10)
     truth = own.shown(get_stated_payload(reference) + true.phi[mine] - reference.phi[mine])
     away = camera.value - truth
@@ -117,8 +117,8 @@ def test_a_camera_whose_urdf_is_wrong_is_balanced_by_the_mass_that_was_found() -
     found = identify_new(Rig.load("handheld", "mirrorless"), [log_of(right, 9, 10.0)], known.model, filtering=ALIGNED)
     told = found.to_dict()["balance"]
     true = (
-        right.phi[10 * Carried.of(right, known.reduction).body]
-        - Rig.load("handheld", "none").phi[10 * Carried.of(right, known.reduction).body]
+        right.phi[10 * CarrierEstimate.of(right, known.reduction).body]
+        - Rig.load("handheld", "none").phi[10 * CarrierEstimate.of(right, known.reduction).body]
     )
     assert told["stated_mass"] == pytest.approx(1e3 * true, rel=0.02)
 

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from gimbal_pin.control import (
     Ahead,
     Aim,
-    Carried,
+    BaseState,
     CarriedTorque,
     Equal,
     JointPid,
@@ -359,7 +359,7 @@ def test_near_a_singular_pose_gyros_tell_that_joints_move_and_not_which(stuck: i
 def test_without_error_the_law_is_the_models_inverse() -> None:
     model, rng = nominal(rig_of("handheld")), np.random.default_rng(2)
     q, v, a, f, w, dw = rng.uniform(-0.4, 0.4, (6, 3))
-    aim = Aim(q, v, a, (Ahead(q, v, a, Carried(f, w, dw)),))
+    aim = Aim(q, v, a, (Ahead(q, v, a, BaseState(f, w, dw)),))
     law = CarriedTorque(model, (PID,) * 3, DT)
     tau, _ = law.torque(0.0, q, v, aim, law.start())
     base = Platform(np.zeros(1), f[None], w[None], dw[None])
@@ -391,7 +391,7 @@ def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
     memory, given_by_yaw = law.start(), []
     for part in [1.2, 0.6] * 20:
         a = np.array([part * limit / weight, 0.0, 0.0])
-        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, Carried([0.0, 0.0, 9.81], zero, zero)),))
+        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, BaseState([0.0, 0.0, 9.81], zero, zero)),))
         tau, memory = law.torque(0.0, zero, zero, aim, memory)
         given_by_yaw.append(tau[0] / limit)
     assert max(given_by_yaw) <= 1.0
@@ -399,7 +399,7 @@ def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
     # A joint that was long beyond its limit leaves it at once, with what one more sample at the limit would give.
     for part in [9.0] * 500 + [0.0] * 3:
         a = np.array([part * limit / weight, 0.0, 0.0])
-        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, Carried([0.0, 0.0, 9.81], zero, zero)),))
+        aim = Aim(zero, zero, a, (Ahead(zero, zero, a, BaseState([0.0, 0.0, 9.81], zero, zero)),))
         tau, memory = law.torque(0.0, zero, zero, aim, memory)
     assert abs(tau[0]) < 0.01 * limit
 

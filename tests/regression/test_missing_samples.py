@@ -19,7 +19,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.regression import (
     Filled,
     Filtering,
-    filled,
+    fill_gaps,
     find_standstill,
     holes,
     inside,
@@ -71,7 +71,7 @@ def test_resolution_is_the_noise_whatever_the_spacing(seed: int, size: float, ji
 @given(PATTERN)
 def test_what_fills_a_hole_is_where_the_joint_was(pattern: tuple[int, int, float]) -> None:
     log = holed(recorded(), pattern)
-    whole, closed = filled(log, CUTOFF)
+    whole, closed = fill_gaps(log, CUTOFF)
     there = inside(closed, whole.t)
     assert len(whole) == len(log) + there.sum()
     np.testing.assert_array_equal(whole.q[~there], log.q)
@@ -85,12 +85,12 @@ def test_what_fills_a_hole_is_where_the_joint_was(pattern: tuple[int, int, float
 def test_holes_that_are_long_or_in_fast_motion_stay(pattern: tuple[int, int, float]) -> None:
     """The true motion's chord misses it by no more than a few times the resolution wherever a hole is closed."""
     log = holed(recorded(), pattern)
-    _, closed = filled(log, CUTOFF)
+    _, closed = fill_gaps(log, CUTOFF)
     for begin, end in closed:
         assert (end - begin) * CUTOFF <= 0.25
         a = MOTION.a[(MOTION.t >= begin) & (MOTION.t <= end)]
         assert np.all((end - begin) ** 2 / 8 * np.abs(a).max(axis=0) < 3 * resolution(log))
-    open_ = holes(filled(log, CUTOFF).log, CUTOFF)
+    open_ = holes(fill_gaps(log, CUTOFF).log, CUTOFF)
     assert len(open_) + len(closed) == len(holes(log, CUTOFF))
 
 
@@ -114,10 +114,10 @@ def test_closed_holes_move_no_estimate_by_more_than_its_deviation(seed: int) -> 
     """Against a fit to the same rows of a log in which the samples of the closed holes are the true ones."""
     log = recorded(1)
     lossy = holed(log, (seed, 10, 0.045))
-    closed = filled(lossy, CUTOFF).closed
+    closed = fill_gaps(lossy, CUTOFF).closed
     kept = log.part(np.flatnonzero(np.isin(log.t, lossy.t) | inside(closed, log.t)))
     second = identify(RIG, [lossy], holdout="none").estimate
-    with patch("gimbal_pin.regression.samples.filled", lambda *_: Filled(kept, closed)):
+    with patch("gimbal_pin.regression.samples.fill_gaps", lambda *_: Filled(kept, closed)):
         first = identify(RIG, [kept], holdout="none").estimate
     assert first.rows == second.rows
     assert np.all(np.abs(second.theta - first.theta) < 0.5 * first.std)
@@ -125,10 +125,10 @@ def test_closed_holes_move_no_estimate_by_more_than_its_deviation(seed: int) -> 
 
 def test_a_log_without_noise_and_one_without_holes_are_left_alone() -> None:
     log = recorded()
-    assert filled(log, CUTOFF).log is log
+    assert fill_gaps(log, CUTOFF).log is log
     pure = replace(log, q=MOTION.q, v=MOTION.v)
     lossy = holed(pure, (1, 20, 0.06))
-    assert filled(lossy, CUTOFF).log is lossy
+    assert fill_gaps(lossy, CUTOFF).log is lossy
 
 
 def test_a_log_in_shreds_is_judged_by_its_samples() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gimbal_pin.regression import Block, Past, fit_residual_noise, fit_weighted, loosen_prior, solve
+from gimbal_pin.regression import Block, PastRows, fit_residual_noise, fit_weighted, loosen_prior, solve
 
 
 def draw_rows(seed: int, rows: int = 120) -> Block:
@@ -27,7 +27,7 @@ def select(block: Block, rows: slice) -> Block:
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.lists(st.integers(1, 79), max_size=6))
 def test_a_past_in_any_portions_is_the_batch(seed: int, cuts: list[int]) -> None:
-    rows, past = draw_rows(seed), Past.empty(2, 4)
+    rows, past = draw_rows(seed), PastRows.empty(2, 4)
     edges = sorted({0, *cuts, 80})
     for begin, end in pairwise(edges):
         past = past.add([select(rows, slice(begin, end))])
@@ -42,13 +42,13 @@ def test_the_past_brings_its_own_covariance_of_the_score() -> None:
     rows = draw_rows(1, 4000)
     early, late, batch = select(rows, slice(0, 3000)), select(rows, slice(3000, None)), fit_weighted([rows])
     noise = fit_residual_noise([early], [early.A], batch.theta, np.zeros((4, 4)), np.ones(2))
-    past = Past.empty(2, 4).add([early], noise.processes)
+    past = PastRows.empty(2, 4).add([early], noise.processes)
     np.testing.assert_allclose(solve([late], past=past).std, batch.std, rtol=0.05)
 
 
 def test_forgetting_weighs_each_row_by_those_after_it() -> None:
     rows, fade = draw_rows(1), np.array([0.5, 0.9])
-    whole = Past.empty(2, 4).add([select(rows, slice(0, 60))]).fade(fade).add([select(rows, slice(60, None))])
+    whole = PastRows.empty(2, 4).add([select(rows, slice(0, 60))]).fade(fade).add([select(rows, slice(60, None))])
     weights = np.sqrt(np.where(np.arange(120)[:, None] < 60, fade, 1.0))
     for j, R in enumerate(whole.factors):
         x = np.column_stack([rows.A[:, j], rows.b[:, j], rows.share[:, j]]) * weights[:, [j]]
@@ -57,7 +57,7 @@ def test_forgetting_weighs_each_row_by_those_after_it() -> None:
 
 def test_the_past_as_rows_has_their_mean_squares() -> None:
     rows = draw_rows(2)
-    block = Past.empty(2, 4).add([rows]).to_block()
+    block = PastRows.empty(2, 4).add([rows]).to_block()
     np.testing.assert_allclose(np.mean(block.b**2, axis=0), np.mean(rows.b**2, axis=0), rtol=1e-9)
     np.testing.assert_allclose(np.mean(block.A**2, axis=0), np.mean(rows.A**2, axis=0), rtol=1e-9)
 
@@ -65,7 +65,7 @@ def test_the_past_as_rows_has_their_mean_squares() -> None:
 def test_noise_that_was_known_weighs_the_joints() -> None:
     """Without rows of its own a joint has that residual, and no parameter moves."""
     rows = draw_rows(3)
-    known = solve([rows], past=Past.empty(2, 4).with_noise(np.array([0.01, 100.0])))
+    known = solve([rows], past=PastRows.empty(2, 4).with_noise(np.array([0.01, 100.0])))
     assert known.rows == len(rows.t) and known.residual_std[1] > 3 > 0.3 > known.residual_std[0]
 
 

@@ -66,7 +66,7 @@ def test_the_urdf_lumps_to_what_was_identified(name: str, payload: str) -> None:
     assert taken_by_all(text, rig.n)
 
     def outline(source: str) -> list[tuple[str, tuple[tuple[str, str], ...]]]:
-        tree = urdf.parse(source, "outline")
+        tree = urdf.parse_robot(source, "outline")
         kept = [e for e in tree.iter() if not any(up.tag == "inertial" for up in (e, *e.iterancestors()))]
         return [(str(e.tag), tuple(e.attrib.items())) for e in kept]
 

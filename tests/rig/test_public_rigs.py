@@ -114,7 +114,7 @@ def test_public_rigs_are_sound_and_known(name: str) -> None:
     assert own.notes == ()
     assert check(own).identifiable == len(compute_base(own).terms) == INERTIAL[name] + 2 * own.n
     q, v, a = states(own.n, 1)
-    peer = rigid_bodies(urdf.parse(own.urdf, name))
+    peer = rigid_bodies(urdf.parse_robot(own.urdf, name))
     ours = compute_rnea(own, q, v, a)
     np.testing.assert_allclose(ours, torque(peer, own.joints, q, v, a), rtol=0, atol=1e-12 * np.abs(ours).max())
 

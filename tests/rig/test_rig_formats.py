@@ -179,7 +179,7 @@ def test_one_rig_in_every_format_asks_for_the_same_torques(tmp_path: Path, seed:
     tree = parts(seed)
     plain, peer = spelled(as_urdf(tree)), mujoco.MjModel.from_xml_string(as_mjcf(tree))
     sdf = Rig.load(written(tmp_path, "tree.sdf", as_sdf(tree, ("1.4", "1.9", "1.11")[seed % 3])))
-    twin = spelled(mjcf.convert_model(peer, "tree.xml")[0])
+    twin = spelled(mjcf.convert_mujoco_model(peer, "tree.xml")[0])
     peer.opt.gravity[:] = 0, 0, -GRAVITY
     peer.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     expected = torque(peer, sorted(plain.joints), *np.random.default_rng(0).normal(size=(3, 20, 5)))
@@ -242,7 +242,7 @@ MUJOCO = f"""<mujoco><worldbody><body name="base"><inertial pos="0 0 0" mass="1"
 def test_what_mujoco_knows_of_motors_and_sensors_is_the_rigs() -> None:
     """A camera looks along its -z; a joint's `ref` is where the file draws it; the rotor moves with the joint."""
     model = mujoco.MjModel.from_xml_string(MUJOCO.replace("0.4", "22.9183118052329"))  # degrees
-    rig = spelled(mjcf.convert_model(model, "g.xml")[0])
+    rig = spelled(mjcf.convert_mujoco_model(model, "g.xml")[0])
     assert (rig.camera_frame, rig.base) == ("eye", "base")
     assert rig.motors[0].armature == pytest.approx(0.02, rel=1e-14)
     np.testing.assert_allclose(rig.friction, [[0.2, 0.3]])
@@ -376,7 +376,7 @@ def test_a_mujoco_model_that_no_urdf_can_say_is_refused(old: str, new: str, word
     assert old in MUJOCO
     model = mujoco.MjModel.from_xml_string(MUJOCO.replace(old, new, 1))
     with pytest.raises(RigError, match=words):
-        mjcf.convert_model(model, "g.xml")
+        mjcf.convert_mujoco_model(model, "g.xml")
 
 
 @given(st.data())

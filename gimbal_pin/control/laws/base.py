@@ -15,7 +15,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
 
 
-class Carried(NamedTuple):
+class BaseState(NamedTuple):
     """Motion of the base link at one moment, in its own frame, as its IMU tells it.
 
     Attributes:
@@ -42,7 +42,7 @@ class Ahead(NamedTuple):
     q: Array
     v: Array
     a: Array
-    base: Carried
+    base: BaseState
 
 
 class Aim(NamedTuple):
@@ -100,7 +100,7 @@ class Pid(NamedTuple):
         return bool(self.ki > 1e-6 * self.kp**1.5)
 
 
-class Memory(NamedTuple):
+class LawMemory(NamedTuple):
     """What a law remembers from sample to sample.
 
     Attributes:
@@ -203,14 +203,14 @@ class JointPid:
         """The outer loop with its limits."""
         return Outer(self.gains, self.limits, self.braking)
 
-    def start(self) -> Memory:
+    def start(self) -> LawMemory:
         """Memory before the first sample: no integral."""
-        return Memory((0.0,) * len(self.gains))
+        return LawMemory((0.0,) * len(self.gains))
 
-    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: Memory) -> tuple[Array, Memory]:
+    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
         error, rate = (reference.q - q).tolist(), (reference.v - v).tolist()
         integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
         wanted = [inertia * y for inertia, y in zip(self.inertia, self.outer.feedback(error, integral, rate))]
         kept = self.outer.integrated(memory.integral, integral, error, wanted)
-        return np.array(self.outer.clipped(wanted)), Memory(kept)
+        return np.array(self.outer.clipped(wanted)), LawMemory(kept)

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from gimbal_pin.control.laws.base import Ahead, Aim, Outer, Pid
-from gimbal_pin.control.laws.computed_torque import Robust, added, passed
+from gimbal_pin.control.laws.computed_torque import Robust, compute_added_torque, invert_drive
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Sample
 from gimbal_pin.effects.resistance import Resistance
@@ -20,10 +20,10 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.regression import compute_direction
 from gimbal_pin.rig.brief import brief
 
-rnea = pin.rnea
+evaluate_rnea = pin.rnea
 PAID = 0.01
 """Time constant with which torque that a limit took off is forgotten, s, where it is not made up for."""
-MOST = 1.0
+MOST_UNREALISED_TORQUE = 1.0
 """Largest torque, of one sample, that is still to be made up for, in torque limits: a joint that was long at its limit
 must not stay there."""
 
@@ -110,9 +110,14 @@ class CarriedTorque:
         return np.array(tau), CarriedMemory(kept, owed)
 
     def left(self, wanted: Sequence[float], tau: Sequence[float]) -> tuple[float, ...]:
-        """What a sample did not give of the torque wanted, N m, at most `MOST` limits."""
+        """What a sample did not give of the torque wanted, N m, at most `MOST_UNREALISED_TORQUE` limits."""
         rows = zip(wanted, tau, self.outer.limits)
-        return tuple([max(-MOST * limit, min(MOST * limit, u - given)) for u, given, limit in rows])
+        return tuple(
+            [
+                max(-MOST_UNREALISED_TORQUE * limit, min(MOST_UNREALISED_TORQUE * limit, u - given))
+                for u, given, limit in rows
+            ]
+        )
 
     @cached_property
     def lasting(self) -> float:
@@ -138,11 +143,11 @@ class CarriedTorque:
         weight = self.workspace.weight(there) if friction.weighed else tau
         for j, terms in friction.rest:
             at = Sample(t, float(there.q[j]), v[j], y[j], slide[j], tau[j], weight=weight[j])
-            tau[j] += added(terms, at, tau[j])
+            tau[j] += compute_added_torque(terms, at, tau[j])
         if self.trusted:
             own = self.workspace.inertia(there.q)
             tau = [x if ok else m * f for x, ok, m, f in zip(tau, self.trusted, own, feedback)]
-        return [passed(*pair) for pair in zip(self.model.drives, tau)] if self.model.drive else tau
+        return [invert_drive(*pair) for pair in zip(self.model.drives, tau)] if self.model.drive else tau
 
 
 class Workspace:
@@ -164,7 +169,7 @@ class Workspace:
         """Rigid torque with the joints accelerating by y, rad/s², N m."""
         self.angles[:], self.joints[:], self.driven[:] = there.q, there.v, y
         self.force[:], self.turning[:], self.swing[:] = there.base
-        torque: list[float] = rnea(self.pin, self.data, self.q, self.v, self.a).tolist()[6:]
+        torque: list[float] = evaluate_rnea(self.pin, self.data, self.q, self.v, self.a).tolist()[6:]
         return torque
 
     def weight(self, there: Ahead) -> list[float]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def chart(
+def draw_loop_chart(
     joints: Sequence[str],
     loops: Sequence[Pid],
     margins: Sequence[Margins],
@@ -66,7 +66,7 @@ def alike(
     drives: Sequence[tuple[Signal, ...]],
     ratios: Sequence[Sequence[float]],
 ) -> list[tuple[str, Pid, Margins, tuple[Signal, ...], Sequence[float]]]:
-    """Return the arguments of `chart`, joints with the same loop as one: their curves would hide each other."""
+    """Return the arguments of `draw_loop_chart`, joints with the same loop as one, as their curves coincide."""
     same: dict[tuple[Pid, Margins, tuple[Signal, ...], tuple[float, ...]], list[str]] = {}
     for joint, pid, found, drive, several in zip(joints, loops, margins, drives, ratios):
         same.setdefault((pid, found, drive, tuple(several)), []).append(joint)

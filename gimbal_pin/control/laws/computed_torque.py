@@ -10,8 +10,8 @@ from math import hypot
 import numpy as np
 import pinocchio as pin
 
-from gimbal_pin.control.laws.base import Memory, Outer, Pid
-from gimbal_pin.control.laws.uncertainty import Bounds
+from gimbal_pin.control.laws.base import LawMemory, Outer, Pid
+from gimbal_pin.control.laws.uncertainty import ModelErrorBounds
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.simulation import Reference
 from gimbal_pin.effects import Sample, Signal, Term
@@ -37,7 +37,7 @@ class Robust:
     """
 
     P: Array = field(repr=False)
-    bounds: Bounds
+    bounds: ModelErrorBounds
     gain: float
 
     __repr__ = brief
@@ -146,11 +146,11 @@ class ComputedTorque:
         """Pinocchio's scratch memory; it carries nothing from sample to sample."""
         return self.model.rig.model.createData()
 
-    def start(self) -> Memory:
+    def start(self) -> LawMemory:
         """Memory before the first sample: no integral."""
-        return Memory((0.0,) * len(self.gains))
+        return LawMemory((0.0,) * len(self.gains))
 
-    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: Memory) -> tuple[Array, Memory]:
+    def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
         error, rate = (reference.q - q).tolist(), (reference.v - v).tolist()
         integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
@@ -163,7 +163,7 @@ class ComputedTorque:
         sliding = [r + lead * a for r, a, lead in zip(reference.v.tolist(), now, self.leads)]
         wanted = self.inverse(t, q + np.array(self.leads) * v, v, y, sliding)
         kept = self.outer.integrated(memory.integral, integral, error, wanted)
-        return np.array(self.outer.clipped(wanted)), Memory(kept, tuple(now))
+        return np.array(self.outer.clipped(wanted)), LawMemory(kept, tuple(now))
 
     def ahead(self, now: Sequence[float], before: Sequence[float]) -> Sequence[float]:
         """The reference's acceleration `leads` s on, rad/s²."""
@@ -179,8 +179,8 @@ class ComputedTorque:
         for terms, angle, a, rate, tau, pull in zip(self.model.by_joint, q.tolist(), y, sliding, rigid, weight):
             slide = 0.0 if -still < rate < still else (1.0 if rate > 0 else -1.0)
             at = Sample(t, angle, rate, a, slide, tau, weight=pull)
-            out.append(tau + added(terms, at, tau))
-        return [passed(*pair) for pair in zip(self.model.drives, out)] if self.model.drive else out
+            out.append(tau + compute_added_torque(terms, at, tau))
+        return [invert_drive(*pair) for pair in zip(self.model.drives, out)] if self.model.drive else out
 
     def rigid(self, q: Array, v: Array, y: Sequence[float]) -> list[float]:
         """Torque of the bodies, N m."""
@@ -208,7 +208,7 @@ class CompensatedPid(ComputedTorque):
         return [g + own * a for g, own, a in zip(gravity, self.inertia, y)]
 
 
-def added(terms: Sequence[Term], at: Sample, rigid: float) -> float:
+def compute_added_torque(terms: Sequence[Term], at: Sample, rigid: float) -> float:
     """Torque of some terms where the rest of the model asks for `rigid`, N m; those that feel it all are iterated.
 
     One step of Aitken's method is exact where the terms are linear in the total torque.
@@ -222,7 +222,7 @@ def added(terms: Sequence[Term], at: Sample, rigid: float) -> float:
     return third + (third - second) * slope / (1 - slope) if abs(slope) < 1 else third
 
 
-def passed(drive: Sequence[Signal], torque: float) -> float:
+def invert_drive(drive: Sequence[Signal], torque: float) -> float:
     """What to command so that a drive gives this torque, N m."""
     for signal in reversed(drive):
         torque = signal.command(torque)

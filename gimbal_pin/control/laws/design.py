@@ -11,8 +11,8 @@ import numpy as np
 
 from gimbal_pin.control.laws.base import Pid
 from gimbal_pin.control.laws.computed_torque import Robust, lyapunov, stiffened
-from gimbal_pin.control.laws.loop import Margins, margins, smallest_disk, worst
-from gimbal_pin.control.laws.uncertainty import VARIED, Bounds, home, inertia, poses
+from gimbal_pin.control.laws.loop import Margins, compute_margins, find_worst_margins, smallest_disk
+from gimbal_pin.control.laws.uncertainty import VARIED, ModelErrorBounds, compute_inertia, home, sample_poses
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError, digits
@@ -23,9 +23,9 @@ KINDS = ("computed-torque", "pid")
 SMALLEST_GAIN, LARGEST_GAIN = 0.1, 100.0
 """Of the boundary layer: a thicker one does nothing, a thinner one is a relay."""
 
-BANDWIDTH = 8.0
+DEFAULT_BANDWIDTH = 8.0
 """Of the error's dynamics where neither a bandwidth nor a disk margin is asked for, Hz."""
-DISK = 0.5
+LEAST_DISK_MARGIN = 0.5
 """Smallest disk margin accepted where none is asked for; the bandwidth gives way to it."""
 LAYERED = 0.4
 """Share of the bandwidth that Lyapunov redesign leaves to the linear loop, before its layer takes up the rest."""
@@ -34,7 +34,7 @@ BRAKES = 0.7
 
 FASTEST, SLOWEST = 1e-6, 1.0
 """Sampling intervals, s: a megahertz is beyond any drive's current loop; what moves in a second no loop holds."""
-LATEST = 50
+LONGEST_DELAY = 50
 """Largest delay, in samples."""
 
 
@@ -88,8 +88,8 @@ class Wish:
         positive("damping", self.damping)
         if not FASTEST <= self.dt <= SLOWEST:
             raise UsageError("dt", f"is {self.dt:g} s", f"give {FASTEST:g} to {SLOWEST:g}")
-        if not 0 <= self.delay <= LATEST * self.dt:
-            mend = f"give 0 to {LATEST * self.dt:g}: a gimbal cannot be held with more"
+        if not 0 <= self.delay <= LONGEST_DELAY * self.dt:
+            mend = f"give 0 to {LONGEST_DELAY * self.dt:g}: a gimbal cannot be held with more"
             raise UsageError("delay", f"is {self.delay:g} s", mend)
         if not (isfinite(self.integral) and self.integral >= 0):
             raise UsageError("integral", f"is {self.integral}", "give a number that is not negative")
@@ -99,7 +99,7 @@ class Wish:
     @property
     def disk(self) -> float:
         """Smallest disk margin accepted."""
-        return DISK if self.disk_margin is None else self.disk_margin
+        return LEAST_DISK_MARGIN if self.disk_margin is None else self.disk_margin
 
     def kept(self, margin: float) -> bool:
         """Whether a disk margin is as large as asked for, but for rounding: what was once reported can be asked for."""
@@ -109,7 +109,7 @@ class Wish:
         """Return the wanted bandwidth of each joint, Hz; infinite: the highest that keeps the disk margin."""
         wanted = self.bandwidth_hz
         if wanted is None:
-            return (BANDWIDTH if self.disk_margin is None else inf,) * rig.n
+            return (DEFAULT_BANDWIDTH if self.disk_margin is None else inf,) * rig.n
         if not isinstance(wanted, Mapping):
             return (positive("bandwidth_hz", wanted),) * rig.n
         for joint in wanted:
@@ -133,7 +133,9 @@ class Wish:
 
     def margins(self, gains: Pid, ratios: Sequence[float] = (1.0,), drive: tuple[Signal, ...] = ()) -> Margins:
         """Return the worst margins of an outer loop over the plant's gains `ratios`, with the drive's signals in it."""
-        return worst([margins(gains, self.dt, late, ratio, drive) for late in self.delays for ratio in ratios])
+        return find_worst_margins(
+            [compute_margins(gains, self.dt, late, ratio, drive) for late in self.delays for ratio in ratios]
+        )
 
     def smallest(self, gains: Pid, ratios: Sequence[float], drive: tuple[Signal, ...]) -> float:
         """Return the disk margin of `margins` alone, which is quicker."""
@@ -152,10 +154,10 @@ def seen_inertia(model: Model, kind: str) -> tuple[tuple[float, ...], tuple[tupl
 
     Computed torque divides the inertia out: its ratio is one at any pose.
     """
-    nominal = np.diagonal(inertia(model, home(model.rig)[None])[0])
+    nominal = np.diagonal(compute_inertia(model, home(model.rig)[None])[0])
     if kind != "pid":
         return tuple(nominal.tolist()), ((1.0,),) * model.rig.n
-    ratios = nominal / np.diagonal(inertia(model, poses(model.rig, VARIED)[0]), axis1=1, axis2=2)
+    ratios = nominal / np.diagonal(compute_inertia(model, sample_poses(model.rig, VARIED)[0]), axis1=1, axis2=2)
     ends = zip(ratios.min(axis=0).round(6).tolist(), ratios.max(axis=0).round(6).tolist())
     return tuple(nominal.tolist()), tuple(tuple(sorted({low, 1.0, high})) for low, high in ends)
 
@@ -165,8 +167,8 @@ def braking(model: Model) -> tuple[float, ...]:
 
     No bound for a motor without a limit, or one that cannot even hold its load at some pose.
     """
-    q = poses(model.rig)[0]
-    worst_pose = (spare_torque(model, q) / np.diagonal(inertia(model, q), axis1=1, axis2=2)).min(axis=0)
+    q = sample_poses(model.rig)[0]
+    worst_pose = (spare_torque(model, q) / np.diagonal(compute_inertia(model, q), axis1=1, axis2=2)).min(axis=0)
     return tuple(np.where(worst_pose > 0, BRAKES * worst_pose, np.inf).tolist())
 
 
@@ -186,7 +188,7 @@ def bisected(enough: Callable[[float], bool], low: float, high: float) -> float:
 
 def layered(
     gains: tuple[Pid, ...],
-    known: Bounds,
+    known: ModelErrorBounds,
     wish: Wish,
     ratios: Sequence[Sequence[float]],
     between: Sequence[tuple[Signal, ...]],
@@ -214,21 +216,21 @@ def inner(gains: tuple[Pid, ...], law: Robust | None) -> tuple[Pid, ...]:
     return tuple(stiffened(pid, row, law.gain) for pid, row in zip(gains, law.rows))
 
 
-FINE, COARSE = 128, 64
+TRIED_PER_OCTAVE, SKIPPED_AT_ONCE = 128, 64
 """Bandwidths tried per octave (0.54 % apart), and how many of them a search from below steps over at once."""
-OCTAVES = 15
+SEARCHED_OCTAVES = 15
 """From the slowest bandwidth on, among which the largest disk margin is looked for."""
 DAMPED = 2.0
 """Damping that is named where less leaves too little margin."""
-SLOW = 1e-5
+SLOWEST_SEARCHED = 1e-5
 """Bandwidth times sampling interval at which a search begins: such a loop hardly feels that it is late."""
 
 
-Row = tuple[float, Sequence[float], Sequence[float], tuple[Signal, ...]]
+JointWish = tuple[float, Sequence[float], Sequence[float], tuple[Signal, ...]]
 """One joint's wish, Hz, the plant's gains of the believed model and of all drawn ones, and its drive."""
 
 
-def granted(wish: Wish, rows: Sequence[Row]) -> list[tuple[float, Sequence[float]]]:
+def granted(wish: Wish, rows: Sequence[JointWish]) -> list[tuple[float, Sequence[float]]]:
     """Return each joint's bandwidth, Hz, and the plant's gains with which it keeps the disk margin.
 
     Raises:
@@ -247,12 +249,12 @@ def granted(wish: Wish, rows: Sequence[Row]) -> list[tuple[float, Sequence[float
     return found
 
 
-def refused(wish: Wish, rows: Sequence[Row]) -> tuple[str, str]:
+def refused(wish: Wish, rows: Sequence[JointWish]) -> tuple[str, str]:
     """Return what is wrong with a disk margin that no bandwidth keeps, and the mend: what there is, what gives more."""
 
     def most(other: Wish) -> float:
         """The largest disk margin that every joint has at some bandwidth, of those an octave apart."""
-        tried = [other.gains(SLOW / other.dt * 2**k) for k in range(OCTAVES)]
+        tried = [other.gains(SLOWEST_SEARCHED / other.dt * 2**k) for k in range(SEARCHED_OCTAVES)]
         return min(max(other.smallest(gains, ratios, drive) for gains in tried) for _, _, ratios, drive in rows)
 
     what = f"is {wish.disk:g}, and the most that any bandwidth keeps with damping {wish.damping:g}"
@@ -284,7 +286,7 @@ def lowered(hz: float, wish: Wish, ratios: Sequence[float], drive: tuple[Signal,
 
     if isfinite(hz) and enough(hz):
         return hz
-    found = fastest(lambda bandwidth: bandwidth < hz and enough(bandwidth), SLOW / wish.dt)
+    found = fastest(lambda bandwidth: bandwidth < hz and enough(bandwidth), SLOWEST_SEARCHED / wish.dt)
     return None if found is None else found * (LAYERED if wish.robust and not isfinite(hz) else 1.0)
 
 
@@ -293,13 +295,13 @@ def fastest(enough: Callable[[float], bool], start: float) -> float | None:
 
     The bandwidths tried are the same whatever is asked for: what is enough for less never gets a lower answer.
     """
-    low = COARSE * floor(FINE * log2(start) / COARSE)
-    if not enough(2 ** (low / FINE)):
+    low = SKIPPED_AT_ONCE * floor(TRIED_PER_OCTAVE * log2(start) / SKIPPED_AT_ONCE)
+    if not enough(2 ** (low / TRIED_PER_OCTAVE)):
         return None
-    while enough(2 ** ((low + COARSE) / FINE)):
-        low += COARSE
-    high = low + COARSE
+    while enough(2 ** ((low + SKIPPED_AT_ONCE) / TRIED_PER_OCTAVE)):
+        low += SKIPPED_AT_ONCE
+    high = low + SKIPPED_AT_ONCE
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (middle, high) if enough(2 ** (middle / FINE)) else (low, middle)
-    return float(2 ** (low / FINE))
+        low, high = (middle, high) if enough(2 ** (middle / TRIED_PER_OCTAVE)) else (low, middle)
+    return float(2 ** (low / TRIED_PER_OCTAVE))

@@ -11,16 +11,16 @@ from math import pi
 
 from gimbal_pin.control.laws.base import Pid
 from gimbal_pin.control.laws.design import bisected
-from gimbal_pin.control.laws.loop import Margins, margins
+from gimbal_pin.control.laws.loop import Margins, compute_margins
 from gimbal_pin.effects import Signal
 
 CROSSOVER = 25.0
 """Of the nominal PID, Hz (CONTROL, "Profile S")."""
-DISK = 1.07
+EQUAL_DISK_MARGIN = 1.07
 """Disk margin of every loop."""
-DAMPING, INTEGRAL = 0.9, 0.2
+OUTER_DAMPING, OUTER_INTEGRAL = 0.9, 0.2
 """Shape of the outer loop, which gives the nominal PID its 58° of phase margin and its disk margin."""
-SLOWEST = 0.05
+SLOWEST_BANDWIDTH = 0.05
 """Bandwidth below which no loop is looked for, Hz."""
 
 
@@ -39,7 +39,7 @@ class Equal:
     dt: float = 0.001
     delay: float = 0.001
     drive: tuple[Signal, ...] = ()
-    disk: float = DISK
+    disk: float = EQUAL_DISK_MARGIN
     crossover: float = CROSSOVER
 
     @cached_property
@@ -49,7 +49,7 @@ class Equal:
 
     def of(self, gains: Pid) -> Margins:
         """Return the margins of an outer loop."""
-        return margins(gains, self.dt, self.delay, drive=self.drive)
+        return compute_margins(gains, self.dt, self.delay, drive=self.drive)
 
     def fair(self, found: Margins) -> bool:
         """Whether a loop has the wished margin, and is no faster than the nominal one may be."""
@@ -60,14 +60,14 @@ class Equal:
         """The fastest loop with the wished disk margin that does not cross above the limit."""
 
         def enough(hz: float) -> bool:
-            return self.fair(self.of(Pid.placed(hz, DAMPING, INTEGRAL)))
+            return self.fair(self.of(Pid.placed(hz, OUTER_DAMPING, OUTER_INTEGRAL)))
 
         floor = self.crossover / 4
-        while not enough(floor) and floor > SLOWEST:
+        while not enough(floor) and floor > SLOWEST_BANDWIDTH:
             floor /= 2
-        return Pid.placed(bisected(enough, floor, 4 * floor), DAMPING, INTEGRAL)
+        return Pid.placed(bisected(enough, floor, 4 * floor), OUTER_DAMPING, OUTER_INTEGRAL)
 
 
 def bandwidth(gains: Pid) -> float:
     """Natural frequency of a placed outer loop, Hz."""
-    return gains.kd / (2 * DAMPING + INTEGRAL) / (2 * pi)
+    return gains.kd / (2 * OUTER_DAMPING + OUTER_INTEGRAL) / (2 * pi)

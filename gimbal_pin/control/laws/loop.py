@@ -19,7 +19,7 @@ from gimbal_pin.log.log import Array
 if TYPE_CHECKING:
     import control
 
-POINTS = 300
+LOOP_FREQUENCIES = 300
 """Frequencies at which the loop is evaluated, three decades below its crossover to half the sampling rate."""
 
 
@@ -117,7 +117,7 @@ def stable(loop: control.StateSpace) -> bool:
 def frequencies(gains: Pid, dt: float) -> Array:
     """Where to look at the loop, rad/s."""
     top = pi / dt * (1 - 1e-9)
-    return np.geomspace(min(gains.kp**0.5 * 1e-2, top * 1e-2), top, POINTS)
+    return np.geomspace(min(gains.kp**0.5 * 1e-2, top * 1e-2), top, LOOP_FREQUENCIES)
 
 
 def responses(loop: control.StateSpace, omega: Array) -> Array:
@@ -155,14 +155,14 @@ def disk_margin(loop: control.StateSpace, response: Array, gain: float = 1.0) ->
 def smallest_disk(
     gains: Pid, dt: float, delay: float, ratios: tuple[float, ...], drive: tuple[Signal, ...] = ()
 ) -> float:
-    """Return the smallest disk margin over the plant's gains `ratios`: that of `margins`, without the rest of them."""
+    """Return the smallest disk margin over the plant's gains `ratios`, as `compute_margins` has it."""
     loop = sampled_loop(gains, dt, delay, drive=drive)
     response = responses(loop, frequencies(gains, dt))
     return min(disk_margin(loop, response, ratio) for ratio in ratios)
 
 
 @lru_cache(maxsize=512)
-def margins(gains: Pid, dt: float, delay: float, gain: float = 1.0, drive: tuple[Signal, ...] = ()) -> Margins:
+def compute_margins(gains: Pid, dt: float, delay: float, gain: float = 1.0, drive: tuple[Signal, ...] = ()) -> Margins:
     """Return the margins of `sampled_loop`; an unstable loop has none (all zero).
 
     Remembered, as joints share loops and searches come back to them: the result depends on the arguments alone.
@@ -197,7 +197,7 @@ def at_nyquist(loop: control.StateSpace) -> Array:
     return np.array([-1 / edge] if edge < 0 else [])
 
 
-def worst(several: list[Margins]) -> Margins:
+def find_worst_margins(several: list[Margins]) -> Margins:
     """Return the smallest of each margin; the crossover is the highest."""
     return Margins(
         phase_margin_deg=min(m.phase_margin_deg for m in several),

@@ -10,7 +10,7 @@ from math import isfinite
 from gimbal_pin.control.laws.computed_torque import Robust
 from gimbal_pin.control.laws.design import LAYERED, Wish
 from gimbal_pin.control.laws.loop import Margins
-from gimbal_pin.control.laws.uncertainty import DRAWS, LARGEST, Bounds, Ratios
+from gimbal_pin.control.laws.uncertainty import DRAWN_MODELS, GAIN_CEILING, ModelErrorBounds, Ratios
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.effects import ALWAYS, Signal
 from gimbal_pin.errors import digits
@@ -111,7 +111,7 @@ def doubts(joints: Sequence[str], over: Ratios, least: Sequence[Margins]) -> tup
 
 def times(gain: float) -> str:
     """How many times a gain another one is; beyond those looked at it has no bound."""
-    return "any number of times" if gain >= LARGEST * (1 - 1e-9) else f"{digits(gain, 2)} times"
+    return "any number of times" if gain >= GAIN_CEILING * (1 - 1e-9) else f"{digits(gain, 2)} times"
 
 
 def about_sampling(wish: Wish, logged: float | None) -> GainReason:
@@ -134,10 +134,12 @@ def about_gains(wish: Wish) -> GainReason:
 def about_draws(found: Margins, wish: Wish) -> GainReason:
     """Say what the worst of the drawn models leaves."""
     if found.disk_margin == 0:
-        text = f"the worst of {DRAWS} models drawn from the covariance makes the loop unstable: identify it better"
+        text = (
+            f"the worst of {DRAWN_MODELS} models drawn from the covariance makes the loop unstable: identify it better"
+        )
         return GainReason(text, ReasonKind.UNCERTAIN)
     worst = (
-        f"the worst of {DRAWS} models drawn from the covariance has disk margin {found.disk_margin:.2f}, "
+        f"the worst of {DRAWN_MODELS} models drawn from the covariance has disk margin {found.disk_margin:.2f}, "
         f"phase margin {found.phase_margin_deg:.0f}°, crossover {digits(found.crossover_hz)} Hz"
     )
     if wish.kept(found.disk_margin):
@@ -171,7 +173,7 @@ def about_inertia(nominal: float, ratios: Sequence[float], unit: str) -> GainRea
     return GainReason(f"the inertia goes {span} with the pose; the margins are the worst of them")
 
 
-def about_model(known: Bounds, force: str) -> GainReason:
+def about_model(known: ModelErrorBounds, force: str) -> GainReason:
     """Say how far the model may be off, and when PID is safer."""
     sizes = f"α = {digits(known.alpha, 2)} in inertia and {digits(known.phi, 2)} {force} otherwise"
     off = f"the model may be off by {sizes} ({known.source})"

@@ -18,7 +18,7 @@ from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
-POSES = 40
+EXAMINED_POSES = 40
 VARIED = 200
 """Poses over which an inertia that a PID takes as constant is looked at."""
 SETS = 100
@@ -26,12 +26,12 @@ STATED_ALPHA = 0.1
 """‖I - D⁻¹ D̂‖ of a model that was never identified: inertias from a drawing, 10 % off."""
 STATED_PHI = 0.1
 """Share of gravity, Coriolis and friction torque by which such a model is off."""
-RATE = 2.0
+UNLIMITED_RATE = 2.0
 """Largest joint rate looked at where the rig states no limit, rad/s."""
 
 
 @dataclass(frozen=True)
-class Bounds:
+class ModelErrorBounds:
     """Bounds on the model error ``q̈ - y = (D⁻¹ D̂ - I) y + D⁻¹ ñ``.
 
     Attributes:
@@ -53,7 +53,7 @@ class Bounds:
     __repr__ = brief
 
 
-def poses(rig: Rig, count: int = POSES) -> tuple[Array, Array]:
+def sample_poses(rig: Rig, count: int = EXAMINED_POSES) -> tuple[Array, Array]:
     """Angles and rates that fill the rig's limits evenly and always alike, (count, n) each; the first is home, at rest.
 
     A Kronecker sequence, like the reduction's: what is derived from it depends on the rig alone.
@@ -62,7 +62,7 @@ def poses(rig: Rig, count: int = POSES) -> tuple[Array, Array]:
     unit = np.outer(np.arange(count), np.sqrt(primes)) % 1.0
     lower = np.array([max(limit.lower, -np.pi) for limit in rig.limits])
     upper = np.array([min(limit.upper, np.pi) for limit in rig.limits])
-    top = np.array([min(limit.velocity, RATE) for limit in rig.limits])
+    top = np.array([min(limit.velocity, UNLIMITED_RATE) for limit in rig.limits])
     q = lower + (upper - lower) * unit[:, : rig.n]
     v = top * (2 * unit[:, rig.n :] - 1)
     q[0], v[0] = home(rig), 0.0
@@ -74,7 +74,7 @@ def home(rig: Rig) -> Array:
     return np.array([min(max(0.0, limit.lower), limit.upper) for limit in rig.limits])
 
 
-def inertia(model: Model, q: Array) -> Array:
+def compute_inertia(model: Model, q: Array) -> Array:
     """``D(q)``, (N, n, n), with what the terms add to its diagonal (a rotor's inertia)."""
     rig, data = model.rig, model.rig.model.createData()
     out = np.empty((len(q), rig.n, rig.n))
@@ -86,14 +86,14 @@ def inertia(model: Model, q: Array) -> Array:
     return out + extra[:, :, None] * np.eye(rig.n)
 
 
-def bounds(model: Model, rng: np.random.Generator) -> Bounds:
+def bounds(model: Model, rng: np.random.Generator) -> ModelErrorBounds:
     """Return the bounds over poses and rates within the limits.
 
     A model with a covariance is compared with parameter sets drawn from it: α and Φ are what 95 % of the sets do not
     exceed at any pose. One without (or with that of another rig's parameters) gets the stated defaults.
     """
-    q, v = poses(model.rig)
-    D = inertia(model, q)
+    q, v = sample_poses(model.rig)
+    D = compute_inertia(model, q)
     largest = float(1 / np.linalg.eigvalsh(D)[:, 0].min())
     known = estimate(model)
     if known is None:
@@ -101,12 +101,14 @@ def bounds(model: Model, rng: np.random.Generator) -> Bounds:
         shares = f"{100 * STATED_ALPHA:.0f} % of inertia, {100 * STATED_PHI:.0f} % of the rest"
         source = f"no covariance of its parameters: {shares} assumed"
         cross = ignored(D)
-        return Bounds(STATED_ALPHA, float(STATED_PHI * load), largest, STATED_ALPHA * cross, cross, source)
+        return ModelErrorBounds(STATED_ALPHA, float(STATED_PHI * load), largest, STATED_ALPHA * cross, cross, source)
     deviation, places = known[0].covariance, known[1]
     draws = rng.multivariate_normal(np.zeros(len(deviation)), deviation, SETS, method="eigh", check_valid="ignore")
-    alpha, phi, cross = (float(np.quantile(values, 0.95)) for values in sampled(model, places, q, v, D, draws))
+    alpha, phi, cross = (
+        float(np.quantile(values, 0.95)) for values in bound_drawn_models(model, places, q, v, D, draws)
+    )
     source = f"from the estimated covariance, {SETS} parameter sets at {len(q)} poses, 95 %"
-    return Bounds(alpha, phi, largest, cross, ignored(D), source)
+    return ModelErrorBounds(alpha, phi, largest, cross, ignored(D), source)
 
 
 def ignored(D: Array) -> float:
@@ -119,7 +121,9 @@ def off_diagonal(M: Array) -> Array:
     return np.asarray(np.abs(M * (1 - np.eye(M.shape[-1]))).max(axis=(1, 2)))
 
 
-def sampled(model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array) -> tuple[Array, Array, Array]:
+def bound_drawn_models(
+    model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array
+) -> tuple[Array, Array, Array]:
     """α, Φ and the cross-acceleration of each drawn parameter set, (sets,) each: the largest over the poses."""
     rest, push = columns(model, places, q, v, np.zeros_like(q)), pushes(model, places, q, v)
     eye = np.eye(q.shape[1])
@@ -172,21 +176,21 @@ def estimate(model: Model) -> tuple[Estimated, Array] | None:
     return None
 
 
-DRAWS = 200
-LARGEST = 1e3
+DRAWN_MODELS = 200
+GAIN_CEILING = 1e3
 """Largest gain looked at: an inertia a thousand times smaller than believed, or one that no body has."""
 
 Ratios = tuple[tuple[float, ...], ...]
 """Per joint: lowest gain of the plant over what the law believes, one, and the highest."""
 
 
-def drawn(model: Model, kind: str, rng: np.random.Generator) -> Ratios | None:
-    """Return each joint's ``D̂_jj/D_jj``: lowest, one and highest over `DRAWS` drawn parameter sets and all poses.
+def draw_inertia_ratios(model: Model, kind: str, rng: np.random.Generator) -> Ratios | None:
+    """Return each joint's ``D̂_jj/D_jj``: lowest, one, highest over `DRAWN_MODELS` parameter sets and all poses.
 
     D_jj is the inertia that the joint turns while the others hold still, its rotor's included; D̂ that of the model, at
     the same pose for computed torque and at home for a PID. A loop's margins fall off on both sides of its best gain,
     so the two ends have the worst of all draws. What else a set changes (gravity, friction) acts far below the
-    crossover. A set that no body has (D_jj ≤ 0) counts as `LARGEST`.
+    crossover. A set that no body has (D_jj ≤ 0) counts as `GAIN_CEILING`.
 
     None where the model has no covariance, or one of another rig's parameters.
 
@@ -199,14 +203,14 @@ def drawn(model: Model, kind: str, rng: np.random.Generator) -> Ratios | None:
     if known is None:
         return None
     covariance, places = known[0].covariance, known[1]
-    q, _ = poses(model.rig, VARIED if kind == "pid" else POSES)
-    believed = np.diagonal(inertia(model, q), axis1=1, axis2=2)
+    q, _ = sample_poses(model.rig, VARIED if kind == "pid" else EXAMINED_POSES)
+    believed = np.diagonal(compute_inertia(model, q), axis1=1, axis2=2)
     zero = np.zeros(len(covariance))
-    sets = rng.multivariate_normal(zero, covariance, DRAWS, method="eigh", check_valid="ignore")
+    sets = rng.multivariate_normal(zero, covariance, DRAWN_MODELS, method="eigh", check_valid="ignore")
     change = np.moveaxis(np.diagonal(pushes(model, places, q, np.zeros_like(q)), axis1=1, axis2=2), 1, 2)  # (N, n, k)
     true = believed + np.einsum("ijk,sk->sij", change, sets)
-    nominal = np.diagonal(inertia(model, home(model.rig)[None])[0]) if kind == "pid" else believed
-    ratios = nominal / np.maximum(true, nominal / LARGEST)
+    nominal = np.diagonal(compute_inertia(model, home(model.rig)[None])[0]) if kind == "pid" else believed
+    ratios = nominal / np.maximum(true, nominal / GAIN_CEILING)
     rows = ratios.reshape(-1, model.rig.n)
     ends = zip(rows.min(axis=0).tolist(), rows.max(axis=0).tolist())
     return tuple((min(low, 1.0), 1.0, max(high, 1.0)) for low, high in ends)
@@ -227,11 +231,11 @@ def draw_model(model: Model, rng: np.random.Generator) -> Model:
     known = estimate(model)
     if known is None:
         return replace(model, estimated=None)
-    covariance, (q, _) = known[0].covariance, poses(model.rig)
+    covariance, (q, _) = known[0].covariance, sample_poses(model.rig)
     change = rng.multivariate_normal(np.zeros(len(covariance)), covariance, method="eigh", check_valid="ignore")
     for share in (*0.5 ** np.arange(10), 0.0):
         found = change_parameters(model, share * change)
-        if np.linalg.eigvalsh(inertia(found, q)).min() > 0:
+        if np.linalg.eigvalsh(compute_inertia(found, q)).min() > 0:
             break
     return found
 

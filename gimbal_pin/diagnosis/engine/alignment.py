@@ -18,14 +18,14 @@ from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log.log import Array
 
-LATEST = 5e-3
+LARGEST_SHIFT = 5e-3
 """Latest shift that is the log's, s: angles are reported late, over buses of 200 Hz. A torque that acts later than that
 is a drive's."""
-USUAL = 2.5e-3
+SHIFT_DEVIATION = 2.5e-3
 """Deviation of such shifts, s: where a torque hardly says when it acts, it acts when it was stamped."""
-ROUNDS = 3
+ALIGNMENT_ROUNDS = 3
 """Steps: each is nearly exact, as the band's highest frequency times what is left is small."""
-SETTLED = 5e-5
+ALIGNED_WITHIN = 5e-5
 """Step, s, under which it is found: at 12 Hz it leaves four thousandths of the torque."""
 
 
@@ -36,7 +36,7 @@ def later_by(state: State) -> Array:
     shifts it was given.
     """
     evidence = state.problem.evidence
-    D, prior = np.stack([project_slope(state, j) for j in range(evidence.rig.n)], axis=1), 1.0 / USUAL**2
+    D, prior = np.stack([project_slope(state, j) for j in range(evidence.rig.n)], axis=1), 1.0 / SHIFT_DEVIATION**2
     return np.asarray(
         np.linalg.solve(D.T @ D + prior * np.eye(D.shape[1]), D.T @ state.fit.residual - prior * shifts(evidence))
     )
@@ -59,7 +59,7 @@ def retimed(evidence: Evidence, late: Array) -> Evidence:
     return replace(evidence, parts=tuple(part.retimed(late) for part in evidence.parts))
 
 
-def aligned(evidence: Evidence, causes: tuple[Cause, ...], modelled: Callable[[Evidence], State]) -> State:
+def align_torques(evidence: Evidence, causes: tuple[Cause, ...], modelled: Callable[[Evidence], State]) -> State:
     """Return the model with the shifts, within their bounds, at which it leaves least.
 
     Where a cause is a filter of the torque, such as a delay, all of the time is its: there nothing is shifted.
@@ -73,9 +73,9 @@ def aligned(evidence: Evidence, causes: tuple[Cause, ...], modelled: Callable[[E
     free = np.array([joint not in timed for joint in evidence.rig.joints])
     late = shifts(evidence) * free
     state = modelled(retimed(evidence, late))
-    for _ in range(ROUNDS):
-        to = np.clip(late + later_by(state), EARLIEST, LATEST) * free
-        if np.max(np.abs(to - late)) < SETTLED:
+    for _ in range(ALIGNMENT_ROUNDS):
+        to = np.clip(late + later_by(state), EARLIEST, LARGEST_SHIFT) * free
+        if np.max(np.abs(to - late)) < ALIGNED_WITHIN:
             break
         late, state = to, modelled(retimed(evidence, to))
     return state

@@ -21,7 +21,15 @@ from scipy.ndimage import uniform_filter1d
 from gimbal_pin.diagnosis.engine.discrepancy import unseen
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.shapes import free, same, shape_names
-from gimbal_pin.diagnosis.state import WIDTH, Problem, State, apply_signal, solve_consistently, solved, width
+from gimbal_pin.diagnosis.state import (
+    AVERAGED_FREQUENCIES,
+    Problem,
+    State,
+    apply_signal,
+    solve_causes,
+    solve_consistently,
+    width,
+)
 from gimbal_pin.diagnosis.uncertainty import compute_tangent
 from gimbal_pin.effects import Cause, Effect, Signal
 from gimbal_pin.identification import given_beta
@@ -74,10 +82,10 @@ def compare_models(state: State, other: State) -> tuple[float, float]:
 
 def fitted(problem: Problem, causes: Sequence[Cause], before: State) -> State:
     """Refit everything with these causes until what reads the model's torque agrees with it."""
-    return solve_consistently(solved(problem, causes, before))
+    return solve_consistently(solve_causes(problem, causes, before))
 
 
-def without(state: State, cause: Cause) -> State:
+def leave_cause_out(state: State, cause: Cause) -> State:
     """Refit without a cause: once, as what a cause adds is asked for whenever another is weighed."""
     if cause not in state.lacking:
         state.lacking[cause] = fitted(state.problem, [one for one in state.causes if one is not cause], state)
@@ -96,7 +104,7 @@ def matters(state: State, other: State) -> bool:
     before, after = (one.fit.residual.reshape(-1, n) / one.fit.scale for one in (other, state))
     pieced = [one for one in state.causes if one.pieces]
     whole = [one for one in other.causes if not any(same(one, x) and one.pieces != x.pieces for x in pieced)]
-    lacking = (without(other, cause).fit for cause in whole)
+    lacking = (leave_cause_out(other, cause).fit for cause in whole)
     missed = (fit.residual.reshape(-1, n) / fit.scale - before for fit in lacking)
     signals = [(FORM_ERROR, total), *((OF_CAUSE, one) for one in missed)]
     return bool(np.any(compare_with_form_error(other.problem.evidence, before, after, signals) > 1))
@@ -117,7 +125,7 @@ def compare_with_form_error(
     for part in evidence.parts:
         rows = slice(first, first + part.rows)
         first += part.rows
-        error = sum(share**2 * power_of(signal[rows], WIDTH) for share, signal in signals)
+        error = sum(share**2 * power_of(signal[rows], AVERAGED_FREQUENCIES) for share, signal in signals)
         gained += np.sum((power_of(before[rows]) - power_of(after[rows])) / (1 + error), axis=0)
         allowed += np.sum(error / (1 + error), axis=0)
     return np.asarray(gained / np.maximum(allowed, 1e-300))
@@ -152,16 +160,16 @@ def supported(state: State, cause: Cause) -> bool:
     return True
 
 
-def added(state: State, cause: Cause) -> Array:
+def compute_cause_torque(state: State, cause: Cause) -> Array:
     """Return the torque that a chosen cause adds to a model, or takes off the measured one, whitened, (rows, n)."""
     if not isinstance(cause, Signal):
         return np.asarray(state.columns(cause).values @ state.coefficients(cause))
     others = [one for one in state.causes if one is not cause]
-    with_, without_ = (passed(state, causes) for causes in (state.causes, others))
+    with_, without_ = (pass_through_drives(state, causes) for causes in (state.causes, others))
     return state.problem.evidence.whiten_all([x - y for x, y in zip(without_, with_)])
 
 
-def passed(state: State, causes: Sequence[Cause]) -> list[Array]:
+def pass_through_drives(state: State, causes: Sequence[Cause]) -> list[Array]:
     """Return what the drives' signals among some causes make of the measured torques, N m, (m, n) per part."""
     torque = state.problem.evidence.torque
     for cause in causes:
@@ -183,5 +191,5 @@ def overfit(state: State) -> Array:
 def tangents(state: State, cause: Cause) -> Array:
     """Return how the torque changes with each of a chosen cause's shapes, whitened, (rows, n, shapes)."""
     if isinstance(cause, Signal):  # what it changes is the torque before it
-        return compute_tangent(without(state, cause), cause, np.ones(1))[..., 1:]
+        return compute_tangent(leave_cause_out(state, cause), cause, np.ones(1))[..., 1:]
     return compute_tangent(state, cause, state.coefficients(cause))[..., width(cause) :]

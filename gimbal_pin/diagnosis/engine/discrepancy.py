@@ -18,7 +18,7 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.log.log import Array
 
-FOLDS = 10
+PREDICTION_FOLDS = 10
 """Parts of the blocks of which each is predicted from the others."""
 RIDGES = tuple(np.geomspace(1e-4, 1.0, 5).tolist())
 """Ridges that are tried, in units of the columns' power: the one that predicts best is taken."""
@@ -26,7 +26,7 @@ HARDLY = 1e-9
 """The same of columns without a penalty, as far as a fit to part of the rows needs one."""
 NEGLIGIBLE = 0.01
 """Share of the least ridge under which a principal component is left out: it would be shrunk to as little."""
-ANGLES, RATES, TORQUES, TIMES, OTHERS = 24, 12, 10, 6, 7
+ANGLE_BUMPS, RATE_BUMPS, TORQUE_BUMPS, TIME_BUMPS, OTHER_BUMPS = 24, 12, 10, 6, 7
 """Bumps over each variable: a turn in steps of 15°; drift slower than a tenth of the log; another joint's motion."""
 
 
@@ -38,22 +38,22 @@ def bumps(values: Array, knots: Array) -> Array:
 
 def features(evidence: Evidence, torque: Sequence[Array], joint: int) -> Array:
     """Return δ's columns at a joint, whitened, (rows, k); `torque`: the model's, N m, (m, n) per part."""
-    return np.concatenate(list(grouped(evidence, torque, joint).values()), axis=1)
+    return np.concatenate(list(split_by_variable(evidence, torque, joint).values()), axis=1)
 
 
-def grouped(evidence: Evidence, torque: Sequence[Array], joint: int) -> dict[str, Array]:
+def split_by_variable(evidence: Evidence, torque: Sequence[Array], joint: int) -> dict[str, Array]:
     """Return the same apart by what they are functions of."""
     parts, rig = evidence.parts, evidence.rig
     way = [part.slide[:, joint] for part in parts]
     variables = {
-        "over its angle": (angles(evidence, joint), ANGLES, True),
-        "over its rate": (rates(evidence, joint), RATES, False),
-        "over its torque": ([x[:, joint] for x in torque], TORQUES, True),
-        "over time": ([part.time for part in parts], TIMES, True),
+        "over its angle": (angles(evidence, joint), ANGLE_BUMPS, True),
+        "over its rate": (rates(evidence, joint), RATE_BUMPS, False),
+        "over its torque": ([x[:, joint] for x in torque], TORQUE_BUMPS, True),
+        "over time": ([part.time for part in parts], TIME_BUMPS, True),
     }
     for k in (k for k in range(rig.n) if k != joint):
-        variables[f"over the angle of {rig.joints[k]}"] = angles(evidence, k), OTHERS, False
-        variables[f"over the rate of {rig.joints[k]}"] = rates(evidence, k), OTHERS, False
+        variables[f"over the angle of {rig.joints[k]}"] = angles(evidence, k), OTHER_BUMPS, False
+        variables[f"over the rate of {rig.joints[k]}"] = rates(evidence, k), OTHER_BUMPS, False
     found: dict[str, Array] = {}
     for name, (values, count, both) in variables.items():
         knots = np.unique(np.quantile(np.concatenate(values), np.linspace(0.01, 0.99, count)))
@@ -92,9 +92,9 @@ def unseen(
         block: Block of each row, (rows,).
         ridges: λ to choose from.
     """
-    (Q, free_power), X = principal(unit(free), HARDLY * len(target)), unit(flexible)
+    (Q, free_power), X = principal(normalise_columns(free), HARDLY * len(target)), normalise_columns(flexible)
     U, power = principal(X - Q @ (Q.T @ X), NEGLIGIBLE * min(ridges) * len(target))
-    fold, found = block % FOLDS, list[Array]()
+    fold, found = block % PREDICTION_FOLDS, list[Array]()
     folds = [np.flatnonzero(fold == k) for k in np.unique(fold)]
     for ridge in ridges:
         held, shrunk = (x / (x + r * len(target)) for x, r in ((free_power, HARDLY), (power, ridge)))
@@ -114,7 +114,7 @@ def unleveraged(W: Array, left: Array) -> Array:
     return np.asarray(left + W @ np.linalg.solve(np.eye(count) - W.T @ W, W.T @ left))
 
 
-def unit(columns: Array) -> Array:
+def normalise_columns(columns: Array) -> Array:
     """Return columns of unit power, without those that are nothing."""
     size = np.sqrt(np.mean(columns**2, axis=0))
     return np.asarray(columns[:, size > 1e-12] / size[size > 1e-12])
@@ -172,6 +172,6 @@ def place(state: State, joint: int) -> str:
     free = state.fit.stack[rows] / state.fit.scale[joint]
     error = {
         name: unseen(free[:, :0], np.concatenate([free, columns], axis=1), residual, evidence.block)
-        for name, columns in grouped(evidence, state.torque, joint).items()
+        for name, columns in split_by_variable(evidence, state.torque, joint).items()
     }
     return min(error, key=lambda name: float(error[name] @ error[name]), default="")

@@ -7,14 +7,23 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.engine.alignment import aligned, shifts
-from gimbal_pin.diagnosis.engine.criterion import OF_CAUSE, added, fitted, without
+from gimbal_pin.diagnosis.engine.alignment import align_torques, shifts
+from gimbal_pin.diagnosis.engine.criterion import OF_CAUSE, compute_cause_torque, fitted, leave_cause_out
 from gimbal_pin.diagnosis.engine.discrepancy import Lack, lack_of_fit
-from gimbal_pin.diagnosis.engine.noise import coloured, flat, rewhitened_problem
-from gimbal_pin.diagnosis.engine.selection import MOST, Rival, Search, contested, polished, pruned, selected, worth
+from gimbal_pin.diagnosis.engine.noise import coloured, remove_whitening, rewhitened_problem
+from gimbal_pin.diagnosis.engine.selection import (
+    MOST_CAUSES,
+    FittedRival,
+    Search,
+    contested,
+    polished,
+    pruned,
+    selected,
+    worth,
+)
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.library import Library, kept, list_candidates
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.library import ColumnLibrary, kept, list_candidates
+from gimbal_pin.diagnosis.state import Problem, State, solve_causes
 from gimbal_pin.diagnosis.uncertainty import is_size_known
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.threads import limit_to_one_thread
@@ -23,12 +32,12 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.regression import FORM_ERROR, STRUCTURED
 from gimbal_pin.rig.rig import Rig
 
-LEFT = OF_CAUSE**2
+DENYING_SHARE = OF_CAUSE**2
 """Share of a structure's power from which what is left of it denies the names of what explained the rest: more than an
 error of their forms."""
-LOUD = 4.0
+BITING_NOISE = 4.0
 """What is left where a drive bites, over the noise elsewhere, from which that is no chance."""
-PASSES = 2
+SEARCHES = 2
 """Searches: the second begins with what the first has found, and with the noise that is left beside it."""
 
 
@@ -50,7 +59,7 @@ class Explained:
     first: State
     state: State
     final: State
-    rivals: tuple[tuple[Rival, ...], ...]
+    rivals: tuple[tuple[FittedRival, ...], ...]
     before: tuple[Lack, ...]
     after: tuple[Lack, ...]
 
@@ -77,7 +86,7 @@ class Explained:
         was, now = self.before[joint].power, self.after[joint].power
         return now / was if was > 0 else float(now > 0)
 
-    def rivals_of(self, cause: Cause) -> tuple[Rival, ...]:
+    def rivals_of(self, cause: Cause) -> tuple[FittedRival, ...]:
         """Return what else explains one of the causes, the best first."""
         # How far a rig is turned is fitted anew with every model.
         return self.rivals[[kept(one) for one in self.state.causes].index(kept(cause))]
@@ -101,15 +110,15 @@ def explain(
     given = replace(Problem.of(evidence, reduction), luck=1e-9)  # the noise is the data's own: no fit beats it by luck
     candidates = Candidates(evidence.rig, list_candidates(evidence, causes))
     found: tuple[Cause, ...] = ()
-    for _ in range(PASSES):
+    for _ in range(SEARCHES):
         again = partial(refitted, given, found)
-        plain = aligned(evidence, found, again) if timed else again(evidence)
+        plain = align_torques(evidence, found, again) if timed else again(evidence)
         search = listened(plain, candidates)
         state = selected(polished(fitted(search.problem, found, plain)), search)
         if not state.causes or stopped(state):
             break
         found = state.causes
-    others: tuple[tuple[Rival, ...], ...] = ((),) * len(state.causes)
+    others: tuple[tuple[FittedRival, ...], ...] = ((),) * len(state.causes)
     if not stopped(state):
         state, others = contested(pruned(polished(state), search), search)
     first = fitted(search.problem, (), state)
@@ -131,7 +140,7 @@ def deserving(found: Explained) -> tuple[Cause, ...]:
     Nor one whose size nobody knows, that noise in the motion may make, or whose pieces are of no one device.
     """
     joints = found.first.problem.evidence.rig.joints
-    unknown = {joints[j] for j, lack in enumerate(found.after) if material(lack) and found.left(j) > LEFT}
+    unknown = {joints[j] for j, lack in enumerate(found.after) if material(lack) and found.left(j) > DENYING_SHARE}
     every = () if stopped(found.state) else found.state.causes
     clear = (one for one in every if not (one.place in unknown if one.of_joint else unknown))
     seen = (one for one in clear if not (isinstance(one, Signal) and misses(found.state, one)))
@@ -146,7 +155,7 @@ def has_stray_pieces(state: State, cause: Cause) -> bool:
         return False
     evidence = state.problem.evidence
     seen = evidence.seen[evidence.rig.joint_index(cause.joint)]
-    return len(cause.pieces) > 1 and cause.compute_stray_share(worth(state, cause), seen) > LEFT
+    return len(cause.pieces) > 1 and cause.compute_stray_share(worth(state, cause), seen) > DENYING_SHARE
 
 
 def is_hidden_by_noise(first: State, cause: Cause) -> bool:
@@ -167,24 +176,24 @@ def misses(state: State, drive: Signal) -> bool:
     function of the state, and δ does not see it: a knock is clipped by a limit, too.
     """
     j = state.problem.evidence.rig.joint_index(drive.joint)
-    taken, base = added(state, drive)[:, j] ** 2, without(state, drive)
+    taken, base = compute_cause_torque(state, drive)[:, j] ** 2, leave_cause_out(state, drive)
     before, after = (
         float(taken @ (one.fit.residual[one.fit.rows(j)] / one.fit.scale[j]) ** 2 / max(float(taken.sum()), 1e-300))
         for one in (base, state)
     )
     noise = float(state.fit.dispersion[j])
-    return after > LOUD * noise and after - noise > LEFT * (before - noise)
+    return after > BITING_NOISE * noise and after - noise > DENYING_SHARE * (before - noise)
 
 
 def stopped(state: State) -> bool:
     """Whether a search was stopped, not ended: it has then sketched something with what it had."""
-    return len(state.causes) >= MOST
+    return len(state.causes) >= MOST_CAUSES
 
 
 def refitted(given: Problem, causes: Sequence[Cause], evidence: Evidence) -> State:
     """Fit the rigid model with causes to retimed logs; what reads the model's torque reads the rigid one's first."""
     problem = replace(given, evidence=evidence)
-    return fitted(problem, causes, solved(problem, ()))
+    return fitted(problem, causes, solve_causes(problem, ()))
 
 
 class Candidates:
@@ -198,9 +207,9 @@ class Candidates:
 
     def __init__(self, rig: Rig, causes: Sequence[Cause]) -> None:
         """Remember what to build."""
-        self.every = Library(rig, causes)
+        self.every = ColumnLibrary(rig, causes)
         drives = {one: isinstance(one, Signal) and not one.springy for one in causes}  # springs follow the motion
-        self.drives = Library(rig, [one for one, drive in drives.items() if drive], of_model=True)
+        self.drives = ColumnLibrary(rig, [one for one, drive in drives.items() if drive], of_model=True)
         # A harmonic is a line in the noise's spectrum, and no median moves by it.
         self.still = [one for one, drive in drives.items() if not drive and not one.pieces]
 
@@ -211,8 +220,8 @@ class Candidates:
 
 def listened(state: State, candidates: Candidates) -> Search:
     """Return the search among candidates, on the logs of a model whitened by the noise's spectrum."""
-    problem = rewhitened_problem(state.problem, flat(state.problem.evidence))
-    plain = solved(problem, state.causes, state)
+    problem = rewhitened_problem(state.problem, remove_whitening(state.problem.evidence))
+    plain = solve_causes(problem, state.causes, state)
     noisy = coloured(problem, plain, candidates.noiseless(plain))
     candidates.every.columns(plain)
     return Search.among(noisy, candidates.every.whitened(problem.evidence, noisy.evidence))

@@ -16,24 +16,24 @@ from scipy import fft
 
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.discrepancy import features, unseen
-from gimbal_pin.diagnosis.evidence import Evidence, Part, compute_band_edge
-from gimbal_pin.diagnosis.state import Problem, State, solved
+from gimbal_pin.diagnosis.evidence import Evidence, LogStretch, compute_band_edge
+from gimbal_pin.diagnosis.state import Problem, State, solve_causes
 from gimbal_pin.log.log import Array
 
-PASSES = 2
+WHITENING_ROUNDS = 2
 """Rounds: the second ridge is fitted to rows that the first's spectrum has whitened."""
-NARROW, WIDE = 8, 0.15
+SMOOTHED_FREQUENCIES, SMOOTHED_SHARE = 8, 0.15
 """Frequencies to either side over which a spectrum is smoothed: so many, or that share of those below, if more."""
 
 
-def flat(evidence: Evidence) -> Evidence:
+def remove_whitening(evidence: Evidence) -> Evidence:
     """Return the evidence with the band's edge as its only filter: rows in N m."""
     edges = [edge_of(evidence, part) for part in evidence.parts]
     parts = [p._replace(whitener=np.tile(edge, (evidence.rig.n, 1))) for p, edge in zip(evidence.parts, edges)]
     return replace(evidence, parts=tuple(parts))
 
 
-def edge_of(evidence: Evidence, part: Part) -> Array:
+def edge_of(evidence: Evidence, part: LogStretch) -> Array:
     """Return the gain by which a part's band fades at its upper end, (f,)."""
     return compute_band_edge(fft.rfftfreq(len(part.gate), part.dt)[: part.whitener.shape[1]], evidence.band)
 
@@ -53,7 +53,7 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
     """Return a flat problem whitened by the noise's spectrum.
 
     Args:
-        problem: The logs, whitened by nothing but the band's edge: see `flat`.
+        problem: The logs, whitened by nothing but the band's edge: see `remove_whitening`.
         state: A model of it; its causes are refitted.
         candidates: Columns of all candidates in the flat problem, built from the model's torque: none of the measured
             one's noise is in them.
@@ -62,8 +62,8 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
     n = evidence.rig.n
     every = [[c.at(j).own for c in candidates if c.joint in (None, j)] for j in range(n)]
     flexible = [np.concatenate([*own, features(evidence, state.torque, j)], axis=1) for j, own in enumerate(every)]
-    for _ in range(PASSES):
-        fitted = solved(now, state.causes, state)
+    for _ in range(WHITENING_ROUNDS):
+        fitted = solve_causes(now, state.causes, state)
         power: list[list[Array]] = []
         for j in range(n):
             rows, used = fitted.fit.rows(j), float(now.evidence.used[j])
@@ -103,7 +103,7 @@ def exponential(power: Array) -> float:
 def smooth(power: Array, average: Callable[[Array], Any]) -> Array:
     """Return a smooth spectrum: averages over a width that grows with frequency, smoothed once more."""
     count = len(power)
-    wide = np.maximum(NARROW, (WIDE * np.arange(count)).astype(int))
+    wide = np.maximum(SMOOTHED_FREQUENCIES, (SMOOTHED_SHARE * np.arange(count)).astype(int))
     ends = [(max(k - w, 0), min(k + w + 1, count)) for k, w in enumerate(wide.tolist())]
     rough = np.array([average(power[low:high]) for low, high in ends])
     means = [np.mean(rough[max(k - w // 2, 0) : k + w // 2 + 1]) for k, w in enumerate(wide.tolist())]

@@ -14,26 +14,26 @@ from gimbal_pin.diagnosis.engine.criterion import (
     compare_models,
     criterion,
     fitted,
+    leave_cause_out,
     matters,
     overfit,
     penalty,
     rows,
     unsupported,
-    without,
 )
 from gimbal_pin.diagnosis.fit import Fit, refit
-from gimbal_pin.diagnosis.library import Library
+from gimbal_pin.diagnosis.library import ColumnLibrary
 from gimbal_pin.diagnosis.score import all_gained, gained
-from gimbal_pin.diagnosis.shapes import free, other_forms, refined, same
+from gimbal_pin.diagnosis.shapes import free, other_forms, refine_shapes, same
 from gimbal_pin.diagnosis.state import Problem, State, width
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log.log import Array
 
-BEAM = 2
+BEAM_WIDTH = 2
 """Models that are carried on from step to step."""
-TRIED = 6
+REFITTED_CANDIDATES = 6
 """Candidates that are refined and refitted beside each of them."""
-MOST = 6
+MOST_CAUSES = 6
 """Causes of one model: what needs more is not understood."""
 ERROR_RATE = 0.01
 """Chance that a log with nothing in it gets a name."""
@@ -41,7 +41,7 @@ PROMISE = 0.3
 """Share of the threshold that a candidate must gain on the coarse grid, before its shape is refined."""
 MOST_PIECES = 24
 """Harmonics of one cause: no motor has more that matter."""
-STEP = 2.0**0.25
+REFINING_FACTOR = 2.0**0.25
 """Factor by which shapes are moved first when a model is refined once more."""
 Names = frozenset[tuple[str, str]]
 """Causes of a model by name and place."""
@@ -58,13 +58,13 @@ class Search:
     """
 
     problem: Problem
-    shelf: Library
+    shelf: ColumnLibrary
     threshold: float
     shared: dict[Signal, float] = field(default_factory=dict)
     unseen: WeakKeyDictionary[State, float] = field(default_factory=WeakKeyDictionary)
 
     @staticmethod
-    def among(problem: Problem, shelf: Library) -> Search:
+    def among(problem: Problem, shelf: ColumnLibrary) -> Search:
         """Return the search among some candidates.
 
         ``2 log(K/α)``: that one of K candidates gains so much by chance, ``exp(-gain/2)`` each, has a chance of α.
@@ -84,7 +84,7 @@ class Search:
         return self.unseen[state]
 
 
-def better(state: State, other: State, search: Search) -> bool:
+def is_better(state: State, other: State, search: Search) -> bool:
     """Whether a model is better than another by the threshold, and by more than an error of the other's form."""
     return (
         criterion(other) - criterion(state) >= search.threshold
@@ -127,12 +127,12 @@ def promising(state: State, search: Search, tried: Collection[Names] = ()) -> li
     best: dict[tuple[str, str], Cause] = {}
     for k in np.argsort(-net).tolist():
         cause = columns[k].cause
-        if net[k] < least or len(best) == TRIED:
+        if net[k] < least or len(best) == REFITTED_CANDIDATES:
             break
         there = any(same(cause, one) for one in state.causes)
         if cause.pieces or not cause.of_joint if there else names((*state.causes, cause)) not in tried:
             best.setdefault((cause.name, cause.place), cause)
-    return [completed(state, one, search) if one.pieces else refined(state, one, value) for one in best.values()]
+    return [completed(state, one, search) if one.pieces else refine_shapes(state, one, value) for one in best.values()]
 
 
 def falls(state: State, candidates: Sequence[Columns], fit: Fit) -> Array:
@@ -189,7 +189,7 @@ def together(causes: Sequence[Cause], new: Cause) -> tuple[Cause, ...]:
 def selected(state: State, search: Search) -> State:
     """Add causes to a model, and drop those that others make needless, as long as the criterion falls by enough."""
     best, front = state, [state]
-    for _ in range(MOST):
+    for _ in range(MOST_CAUSES):
         tried: set[Names] = set()
         grown: list[tuple[State, State]] = []
         for model in front:
@@ -214,23 +214,23 @@ def take_best(grown: Sequence[tuple[State, State]], search: Search) -> list[Stat
     """
     found: dict[Names, State] = {}
     for new, model in sorted(grown, key=lambda pair: criterion(pair[0]) - penalty(pair[0])):
-        front = sorted(found.values(), key=criterion)[:BEAM]
-        if len(front) == BEAM and criterion(new) - penalty(new) > criterion(front[-1]):
+        front = sorted(found.values(), key=criterion)[:BEAM_WIDTH]
+        if len(front) == BEAM_WIDTH and criterion(new) - penalty(new) > criterion(front[-1]):
             break
-        if better(new, model, search):
+        if is_better(new, model, search):
             least = pruned(new, search)
             key = names(least.causes)
             found[key] = min(found.get(key, least), least, key=criterion)
-    return sorted(found.values(), key=criterion)[:BEAM]
+    return sorted(found.values(), key=criterion)[:BEAM_WIDTH]
 
 
 def pruned(state: State, search: Search) -> State:
     """Drop the cause, or the piece of one, that is missed least, as long as the model is not better with each."""
     while state.causes:
         if impossible := unsupported(state):
-            state = without(state, impossible[0])
+            state = leave_cause_out(state, impossible[0])
             continue
-        needless = [less for less in lesser(state) if not better(state, less, search)]
+        needless = [less for less in lesser(state) if not is_better(state, less, search)]
         if not needless:
             break
         state = min(needless, key=criterion)
@@ -240,7 +240,7 @@ def pruned(state: State, search: Search) -> State:
 def lesser(state: State) -> Iterator[State]:
     """Yield a model without each of its causes, and without the weakest piece of those that have several."""
     for k, cause in enumerate(state.causes):
-        yield without(state, cause)
+        yield leave_cause_out(state, cause)
         if len(cause.pieces) > 1:
             less = cause.without(cause.pieces[int(np.argmin(worth(state, cause)))])
             yield fitted(state.problem, (*state.causes[:k], less, *state.causes[k + 1 :]), state)
@@ -257,10 +257,10 @@ def worth(state: State, cause: Cause) -> Array:
 def polished(state: State) -> State:
     """Refine each cause's shape once more beside the others, and try its other forms, while one bit is gained."""
     for k in range(len(state.causes)):
-        for _ in range(MOST):
+        for _ in range(MOST_CAUSES):
             cause = state.causes[k]
-            base = without(state, cause)
-            tried = (refined(base, cause, value, STEP), *other_forms(base, cause, value))
+            base = leave_cause_out(state, cause)
+            tried = (refine_shapes(base, cause, value, REFINING_FACTOR), *other_forms(base, cause, value))
             every = [fitted(state.problem, (*state.causes[:k], x, *state.causes[k + 1 :]), state) for x in tried]
             new = min((one for one in every if not unsupported(one)), key=criterion, default=state)
             if criterion(new) > criterion(state) - 2.0 * np.log(2.0):
@@ -270,7 +270,7 @@ def polished(state: State) -> State:
 
 
 @dataclass(frozen=True)
-class Rival:
+class FittedRival:
     """A cause in a finding's place.
 
     Attributes:
@@ -286,27 +286,27 @@ class Rival:
     std: float
 
 
-def rivals(state: State, cause: Cause, search: Search) -> tuple[Rival, ...]:
+def find_rivals(state: State, cause: Cause, search: Search) -> tuple[FittedRival, ...]:
     """Return what else explains what a chosen cause explains, the nearest first."""
-    less = without(state, cause)
+    less = leave_cause_out(state, cause)
     found = []
     for other in promising(less, search):
         if (other.name, other.place) != (cause.name, cause.place):
             new = fitted(less.problem, together(less.causes, other), less)
             if not unsupported(new):
-                found.append(Rival(new.causes[-1], new, *compare_models(state, new)))
+                found.append(FittedRival(new.causes[-1], new, *compare_models(state, new)))
     return tuple(sorted(found, key=lambda one: one.delta))
 
 
-def contested(state: State, search: Search) -> tuple[State, tuple[tuple[Rival, ...], ...]]:
+def contested(state: State, search: Search) -> tuple[State, tuple[tuple[FittedRival, ...], ...]]:
     """Return a model in which no cause has a better rival, and the rivals of each of its causes.
 
     What was found first was found beside less: a cause from which another is told since gives way to it.
     """
-    for swaps in range(MOST + 1):
-        others = tuple(rivals(state, cause, search) for cause in state.causes)
+    for swaps in range(MOST_CAUSES + 1):
+        others = tuple(find_rivals(state, cause, search) for cause in state.causes)
         best = min((one.state for each in others for one in each), key=criterion, default=state)
-        if criterion(best) - criterion(state) > -search.threshold or swaps == MOST:
+        if criterion(best) - criterion(state) > -search.threshold or swaps == MOST_CAUSES:
             break
         state = best
     return state, others

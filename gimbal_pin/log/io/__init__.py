@@ -20,7 +20,7 @@ from gimbal_pin.log.io.columns import (
     resolve_mapping,
 )
 from gimbal_pin.log.io.readers import format_of, is_log, open_table
-from gimbal_pin.log.io.tables import Table
+from gimbal_pin.log.io.tables import ColumnTable
 from gimbal_pin.log.io.units import check_units, describe_torques
 from gimbal_pin.log.log import Array, Imu, Log, Motion
 from gimbal_pin.log.mapping import Entries, Source
@@ -49,7 +49,9 @@ def read_log(path: str | Path, rig: Rig, mapping: Entries = (), *, need_tau: boo
     return log_in(open_table(file), rig, mapping, payload, need_tau)
 
 
-def log_in(table: Table, rig: Rig, mapping: Entries = (), payload: str | None = None, need_tau: bool = True) -> Log:
+def log_in(
+    table: ColumnTable, rig: Rig, mapping: Entries = (), payload: str | None = None, need_tau: bool = True
+) -> Log:
     """Return the log in a file that is open, see `read_log`."""
     links, notes = list_links(rig), list[str]()
     groups = make_log_groups(rig.joints, links, need_tau)

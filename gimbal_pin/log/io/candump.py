@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from gimbal_pin.errors import LogError
-from gimbal_pin.log.io.tables import Stream, Table, make_table, quote_names
+from gimbal_pin.log.io.tables import ColumnTable, Stream, make_table, quote_names
 from gimbal_pin.rig.reading import read_bytes
 
 CANDUMP_MAGIC = tuple(b"%s(%d" % (space, digit) for space in (b"", b" ") for digit in range(10))
@@ -41,10 +41,10 @@ _MOTEUS_REGISTERS: Mapping[int, tuple[str, tuple[float, ...]]] = {
     4: ("Iq_Measured", (1.0, 1e-1, 1e-3, 1.0)),
 }
 """Register of a moteus → its name, and one unit of an int8, int16, int32 or float."""
-_REPLY, _NOP, _FORMS = 0x20, 0x50, "bhif"
+_REPLY, _NOP, _NUMBER_FORMS = 0x20, 0x50, "bhif"
 
 
-def open_candump(path: Path) -> Table:
+def open_candump(path: Path) -> ColumnTable:
     """Read a capture: one stream per drive and kind of frame, all by the bus's clock; `LogError` if there is none."""
     found: dict[tuple[tuple[str, ...], str, int], list[tuple[float, ...]]] = {}
     others, lines = set[str](), 0
@@ -94,7 +94,7 @@ def _decode_moteus(data: bytes) -> dict[str, float]:
         count, resolution = kind & 3, kind >> 2 & 3
         if not count:
             count, at = data[at], at + 1
-        values = struct.Struct(f"<{count}{_FORMS[resolution]}")
+        values = struct.Struct(f"<{count}{_NUMBER_FORMS[resolution]}")
         if at + 1 + values.size > len(data):
             return {}
         for register, value in enumerate(values.unpack_from(data, at + 1), start=data[at]):

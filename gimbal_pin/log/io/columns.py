@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import DataError, LogError
-from gimbal_pin.log.io.tables import Table, quote_names
+from gimbal_pin.log.io.tables import ColumnTable, quote_names
 from gimbal_pin.log.log import LEAST_INTERVAL, PLAUSIBLE_RANGES, Array, Log, find_implausible, find_untimely
 from gimbal_pin.log.mapping import ROW_COLUMN, Entries, Source, check_targets, read_mapping
 from gimbal_pin.rig import urdf
@@ -77,10 +77,10 @@ def log_columns(log: Log) -> dict[str, Array]:
 
 def list_links(rig: Rig) -> list[str]:
     """Return the names of all links of a rig, which an IMU may be fixed to."""
-    return urdf.list_names(urdf.parse(rig.urdf, str(rig.path)), "link")
+    return urdf.list_names(urdf.parse_robot(rig.urdf, str(rig.path)), "link")
 
 
-def find_unrecorded_joints(rig: Rig, tables: Iterable[Table], mapping: Entries) -> dict[str, float]:
+def find_unrecorded_joints(rig: Rig, tables: Iterable[ColumnTable], mapping: Entries) -> dict[str, float]:
     """Return each joint of which no table holds anything → the angle, rad, or place, m, nearest to zero it can have.
 
     Empty where they hold no joint at all: then it is their names that are not the rig's.
@@ -127,7 +127,7 @@ def resolve_mapping(rig: Rig, groups: Mapping[str, Group], mapping: Entries) -> 
 
 
 def read_groups(
-    table: Table, groups: Mapping[str, Group], sources: Mapping[str, Source], notes: list[str] | None = None
+    table: ColumnTable, groups: Mapping[str, Group], sources: Mapping[str, Source], notes: list[str] | None = None
 ) -> dict[str, Array]:
     """Return key → (N, k) array of each group that the table holds, scaled to SI; ``t`` among them increases.
 
@@ -172,7 +172,7 @@ def read_groups(
 
 
 def _select_whole_rows(
-    table: Table, raw: Mapping[str, Array], time: Source, notes: list[str] | None
+    table: ColumnTable, raw: Mapping[str, Array], time: Source, notes: list[str] | None
 ) -> NDArray[np.integer[Any]]:
     """Return the rows that hold every value, from where time goes on without repeating itself or going back.
 
@@ -199,7 +199,7 @@ def _select_whole_rows(
     return full
 
 
-def _check_header(table: Table, groups: Mapping[str, Group], present: Mapping[str, Source]) -> None:
+def _check_header(table: ColumnTable, groups: Mapping[str, Group], present: Mapping[str, Source]) -> None:
     """Raise `LogError` unless sources exist once, required groups are there, and no group is there in part.
 
     `DataError` where torques alone are missing, and every column is something else.

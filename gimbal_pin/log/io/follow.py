@@ -44,7 +44,7 @@ def follow(path: str, rig: Rig, mapping: Entries = (), *, idle: float = inf) -> 
     groups = make_log_groups(rig.joints, links, True)
     sources = resolve_mapping(rig, groups, mapping)
     parts = follow_link(path, rig.joints, idle) if is_link(path) else _read_growing(file, idle)
-    for table in _read_tables(name, join_whole_lines(parts)):
+    for table in _parse_parts(name, join_whole_lines(parts)):
         if ROW_COLUMN in {source.column for source in sources.values()} - set(table.columns):
             what = f"is mapped by the '{ROW_COLUMN}', which a growing log is not read by"
             raise UsageError(name, what, "write its times")
@@ -78,7 +78,7 @@ def _read_usable(
     return found, flaw
 
 
-def _read_tables(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
+def _parse_parts(name: str, parts: Iterator[bytes]) -> Iterator[CsvTable]:
     """Yield the rows of each part under the header that came first.
 
     Raises:

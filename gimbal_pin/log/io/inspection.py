@@ -13,8 +13,8 @@ import yaml
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.log.io.readers import open_table
 from gimbal_pin.log.io.recognise import Channel, Recognised, assign_columns, recognise, required_columns
-from gimbal_pin.log.io.tables import JoinedTable, Table, find_time, quote_names, read_numeric_columns
-from gimbal_pin.log.log import GAP, SMALLEST_VALUE, Array
+from gimbal_pin.log.io.tables import ColumnTable, JoinedTable, find_time, quote_names, read_numeric_columns
+from gimbal_pin.log.log import GAP_SAMPLES, SMALLEST_VALUE, Array
 from gimbal_pin.log.mapping import ROW_COLUMN, format_expression
 from gimbal_pin.rig.rig import Rig
 
@@ -47,7 +47,7 @@ class InspectedStream:
             "samples": len(self.t),
             "seconds": float(np.ptp(self.t)) if len(self.t) else 0.0,
             "rate_hz": 1 / usual if usual else None,
-            "gaps": int(np.sum(steps > GAP * usual)) if usual else 0,
+            "gaps": int(np.sum(steps > GAP_SAMPLES * usual)) if usual else 0,
             "longest_interval_s": float(steps.max()) if len(steps) else None,
             "repeated_rows": int(same.sum()),
             "times_not_increasing": int(np.sum(steps <= 0)),
@@ -125,7 +125,7 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
     return Inspected(str(path), None if rig is None else rig.name, streams, mapping, missing, tuple(notes))
 
 
-def _inspect_stream(table: Table, rig: Rig | None, notes: list[str]) -> tuple[InspectedStream, Recognised]:
+def _inspect_stream(table: ColumnTable, rig: Rig | None, notes: list[str]) -> tuple[InspectedStream, Recognised]:
     """Return a table's columns and what they are; `notes` takes a sentence on each flaw."""
     data, flaws = read_numeric_columns(table)
     notes += flaws

@@ -51,7 +51,7 @@ _REFUSALS = (
     ("was tuned by a host whose clock is ahead", "set this machine's clock"),
 )
 """What a gimbal's status means, from 1 on, and the correction."""
-_WORD = 2**64 - 1
+_LARGEST_WORD = 2**64 - 1
 """The largest word of SipHash: sums are taken modulo its successor."""
 
 
@@ -313,9 +313,9 @@ def _mix_state(state: tuple[int, int, int, int], rounds: int) -> tuple[int, int,
     """Return the state after so many rounds of sums, rotations and exclusive ors."""
     a, b, c, d = state
     for _ in range(rounds):
-        a, c = (a + b) & _WORD, (c + d) & _WORD
+        a, c = (a + b) & _LARGEST_WORD, (c + d) & _LARGEST_WORD
         b, d = _rotate_left(b, 13) ^ a, _rotate_left(d, 16) ^ c
-        a, c = (_rotate_left(a, 32) + d) & _WORD, (c + b) & _WORD
+        a, c = (_rotate_left(a, 32) + d) & _LARGEST_WORD, (c + b) & _LARGEST_WORD
         b, d = _rotate_left(b, 17) ^ c, _rotate_left(d, 21) ^ a
         c = _rotate_left(c, 32)
     return a, b, c, d
@@ -323,4 +323,4 @@ def _mix_state(state: tuple[int, int, int, int], rounds: int) -> tuple[int, int,
 
 def _rotate_left(word: int, bits: int) -> int:
     """Return a word of 64 bits turned left."""
-    return (word << bits | word >> 64 - bits) & _WORD
+    return (word << bits | word >> 64 - bits) & _LARGEST_WORD

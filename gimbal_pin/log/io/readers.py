@@ -32,9 +32,9 @@ from gimbal_pin.log.io.tables import (
     DEEPEST_NESTING,
     WIDEST_ARRAY,
     ArrayTable,
+    ColumnTable,
     JoinedTable,
     Stream,
-    Table,
     find_time,
     group_streams,
     make_table,
@@ -67,7 +67,7 @@ Streams = tuple[list[Stream], list[str]]
 """What was sampled together, and notes."""
 
 
-def open_table(path: Path) -> Table:
+def open_table(path: Path) -> ColumnTable:
     """Return what a log's file holds, or several files: ``a.csv+b.csv``.
 
     Raises:
@@ -98,7 +98,7 @@ def format_of(path: Path) -> Format:
     return FORMATS[suffix]
 
 
-def _open_file(path: Path) -> Table:
+def _open_file(path: Path) -> ColumnTable:
     """Return what one file holds, or a bag's folder."""
     if (path / "metadata.yaml").is_file():
         return _open_isolated("bag", path)
@@ -110,7 +110,7 @@ def _open_file(path: Path) -> Table:
 # --- NumPy ----------------------------------------------------------------------------------------------------------
 
 
-def _open_npy(path: Path) -> Table:
+def _open_npy(path: Path) -> ColumnTable:
     """Read a record array, or a row per sample of plain columns c0, c1, …."""
     values = _load_array(read_bytes(path, LogError), str(path))
     if values.dtype.names:
@@ -121,7 +121,7 @@ def _open_npy(path: Path) -> Table:
     return make_table(str(path), [Stream("", {f"c{k}": column for k, column in enumerate(values.T)})], [])
 
 
-def _open_npz(path: Path) -> Table:
+def _open_npz(path: Path) -> ColumnTable:
     """Read an archive of named arrays; `LogError` if it is none, or unfolds to more than memory allows."""
     packed, arrays, size = read_bytes(path, LogError), dict[str, Any](), 0
     try:
@@ -212,7 +212,7 @@ def _import_parquet(path: Path) -> Any:
 # --- In a process of its own ----------------------------------------------------------------------------------------
 
 
-def _open_isolated(reader: str, path: Path) -> Table:
+def _open_isolated(reader: str, path: Path) -> ColumnTable:
     """Return the table of a file that one of `_ISOLATED` reads.
 
     Raises:
@@ -262,7 +262,7 @@ def main(reader: str, path: str, folder: str) -> dict[str, Any]:
     return {"streams": [[time, list(columns)] for time, columns in streams], "notes": list(notes)}
 
 
-def _open_mat(path: Path) -> Table:
+def _open_mat(path: Path) -> ColumnTable:
     """Read a MATLAB file, to version 7 or, as _HDF5 behind a header of 512 bytes or none, of 7.3."""
     head = read_beginning(path, 520)
     return _open_isolated("hdf5" if _HDF5 in (head[:8], head[512:]) else "mat", path)
@@ -427,7 +427,7 @@ class Format(NamedTuple):
         magic: How its files begin, where that distinguishes them from all others.
     """
 
-    open: Callable[[Path], Table]
+    open: Callable[[Path], ColumnTable]
     write: Callable[[Mapping[str, Array], Path], None] | None = None
     magic: tuple[bytes, ...] = ()
 

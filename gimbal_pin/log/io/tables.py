@@ -22,7 +22,7 @@ _TIMES = {"t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "sec
 """Words of which one stands in the name of a column of times."""
 
 
-class Table(Protocol):
+class ColumnTable(Protocol):
     """A file's named columns of numbers, read on demand."""
 
     @property
@@ -56,7 +56,7 @@ def _find_time_name(names: Iterable[str]) -> str | None:
     return min(found)[2] if found else None
 
 
-def find_time(table: Table) -> str:
+def find_time(table: ColumnTable) -> str:
     """Return the column of a table's times, by its name, or else the first column if it increases."""
     if (name := _find_time_name(table.columns)) is not None:
         return name
@@ -68,7 +68,7 @@ def find_time(table: Table) -> str:
     raise UsageError(table.name, "has no column that is called time, and its first does not increase", mend)
 
 
-def read_numeric_columns(table: Table) -> tuple[dict[str, Array], list[str]]:
+def read_numeric_columns(table: ColumnTable) -> tuple[dict[str, Array], list[str]]:
     """Return the columns of numbers, (N,) each, missing values interpolated, and a sentence on each flaw.
 
     Raises:
@@ -152,7 +152,7 @@ class Stream(NamedTuple):
     columns: Mapping[str, np.ndarray[Any, Any]]
 
 
-def make_table(name: str, streams: Sequence[Stream], notes: Sequence[str]) -> Table:
+def make_table(name: str, streams: Sequence[Stream], notes: Sequence[str]) -> ColumnTable:
     """Return the table of a file of one or several streams, all by one clock; `LogError` if it holds nothing."""
     if not streams:
         raise LogError(name, "holds no columns of numbers", "give a file with one array per channel, a value a sample")
@@ -223,7 +223,7 @@ class JoinedTable:
     """
 
     name: str
-    parts: Sequence[Table]
+    parts: Sequence[ColumnTable]
     times: Sequence[str]
     shared: bool = False
     notes: list[str] = field(default_factory=list)

@@ -55,13 +55,13 @@ def main(path: str) -> dict[str, Any]:
     import mujoco
 
     try:
-        text, notes = convert_model(mujoco.MjModel.from_xml_path(path), path)
+        text, notes = convert_mujoco_model(mujoco.MjModel.from_xml_path(path), path)
     except RigError as error:
         return {"wrong": [error.what, error.mend]}
     return {"text": text, "notes": notes}
 
 
-def convert_model(model: mujoco.MjModel, path: str) -> tuple[str, list[str]]:
+def convert_mujoco_model(model: mujoco.MjModel, path: str) -> tuple[str, list[str]]:
     """Return a compiled model as the text of a URDF, and what was left out."""
     import mujoco
 
