@@ -3,7 +3,7 @@ from .calibration import estimate_joint_rates as estimate_joint_rates
 from .calibration import estimate_mountings as estimate_mountings
 from .channel_assignment import check_assignment as check_assignment
 from .checked import CHECKS as CHECKS
-from .checked import HARMLESS as HARMLESS
+from .checked import CHECKS_WITHOUT_REPAIR as CHECKS_WITHOUT_REPAIR
 from .checked import CheckedLog as CheckedLog
 from .checked import check_log as check_log
 from .checked import collect_alterations as collect_alterations

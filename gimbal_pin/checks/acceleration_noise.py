@@ -31,9 +31,9 @@ from gimbal_pin.rig.rig import Rig
 
 DROWNED = 0.6
 """Noise of the smoothed acceleration, as a multiple of the motion's rms below the cutoff, that is worth telling."""
-PARTS = 24
+JUDGED_PARTS = 24
 """Parts of the log, the worst of which is judged."""
-NEAR, FAR = 2.0, 4.0
+NEAR_CUTOFF, FAR_CUTOFF = 2.0, 4.0
 """Cutoffs of the sweep, in multiples of the given one."""
 SAFE, WALKED = 0.02, 0.1
 """Change of the torque at NEAR and at FAR, as a share of its rms, from which the given cutoff is not safe either."""
@@ -61,7 +61,7 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
     crossed = fit_repeated(*halves)
     middle = [a._replace(A=(a.A + b.A) / 2) for a, b in zip(*halves)]
     first = fit_weighted(rows)
-    wider = (fit_weighted(list(widen_cutoff(made, factor))) for factor in (NEAR, FAR))
+    wider = (fit_weighted(list(widen_cutoff(made, factor))) for factor in (NEAR_CUTOFF, FAR_CUTOFF))
     pairs = ((crossed, fit_weighted(middle)), *((first, one) for one in wider))
     bias, near, far = (float(compute_change(rows, *pair)[drowned >= DROWNED].max()) for pair in pairs)
     figures = (
@@ -95,19 +95,19 @@ def compute_noise_share(log: Log, filtering: Filtering) -> Array | None:
     From the angle's noise or, where there is one, the rate's, by whichever says less.
     """
     long = [part for part in split_segments(log, filtering.cutoff) if part.dt * part.length > 1.0 / filtering.cutoff]
-    if not long or len(log) < 8 * PARTS:
+    if not long or len(log) < 8 * JUDGED_PARTS:
         return None
     rate, smoothing = 1.0 / log.dt, filtering.cutoff * filtering.smoothing
     slow = signals.lowpass(filtering.cutoff, rate)
     a = [signals.zero_phase(smooth_samples(part, filtering, 0, part.length).a, slow) for part in long]
     size = np.maximum(np.std(np.concatenate(a), axis=0), 1e-300)
     sections = signals.lowpass(smoothing, rate)
-    angle = estimate_angle_noise(log, estimate_local_noise(log.t, log.q, PARTS)) * signals.compute_noise_gain(
+    angle = estimate_angle_noise(log, estimate_local_noise(log.t, log.q, JUDGED_PARTS)) * signals.compute_noise_gain(
         sections, rate, 2
     )
     if log.v is not None:
         angle = np.minimum(
-            angle, estimate_local_noise(log.t, log.v, PARTS) * signals.compute_noise_gain(sections, rate, 1)
+            angle, estimate_local_noise(log.t, log.v, JUDGED_PARTS) * signals.compute_noise_gain(sections, rate, 1)
         )
     return np.asarray(np.where(np.ptp(log.q, axis=0) > 0, angle.max(axis=0) / size, 0.0))
 
@@ -159,7 +159,7 @@ def describe_noise(
     unreliable = bias > MATERIAL or near > SAFE or far > WALKED
     end = (
         f"parameters walk with the filter: {digits(100 * near, 2)} % of the torque from {cutoff:g} to "
-        f"{NEAR * cutoff:g} Hz, {digits(100 * far, 2)} % to {FAR * cutoff:g} Hz; this is noise in the "
+        f"{NEAR_CUTOFF * cutoff:g} Hz, {digits(100 * far, 2)} % to {FAR_CUTOFF * cutoff:g} Hz; this is noise in the "
         f"motion, no physics"
         if unreliable
         else f"at {cutoff:g} Hz it does no harm"

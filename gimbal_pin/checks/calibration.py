@@ -22,14 +22,14 @@ _PRIOR = (0.1, 0.02)
 """Prior deviations of misalignment, rad, and bias, rad/s: what the log hardly shows stays near zero."""
 _FAINT = 3.0
 """A misalignment is estimated from rates above so many deviations of the differences."""
-_PASSES = 4
+_LINEAR_STEPS = 4
 """Linear steps to the misalignments: the third no longer changes them."""
 _CONTRADICTION = (0.3, 0.02)
 """A gyro is left out whose difference is above this share of its rate, and above this, rad/s rms."""
 _SIGNIFICANT = 4.0
 """Deviations from zero from which readings are corrected: of three IMUs' eighteen parameters one of those that are zero
 is so far off in one log of 900."""
-_SHORTEST = 50
+_FEWEST_COMPARED = 50
 """Fewest samples that are compared."""
 
 
@@ -89,7 +89,7 @@ def estimate_mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
     differences from the base's gyro and the encoders' rates, iterated, since turns do not add.
     """
     links = _gyro_links(rig, log)
-    if len(links) < 2 or len(log) < _SHORTEST:
+    if len(links) < 2 or len(log) < _FEWEST_COMPARED:
         return {}
     gyro, turned, relative = _filter_and_thin(rig, log, links)
 
@@ -100,7 +100,7 @@ def estimate_mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
     turns, biases = [np.eye(3)] * len(links), [np.zeros(3)] * len(links)
     first = last = difference(gyro)
     now = gyro
-    for _ in range(_PASSES):
+    for _ in range(_LINEAR_STEPS):
         known = np.array([[*pin.log3(M), *b] for M, b in zip(turns, biases)])
         noise = max(float(np.sqrt(np.mean(last**2))), 1e-9)
         step, std = _solve_corrections(now, last, turned, known, noise)

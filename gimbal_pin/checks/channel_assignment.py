@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gimbal_pin.checks.record import Fault
-from gimbal_pin.checks.series import CHANNELS
+from gimbal_pin.checks.series import JOINT_CHANNELS
 from gimbal_pin.dynamics.configurations import spread_reference_states
 from gimbal_pin.dynamics.model import build_friction_effects
 from gimbal_pin.dynamics.reduction import reduce_parameters
@@ -39,17 +39,17 @@ from gimbal_pin.rig.rig import Rig
 POOR = 0.25
 """Residual of a joint, as a share of its torque, from which its columns may be another joint's: of two joints of the
 bundled rigs that have changed places one is left 0.3 to 1.1."""
-BETTER = 0.4
+LEAST_IMPROVEMENT = 0.4
 """Share of the error that columns put right may leave: several causes halve it, none of them does that by a sign."""
-ROUGH = 0.03
+ERROR_RESOLUTION = 0.03
 """Share of a joint's torque to which the error need be known."""
-AGREED = 0.5
+AGREEING_CORRELATION = 0.5
 """Correlation of a joint's torque with what the given rig asks for, from which its sign is right, come what may."""
 UNDRIVEN = 0.05
 """A joint with less than this share of the largest torque need not be right by a share of its own."""
-EXAMINED = 60.0
+ASSIGNMENT_TIME = 60.0
 """Time of each log that is looked at where it is not fitted anyway, s."""
-MOST = 4
+MOST_PERMUTED_JOINTS = 4
 """Joints up to which every pattern of signs, and every order, is tried; with more, single signs and all at once, and
 two joints exchanged."""
 
@@ -90,14 +90,14 @@ def find_assignment(blocks: DesignBlocks, estimate: Estimate) -> AssignmentTrial
     given = compute_bounded_misfit(blocks)
     for tried in (try_orders, try_torques):
         best = min(tried(blocks), key=lambda one: one.missed, default=None)
-        if best is not None and best.missed < BETTER * given:
+        if best is not None and best.missed < LEAST_IMPROVEMENT * given:
             then = f"bodies miss {100 * best.missed:.2g} % of the torque then, {100 * given:.2g} % now"
             return best._replace(words=f"{best.words}: {then}")
     return None
 
 
 def check_assignment_of_logs(rig: Rig, logs: Sequence[Log], base: BaseMotion, filtering: Filtering) -> Fault | None:
-    """Check the wiring of logs before any fit, on their first `EXAMINED` seconds.
+    """Check the wiring of logs before any fit, on their first `ASSIGNMENT_TIME` seconds.
 
     Returns:
         The fault, where joints have changed places with all of their columns; else None.
@@ -117,12 +117,14 @@ def check_assignment_of_logs(rig: Rig, logs: Sequence[Log], base: BaseMotion, fi
     if not found.whole:
         raise LogError(logs[0].name, found.words, found.mend)
     missed = Parameter("missed", found.missed, "1")
-    return Fault("logs-disagree", None, f"{logs[0].name}: {found.words}", (missed,), 1.0 / BETTER, True, found.mend)
+    return Fault(
+        "logs-disagree", None, f"{logs[0].name}: {found.words}", (missed,), 1.0 / LEAST_IMPROVEMENT, True, found.mend
+    )
 
 
 def take_beginning(log: Log) -> Log:
-    """Return the first `EXAMINED` seconds of a log."""
-    return log.part(slice(0, int(np.searchsorted(log.t, log.t[0] + EXAMINED))))
+    """Return the first `ASSIGNMENT_TIME` seconds of a log."""
+    return log.part(slice(0, int(np.searchsorted(log.t, log.t[0] + ASSIGNMENT_TIME))))
 
 
 def is_impossible(blocks: DesignBlocks, estimate: Estimate) -> bool:
@@ -152,7 +154,7 @@ def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
     rows = blocks.design
     joints, n = rows.rig.joints, rows.rig.n
     sources = rows.logs[0].sources if rows.logs else {}
-    right = correlate_with_given(blocks) > AGREED
+    right = correlate_with_given(blocks) > AGREEING_CORRELATION
     for signs in list_sign_patterns(n):
         if np.any(right & (np.array(signs) < 0)):
             continue
@@ -179,8 +181,8 @@ def try_orders(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
         return
     given, beginnings = compute_free_misfit(blocks), replace(rows, logs=tuple(map(take_beginning, rows.logs)))
     for order in list_orders(rows.rig.n):
-        put = compute_blocks(reorder_channels(beginnings, order, CHANNELS))
-        if compute_free_misfit(put) < BETTER * given:
+        put = compute_blocks(reorder_channels(beginnings, order, JOINT_CHANNELS))
+        if compute_free_misfit(put) < LEAST_IMPROVEMENT * given:
             places = [(joints[j], joints[k]) for j, k in enumerate(order) if j != k]
             to, of = (",".join(side) for side in zip(*places))
             words = f"{', '.join(joint for joint, _ in places)} have changed places"
@@ -198,7 +200,7 @@ def correlate_with_given(blocks: DesignBlocks) -> Array:
 
 def list_sign_patterns(n: int) -> list[tuple[int, ...]]:
     """Signs of n columns, at least one of them turned; the fewest first."""
-    if n <= MOST:
+    if n <= MOST_PERMUTED_JOINTS:
         each = [signs for signs in product((1, -1), repeat=n) if min(signs) < 0]
     else:
         each = [tuple(-1 if k == j else 1 for k in range(n)) for j in range(n)] + [(-1,) * n]
@@ -207,7 +209,7 @@ def list_sign_patterns(n: int) -> list[tuple[int, ...]]:
 
 def list_orders(n: int) -> list[tuple[int, ...]]:
     """Orders of n joints that are not theirs."""
-    if n <= MOST:
+    if n <= MOST_PERMUTED_JOINTS:
         return list(permutations(range(n)))[1:]
     return [tuple(swap_places(range(n), *pair)) for pair in combinations(range(n), 2)]
 
@@ -247,13 +249,13 @@ def compute_bounded_misfit(blocks: DesignBlocks) -> float:
     Errors count in shares of each joint's torque and not of its noise: a fit that is wrong by thousands of deviations
     would take a hundred times as long to settle, for a figure that is not needed to so many digits.
     """
-    factors = factor_in_shares(blocks) / ROUGH
+    factors = factor_in_shares(blocks) / ERROR_RESOLUTION
     try:
         phi, friction = fit_bounded_bodies(blocks.design, factors.reshape(-1, factors.shape[2]), LEANT_WEIGHTS)
     except np.linalg.LinAlgError:  # so far from all bodies that numbers end: they explain nothing
         return 1.0
     theta = np.concatenate([blocks.design.mixing @ phi, friction, [-1.0]])
-    return float(ROUGH * np.sqrt(np.sum((factors @ theta) ** 2) / len(factors)))
+    return float(ERROR_RESOLUTION * np.sqrt(np.sum((factors @ theta) ** 2) / len(factors)))
 
 
 def compute_torque_size(blocks: Sequence[Block]) -> Array:

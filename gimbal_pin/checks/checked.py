@@ -40,7 +40,7 @@ the rate that it logs, before a filtered one is left out."""
 
 FATAL = frozenset({"controller-formula", "stuck-channel"})
 """Faults that leave no physics in a log: its torque is a formula of its motion, or is none."""
-HARMLESS = frozenset({"controller-formula", "acceleration-noise"})
+CHECKS_WITHOUT_REPAIR = frozenset({"controller-formula", "acceleration-noise"})
 """Checks that mend nothing: who asks for repairs alone is spared them."""
 
 
@@ -139,7 +139,7 @@ def _examine(rig: Rig, log: Log, repairs_only: bool) -> tuple[tuple[Fault, ...],
     for name, check in CHECKS.items():
         latest = repairs[-1][1] if repairs else log
         within = name == "commanded-torque" and not exceeds_limit(rig, latest)
-        if repairs_only and (within or name in HARMLESS):
+        if repairs_only and (within or name in CHECKS_WITHOUT_REPAIR):
             continue
         examined = check(rig, latest, Filtering())
         if examined is not None:

@@ -17,9 +17,9 @@ from gimbal_pin.log.log import PAUSE, Array, Log
 from gimbal_pin.regression import Filtering, Flags, split_segments
 from gimbal_pin.rig.rig import Rig
 
-WINDOW = 51
+CLOCK_WINDOW = 51
 """Samples over which a clock is taken to be steady."""
-PARTS = 24
+CLOCK_PARTS = 24
 """Parts of the log, the worst of which is judged."""
 JITTER, LOST, STALE = 0.07, 0.02, 0.05
 """Worth telling: jitter in periods (rms), lost samples and repeated rows (shares). Less is in every log."""
@@ -27,7 +27,7 @@ HOLE, HOLE_SAMPLES = 0.015, 4
 """And a hole of so many seconds and samples."""
 SPREAD, SLACK = 4.5, 0.3
 """Where stamps jitter, a long interval is a lost sample only beyond so many median deviations, less so many periods."""
-STEPS = 8.0
+MOVING_STEPS = 8.0
 """Steps of its resolution by which a channel must change over four samples to be moving."""
 USABLE = 0.5
 """Share of the time that must lie in stretches long enough for the filter."""
@@ -37,7 +37,7 @@ class Ticks(NamedTuple):
     """What the time stamps say of themselves.
 
     Attributes:
-        steady: Stamps of a clock that runs evenly over `WINDOW` samples but for lost ones, s, (N,).
+        steady: Stamps of a clock that runs evenly over `CLOCK_WINDOW` samples but for lost ones, s, (N,).
         missing: Samples lost before each sample, (N,).
         jitter: Rms of the stamps about `steady` in the worst part, in periods.
     """
@@ -54,7 +54,7 @@ def check_clock(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     or the samples jitter, the angle tells: with true stamps it is smoother over the stamps, with false ones over the
     count. The harm is the torque error that false stamps and repeated rows make.
     """
-    if len(log) < 2 * WINDOW:
+    if len(log) < 2 * CLOCK_WINDOW:
         return None
     seen, old = separate_jitter(log.t), find_repeated_rows(log)
     lost = np.where(seen.missing * log.dt < PAUSE, seen.missing, 0.0)
@@ -89,14 +89,14 @@ def separate_jitter(t: Array) -> Ticks:
     missing = np.append(0.0, np.where(lost, np.maximum(np.round(gaps / dt) - 1.0, 1.0), 0.0))
     holes = np.cumsum(missing) * dt
     steady = smooth_stamps(t - holes)
-    squares = np.array_split((t - holes - steady) ** 2, PARTS)
+    squares = np.array_split((t - holes - steady) ** 2, CLOCK_PARTS)
     jitter = max(np.sort(part)[: max(1, int(0.98 * len(part)))].mean() for part in squares)
     return Ticks(steady + holes, missing, float(np.sqrt(jitter)) / dt)
 
 
 def smooth_stamps(even: Array) -> Array:
-    """Moving average over `WINDOW`; at the two ends, where it has no window, a straight line."""
-    out, half = uniform_filter1d(even, WINDOW), WINDOW // 2
+    """Moving average over `CLOCK_WINDOW`; at the two ends, where it has no window, a straight line."""
+    out, half = uniform_filter1d(even, CLOCK_WINDOW), CLOCK_WINDOW // 2
     n = np.arange(2 * half)
     for ends, part in ((n[:half], slice(0, 2 * half)), (n[half:], slice(len(even) - 2 * half, len(even)))):
         out[part][ends] = np.polyval(np.polyfit(n, even[part], 1), ends)
@@ -123,13 +123,13 @@ def find_repeated_rows(log: Log) -> Flags:
     # Where the samples around change by several steps of their resolution, a repeated value is no resolution limit.
     step = np.array([x[x > 0].min() if np.any(x > 0) else np.inf for x in changes.T])
     moving = np.zeros(len(log), bool)
-    moving[2:-2] = np.any(np.abs(values[4:] - values[:-4]) > STEPS * step, axis=1)
+    moving[2:-2] = np.any(np.abs(values[4:] - values[:-4]) > MOVING_STEPS * step, axis=1)
     return same & moving
 
 
 def find_worst_share(flags: Flags) -> float:
     """Largest share of true flags in any part."""
-    return max(float(part.mean()) for part in np.array_split(flags, PARTS))
+    return max(float(part.mean()) for part in np.array_split(flags, CLOCK_PARTS))
 
 
 def is_scattered(log: Log, filtering: Filtering) -> bool:

@@ -15,11 +15,11 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
-QUIET = 3e-4
+LEAST_SENSOR_NOISE = 3e-4
 """No current sensor has less noise than this share of the torque's rms (twelve bits over the peak have as much)."""
 LAGS = 3
 """Samples that a command may look back."""
-WINDOW, WINDOWS = 0.4, 16
+GAIN_WINDOW, GAIN_WINDOWS = 0.4, 16
 """Time over which a controller's gains change linearly at most, s, and how many such windows are looked at."""
 SOME = 0.3
 """Share of the windows that must agree: elsewhere samples may be lost, or the plan may jump."""
@@ -43,7 +43,7 @@ def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined
     size = np.sqrt(np.mean(log.tau**2, axis=0))
     everything = build_lagged_columns(log, range(rig.n))
     left = np.array([compute_unexplained_noise(log, j, everything) for j in range(rig.n)])
-    formula = (left < QUIET * size) & (size > 0)
+    formula = (left < LEAST_SENSOR_NOISE * size) & (size > 0)
     if not formula.any():
         return None
     over = np.mean(np.abs(log.tau) > OVER * rig.tau_max, axis=0) * formula
@@ -54,7 +54,7 @@ def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined
         Parameter("rough", float(signals.noise_std(log.tau)[worst]), "N m"),
         Parameter("beyond_limit", float(over[worst]), "1"),
     )
-    strength = QUIET / max(float(share[worst]), 1e-12)
+    strength = LEAST_SENSOR_NOISE / max(float(share[worst]), 1e-12)
     fault = describe_command(rig.joints[worst], int(formula.sum()), figures, strength)
     if not over.any():
         return Examined(fault)
@@ -78,8 +78,8 @@ def compute_unexplained_noise(log: Log, j: int, everything: Array) -> float:
     rough = np.diff(log.tau[:, j], 3)[LAGS - 1 :]
     out = own
     for columns in (build_lagged_columns(log, [j]), everything):
-        length = max(round(WINDOW / log.dt), 6 * columns.shape[1])
-        starts = range(0, len(rough) - length + 1, max(length, len(rough) // WINDOWS))
+        length = max(round(GAIN_WINDOW / log.dt), 6 * columns.shape[1])
+        starts = range(0, len(rough) - length + 1, max(length, len(rough) // GAIN_WINDOWS))
         left = [compute_held_out_error(columns[k : k + length], rough[k : k + length]) for k in starts]
         if left:
             out = min(out, float(np.quantile(left, SOME)))

@@ -36,7 +36,7 @@ BAND = 0.1
 """Low-pass on all channels, as a share of the sampling rate: a loop acts below it, most of the noise is above."""
 LATEST = 6
 """Samples by which the torque may answer late: measuring, computing and sending take one or two each."""
-SHORTEST, LEAST, MOST = 3.0, 100, 5000
+SHORTEST_FORMULA, FEWEST_FORMULA_SAMPLES, MOST_FORMULA_SAMPLES = 3.0, 100, 5000
 """A shorter log, s, or one of fewer samples, is not judged; of a longer one so many, spread evenly, are."""
 
 
@@ -63,12 +63,12 @@ def check_controller_formula(rig: Rig, log: Log, filtering: Filtering) -> Examin
     A base that moves excites the plant whatever the reference does: such a log is not judged. Where this formula is not
     found, that of the angles alone is looked for (`check_formula_of_angles`).
     """
-    if log.tau is None or log.t[-1] - log.t[0] < SHORTEST or classify_base_motion(rig, log) != "fixed":
+    if log.tau is None or log.t[-1] - log.t[0] < SHORTEST_FORMULA or classify_base_motion(rig, log) != "fixed":
         return None
     sections = signals.lowpass(BAND, 1.0)
     edge = int(signals.compute_lowpass_settling(BAND)) + LATEST
-    kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST))
-    if len(kept) < LEAST:
+    kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST_FORMULA_SAMPLES))
+    if len(kept) < FEWEST_FORMULA_SAMPLES:
         return None
     q, tau = (signals.zero_phase(x, sections) for x in (log.q, log.tau))
     v = signals.differentiate(q, log.dt) if log.v is None else signals.zero_phase(log.v, sections)
@@ -98,8 +98,8 @@ def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examine
     assert log.tau is not None
     band = min(filtering.cutoff * log.dt, BAND)
     sections, edge = signals.lowpass(band, 1.0), int(signals.compute_lowpass_settling(band)) + LATEST
-    kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST, int(0.25 / band)))
-    if len(kept) < LEAST:
+    kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST_FORMULA_SAMPLES, int(0.25 / band)))
+    if len(kept) < FEWEST_FORMULA_SAMPLES:
         return None
     q, tau = (signals.zero_phase(x, sections) for x in (log.q, log.tau))
     v = signals.differentiate(q, log.dt)

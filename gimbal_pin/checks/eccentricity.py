@@ -20,7 +20,7 @@ _CLEAR = 10.0
 """Standard deviations from zero that an eccentricity must have before angles are corrected by it."""
 _LEAST = 5e-4
 """Smallest size, rad, that is corrected."""
-_PASSES = 8
+_ITERATIONS = 8
 """Fixed-point iterations for the true angle in the sine of its own error."""
 
 
@@ -55,7 +55,7 @@ class Eccentricity:
     def mended(self, read: Array) -> Array:
         """True angles, rad, (N,), but for the offset, of those that were read."""
         q = read
-        for _ in range(_PASSES):
+        for _ in range(_ITERATIONS):
             q = read - self.error(q)
         return q
 
@@ -78,7 +78,7 @@ def fit_eccentricity(t: Array, q: Array, v: Array) -> Eccentricity | None:
     found = Eccentricity(0.0, 0.0, 0.0)
     if np.sum(whole) < 2 * _BLOCKS:
         return None
-    for _ in range(_PASSES):
+    for _ in range(_ITERATIONS):
         x = found.mended(q)
         columns = np.stack([np.cos(x), np.sin(x), t - t[0], x, v], axis=1)
         rows, target = np.diff(columns, axis=0)[whole], np.diff(q - turned)[whole]

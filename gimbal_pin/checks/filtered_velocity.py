@@ -22,7 +22,7 @@ CORNERS = np.geomspace(0.5, 100.0, 41)
 """Corner frequencies that are tried, Hz."""
 EXACT = 0.05
 """A recursion with the angle's increments leaves less than this share of what the rate's past alone leaves."""
-PARTS, LEAST = 40, 60
+RECURSION_PARTS, LEAST_PART_SAMPLES = 40, 60
 """Parts of a log in which a recursion is looked for, and their least length in samples."""
 FLAT = 0.15
 """A corner above this share of the sampling rate is no filter."""
@@ -30,14 +30,14 @@ WHOLE = 0.5
 """A recursion whose gain at 0 Hz differs from one by more is no filter: slow motion passes a low-pass whole.
 
 A rate that mostly repeats itself makes a recursion with a pole on the unit circle and any gain."""
-BETTER = 0.5
+LOWPASS_IMPROVEMENT = 0.5
 """Where no recursion fits, a low-pass must leave less than this share of the power that the best pure delay leaves, and
 a delay of what the derivative itself leaves."""
 OVER_NOISE = 10.0
 """And differ from it by so many times the power of the angle's noise."""
 VISIBLE = 0.005
 """And change the rate by more than this share of its rms."""
-SHORTEST = 3.0
+SHORTEST_STRETCH = 3.0
 """Length of an uninterrupted stretch that is worth comparing, s."""
 PASSES, TRIM = 3, 4.0
 """Fits of the recursion, each without the samples beyond so many deviations of the last."""
@@ -66,7 +66,7 @@ def check_filtered_velocity(rig: Rig, log: Log, filtering: Filtering) -> Examine
     which keeps the shape of the rate. Neither harms a fit that differentiates the angle: the mended log has no rate.
     Of a rate that is late by more than a sample, which differences are anyway, the mended log has it in time.
     """
-    if log.v is None or len(log) < 2 * LEAST:
+    if log.v is None or len(log) < 2 * LEAST_PART_SAMPLES:
         return None
     found = {j: lag for j in range(rig.n) if (lag := find_lag(log, j, filtering)) is not None}
     if not found:
@@ -96,7 +96,7 @@ def find_lag(log: Log, j: int, filtering: Filtering) -> Lag | None:
     """Return the lag in one joint's rate, or None where there is none, or none that one could see."""
     assert log.v is not None
     longest = max(split_segments(log, 1.0), key=lambda stretch: stretch.length, default=None)
-    if longest is None or longest.length * longest.dt < SHORTEST or np.ptp(log.q[:, j]) == 0.0:
+    if longest is None or longest.length * longest.dt < SHORTEST_STRETCH or np.ptp(log.q[:, j]) == 0.0:
         return None
     dt, rows = longest.dt, longest.rows
     grid = longest.start + dt * np.arange(longest.length)
@@ -118,7 +118,7 @@ def find_lag(log: Log, j: int, filtering: Filtering) -> Lag | None:
 
 def find_recursion(q: Array, v: Array, dt: float) -> LowPass | None:
     """Return the filter that makes the rate in any part of a log, or None."""
-    count = max(1, min(PARTS, len(q) // LEAST))
+    count = max(1, min(RECURSION_PARTS, len(q) // LEAST_PART_SAMPLES))
     parts = zip(np.array_split(q, count), np.array_split(v, count))
     found = [low_pass for part in parts if (low_pass := fit_recursion(*part, dt)) is not None]
     return sorted(found)[len(found) // 2] if found else None
@@ -176,18 +176,18 @@ def find_low_pass_or_delay(
     best = min(range(len(tried)), key=lambda k: tried[k].left)
     delayed, delay = tried[best], float(shifts[best]) + tried[best].delay
     # |lagged - delayed| is at most the sum of what the two leave: where that cannot be visible, no lag need be tried.
-    if delayed.left * (1.0 + np.sqrt(BETTER)) ** 2 > OVER_NOISE * noise**2:
+    if delayed.left * (1.0 + np.sqrt(LOWPASS_IMPROVEMENT)) ** 2 > OVER_NOISE * noise**2:
         shapes = [LowPass(float(f), order) for order in (1, 2) for f in CORNERS]
         lags = {shape: fit_shape(apply_low_pass(d, shape.corner, shape.order, dt), r, dt, settled) for shape in shapes}
         low_pass = min(lags, key=lambda shape: lags[shape].left)
         lag = lags[low_pass]
         visible = float(np.mean((lag.fit - delayed.fit) ** 2)) > OVER_NOISE * noise**2
-        if visible and lag.left < BETTER * delayed.left and low_pass.corner < FLAT / sample:
+        if visible and lag.left < LOWPASS_IMPROVEMENT * delayed.left and low_pass.corner < FLAT / sample:
             return low_pass
     gain = float(d[settled] @ r[settled] / (d[settled] @ d[settled]))
     moved = float(np.mean((delayed.fit - gain * d[settled]) ** 2))
     undelayed = float(np.mean((r[settled] - gain * d[settled]) ** 2))
-    is_late = delay > sample and moved > OVER_NOISE * noise**2 and delayed.left < BETTER * undelayed
+    is_late = delay > sample and moved > OVER_NOISE * noise**2 and delayed.left < LOWPASS_IMPROVEMENT * undelayed
     return delay if is_late else None
 
 

@@ -17,11 +17,11 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags, dilate_flags
 from gimbal_pin.rig.rig import Rig
 
-WINDOW = 0.5
+NOISE_WINDOW = 0.5
 """Length of the windows whose own noise a sample is judged by, s."""
-NEAR, WIDE = 12.0, 6.0
+SPIKE_OVER_WINDOW, SPIKE_OVER_LOG = 12.0, 6.0
 """A spike exceeds its window's median by the first factor, and the log's noise by the second."""
-HEIGHT = float(np.sqrt(1.0 + 34.0 / 36.0))
+SPIKE_HEIGHT = float(np.sqrt(1.0 + 34.0 / 36.0))
 """Height of a spike per unit of what `leave_out` leaves of it on an even grid."""
 LONE = 0.5
 """Its neighbours differ by less than this share of it."""
@@ -31,11 +31,11 @@ GROSS = 1.0
 """Spikes of so many standard deviations of their channel are reported even where they do no harm."""
 SHORT = 0.1
 """Length of the windows whose roughness is compared, s: the median's, for a knock is rough for a few samples only."""
-ROUGH, WILD = 12.0, 0.7
+GARBAGE_ROUGHNESS, GARBAGE_SPREAD = 12.0, 0.7
 """Garbage is rougher than the median window by the first factor, and than its signal's spread by the second."""
 OWN = 3.0
 """A rate is as rough as so many times its angle's differences through no fault of its own."""
-PART = 0.25
+LARGEST_GARBAGE = 0.25
 """More than this share of the log is no stretch."""
 
 
@@ -54,7 +54,7 @@ def check_outliers(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     Also stretches in which this roughness is far above the rest of the log. The harm is the torque error that goes
     away with the samples.
     """
-    if len(log) < 8 * WINDOW / log.dt:
+    if len(log) < 8 * NOISE_WINDOW / log.dt:
         return None
     names, values = zip(*get_channels(log).items())
     left = dict(zip(names, np.split(leave_out(log.t, np.hstack(values)), len(names), axis=1)))
@@ -79,21 +79,21 @@ def find_spikes(log: Log, left: Mapping[str, Array]) -> list[Wild]:
             hit = np.zeros(len(log), bool)
             hit[2:-2] = find_lone_samples(column, rough, log.dt)
             if hit.any() and np.mean(hit) < RARE:
-                size = HEIGHT * rough[hit[2:-2]].max() / max(float(np.std(column)), 1e-300)
+                size = SPIKE_HEIGHT * rough[hit[2:-2]].max() / max(float(np.std(column)), 1e-300)
                 out.append(Wild(name, j, hit, float(size)))
     return out
 
 
 def find_lone_samples(column: Array, left: Array, dt: float) -> Flags:
     """Samples far from the cubic through their neighbours, which agree with each other, (N - 4,)."""
-    wild = left > WIDE * compute_trimmed_rms(left)
+    wild = left > SPIKE_OVER_LOG * compute_trimmed_rms(left)
     if not wild.any():
         return wild
-    length = max(8, min(round(WINDOW / dt), len(left)))
+    length = max(8, min(round(NOISE_WINDOW / dt), len(left)))
     window = np.repeat(compute_medians(left[:, None], length)[:, 0] / 0.6745, length)[: len(left)]
     # A step has one of these on either side of it, a spike none.
     near, far = np.abs(column[3:-1] - column[1:-3]), np.abs(column[4:] - column[:-4])
-    return np.asarray(wild & (left > NEAR * window) & (np.maximum(near, far) < LONE * HEIGHT * left))
+    return np.asarray(wild & (left > SPIKE_OVER_WINDOW * window) & (np.maximum(near, far) < LONE * SPIKE_HEIGHT * left))
 
 
 def interpolate_spikes(log: Log, found: Sequence[Wild]) -> Log:
@@ -114,14 +114,14 @@ def find_garbage(log: Log, left: Mapping[str, Array]) -> list[Wild]:
 
     for name, values in get_channels(log).items():
         for j, spread in enumerate(np.maximum(np.std(values, axis=0), 1e-300).tolist()):
-            if np.sum(np.abs(left[name][:, j]) > 0.6745 * WILD * spread) < length // 2 - 2:
+            if np.sum(np.abs(left[name][:, j]) > 0.6745 * GARBAGE_SPREAD * spread) < length // 2 - 2:
                 continue  # no window's median can be so large
             window = compute_roughness(name, j)
-            wild = (window > ROUGH * np.median(window)) & (window > WILD * spread)
+            wild = (window > GARBAGE_ROUGHNESS * np.median(window)) & (window > GARBAGE_SPREAD * spread)
             if name == "v":
                 wild &= window > OWN * compute_roughness("q", j) / log.dt
             rows = np.repeat(wild, length)[: len(log)]
-            if wild.any() and np.mean(rows) < PART:
+            if wild.any() and np.mean(rows) < LARGEST_GARBAGE:
                 rows = dilate_flags(rows[:, None], length // 2)[:, 0]
                 out.append(Wild(name, j, rows, float(window.max()) / spread))
     return out

@@ -22,7 +22,7 @@ _USUAL = 0.5
 """An axis that repeats itself at more than this share of its samples is coarse or still, not stuck."""
 _BRIDGED = 0.25
 """A longer gap is not bridged: a quarter of a second hides whole swings."""
-_SHORTEST = 2.0
+_FEWEST_SECONDS = 2.0
 """Fewest seconds without such a gap."""
 _WEIGHT = (5.0, 20.0)
 """Mean specific force of what is carried, m/s²: outside of that it is in another unit, or lacks gravity."""
@@ -58,7 +58,9 @@ def check_platform_log(t: Array, imu: Imu, name: str) -> UsablePlatform:
         LogError: A sensor never changes, no stretch is long enough, or specific force is not that of a carried body.
     """
     if len(t) < 2:
-        raise LogError(name, "has one row, which shows no motion", f"record at least {_SHORTEST:g} s of the platform")
+        raise LogError(
+            name, "has one row, which shows no motion", f"record at least {_FEWEST_SECONDS:g} s of the platform"
+        )
     if imu.gyro is None or imu.accel is None:  # `Platform.measured` refuses that
         return UsablePlatform(t, imu, ())
     mean = float(np.mean(np.linalg.norm(imu.accel, axis=1)))
@@ -128,9 +130,9 @@ def _find_longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[
     edges = [0, *(gaps[steps[gaps] > _BRIDGED] + 1).tolist(), len(rows)]
     first, end = max(itertools.pairwise(edges), key=lambda pair: t[rows[pair[1] - 1]] - t[rows[pair[0]]])
     begins, ends = float(t[rows[first]]), float(t[rows[end - 1]])
-    if ends - begins < _SHORTEST and len(edges) > 2:
+    if ends - begins < _FEWEST_SECONDS and len(edges) > 2:
         lasts = digits(ends - begins)
-        what = f"holds no {_SHORTEST:g} s in a row without a gap of more than {_BRIDGED:g} s: {lasts} s at most"
+        what = f"holds no {_FEWEST_SECONDS:g} s in a row without a gap of more than {_BRIDGED:g} s: {lasts} s at most"
         raise LogError(name, what, "record the platform again, or give another stretch")
     notes = []
     if len(edges) > 2:

@@ -18,7 +18,7 @@ SHORTEST_INTERVAL = 2e-5
 WRONG_UNIT = 20.0
 """Times the motor's limit, rms, that no torque is: a motor's short-time torque is some five times what it holds, and a
 torque in thousandths of its unit is a thousand times too large."""
-FAINT = 1e-12
+NEGLIGIBLE_TORQUE = 1e-12
 """A torque of less, N m, is none: a millionth of a gram weighs as much a tenth of a millimetre beside its axis."""
 
 
@@ -35,7 +35,7 @@ def refuse_unusable(rig: Rig, log: Log, filtering: Filtering) -> None:
     check_sampling(log.name, log.dt, filtering.cutoff)
     if log.tau is not None:
         torque = np.abs(log.tau).max(axis=0)
-        check_driven(log.name, log.joints, torque, np.full(len(torque), torque.max() < FAINT))
+        check_driven(log.name, log.joints, torque, np.full(len(torque), torque.max() < NEGLIGIBLE_TORQUE))
         check_unit(rig, log)
 
 
@@ -48,7 +48,7 @@ def check_driven(place: str, joints: Sequence[str], torque: Array, moving: Flags
         torque: Largest torque of each, N m, (n,).
         moving: Whether it moves, (n,).
     """
-    silent = torque < FAINT
+    silent = torque < NEGLIGIBLE_TORQUE
     if (moving & silent).any():
         name = joints[int(np.argmax(moving & silent))]
         one = f"tau_{name} is zero all along, while {name} moves"

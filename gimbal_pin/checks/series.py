@@ -12,7 +12,7 @@ from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Flags
 
-CHANNELS = ("q", "v", "tau")
+JOINT_CHANNELS = ("q", "v", "tau")
 """The measured channels of the joints, by their names in `Log`."""
 WORDS = {"q": "angle", "v": "rate", "tau": "torque"}
 
@@ -22,7 +22,7 @@ Indices = NDArray[np.integer[Any]]
 
 def get_channels(log: Log) -> dict[str, Array]:
     """Return the measured channels that there are, each (N, n)."""
-    return {name: value for name in CHANNELS if (value := getattr(log, name)) is not None}
+    return {name: value for name in JOINT_CHANNELS if (value := getattr(log, name)) is not None}
 
 
 def leave_out(t: Array, x: Array) -> Array:

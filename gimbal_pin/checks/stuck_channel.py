@@ -10,24 +10,24 @@ import numpy as np
 
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.checks.series import CHANNELS, WORDS, compute_trimmed_rms, find_runs, find_step, get_channels
+from gimbal_pin.checks.series import JOINT_CHANNELS, WORDS, compute_trimmed_rms, find_runs, find_step, get_channels
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags, classify_base_motion, compute_residuals, dilate_flags, fit_weighted
 from gimbal_pin.rig.rig import Rig
 
-SAMPLES, SECONDS = 8, 0.02
+RUN_SAMPLES, RUN_SECONDS = 8, 0.02
 """A run of equal values is long from so many samples, and from so long, on."""
-SHORTEST = 1.0
+SHORTEST_JUDGED = 1.0
 """A log of fewer seconds is not judged."""
-RAIL, RUN = 0.003, 3.0
+RAIL_SHARE, RAIL_RUN = 0.003, 3.0
 """A rail holds this share of the samples, in runs of so many on average."""
 LOUD = 4.0
 """What the other channels deny must be so many times what they differ by elsewhere."""
 SHARE = 0.05
 """And this share of the channel's own spread."""
-STEPS = 4.0
+UNSEEN_STEPS = 4.0
 """Steps of its encoder by which an angle must have moved on unseen."""
 
 
@@ -47,7 +47,7 @@ def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | 
     A torque is denied by the model that the other samples give: a motor that is switched off, or a drive at its limit,
     holds its torque too, and the model agrees. Without a rate, an angle is stuck if it jumps when it is released.
     """
-    if log.t[-1] - log.t[0] < SHORTEST:
+    if log.t[-1] - log.t[0] < SHORTEST_JUDGED:
         return None
     found = [held for held in find_constant_channels(rig, log, filtering) if held.loudness > LOUD]
     if not found:
@@ -78,12 +78,12 @@ def find_constant_rows(column: Array, dt: float) -> Flags:
     same = np.append(False, np.diff(column) == 0.0)
     out = np.zeros(len(column), bool)
     for begin, end in find_runs(same):
-        if end - begin + 1 >= max(SAMPLES, SECONDS / dt):
+        if end - begin + 1 >= max(RUN_SAMPLES, RUN_SECONDS / dt):
             out[begin - 1 : end] = True
     written = 1e-7 * float(np.abs(column).max(initial=0.0))  # a file holds some digits of a value
     for rail in (column.min(), column.max()):
         there = np.abs(column - rail) <= written
-        if np.mean(there) > RAIL and there.sum() > RUN * len(find_runs(there)):
+        if np.mean(there) > RAIL_SHARE and there.sum() > RAIL_RUN * len(find_runs(there)):
             out |= there
     return out
 
@@ -110,7 +110,7 @@ def find_contradicted_runs(log: Log, j: int, column: Array, rows: Flags) -> tupl
     for begin, end in iterate_runs(column, rows):
         travel = float(np.ptp(apart[begin:end]))
         # An angle that came there by a step rests on it until the next.
-        least = STEPS * max(step, abs(float(q[begin] - q[max(begin - 1, 0)])))
+        least = UNSEEN_STEPS * max(step, abs(float(q[begin] - q[max(begin - 1, 0)])))
         if travel > max(least, spread * (end - begin)):
             usual = compute_usual_travel(apart, ~rows, begin, end)
             if travel > LOUD * usual:
@@ -179,7 +179,7 @@ def describe_stuck_channel(rig: Rig, log: Log, worst: HeldRows, count: int) -> F
     longest = max(end - begin for begin, end in find_runs(worst.rows)) * log.dt
     share = float(np.mean(worst.rows))
     figures = (
-        Parameter("channel", float(CHANNELS.index(worst.channel)), "0 angle, 1 rate, 2 torque"),
+        Parameter("channel", float(JOINT_CHANNELS.index(worst.channel)), "0 angle, 1 rate, 2 torque"),
         Parameter("longest", longest, "s"),
         Parameter("share", share, "1"),
     )

@@ -34,7 +34,7 @@ EARLIEST = -2e-2
 """Earliest that a torque acts before its stamp, s: currents are reported late, through filters of 10 Hz and above."""
 SMALL = 5e-3
 """Shift that is not worth a word, s: angles and currents of one sample are as far apart on a bus of 200 Hz."""
-WIDE, STEP = 0.25, 0.01
+LARGEST_TIME_SHIFT, TIME_SHIFT_STEP = 0.25, 0.01
 """Shifts that are tried, to either side, s, and from one to the next: at 4 Hz that is a quarter of a radian."""
 CLEARER = 0.25
 """Share of the squared error within the bounds that the best shift may leave.
@@ -42,14 +42,14 @@ CLEARER = 0.25
 Of 23 measured logs of eight devices a shift beyond the bounds leaves less than half of it at one joint: a third, of a
 pendulum that swings for some seconds.
 """
-ALIKE = 1.5
+AS_LIKELY = 1.5
 """Shifts whose squared error is within this factor of the least are as likely: of a motion of one tone they are half a
 period apart, and the smallest is taken."""
-BLOCKS, AGREEING = 20, 16
+SHIFT_BLOCKS, AGREEING_BLOCKS = 20, 16
 """Stretches of time, and how many must each be explained better: by chance one in 170 logs has so many."""
 ROWS = 3
 """Least number of rows per parameter."""
-EXAMINED = 60.0
+SHIFT_TIME = 60.0
 """Time of each log that is looked at, s."""
 
 
@@ -123,8 +123,8 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
     if log.tau is None or filtering.alignment is not None:
         return ()
     slow = Filtering(cutoff=min(filtering.cutoff, Filtering().cutoff))
-    shifts = np.arange(-WIDE, WIDE + STEP / 2, STEP)
-    rows, shifted = build_shifted_rows(build_design(rig, subsample_log(log, EXAMINED).log, slow), shifts)
+    shifts = np.arange(-LARGEST_TIME_SHIFT, LARGEST_TIME_SHIFT + TIME_SHIFT_STEP / 2, TIME_SHIFT_STEP)
+    rows, shifted = build_shifted_rows(build_design(rig, subsample_log(log, SHIFT_TIME).log, slow), shifts)
     if not rows:
         return ()
     torque = np.concatenate(shifted)
@@ -137,12 +137,12 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
             continue
         left = compute_errors(A, torque[:, j])
         total = left.sum(axis=0)
-        sharp = np.ptp(shifts[total <= ALIKE * total.min()]) < 3 * STEP
+        sharp = np.ptp(shifts[total <= AS_LIKELY * total.min()]) < 3 * TIME_SHIFT_STEP
         for beyond, lower in ((True, EARLIEST), (False, -SMALL)):
             inside = (late >= lower) & (late <= LONGEST_DRIVE_DELAY)
             k = find_best_outside(left, inside)
             if k is not None and (beyond or (sharp and EARLIEST <= late[k] < 0)):
-                by, within = float(late[k] + STEP * find_vertex(total, k)), float(total[inside].min())
+                by, within = float(late[k] + TIME_SHIFT_STEP * find_vertex(total, k)), float(total[inside].min())
                 found.append(Shift(joint, by, float(total[k]), within, beyond))
                 break
     return tuple(found)
@@ -158,7 +158,7 @@ def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list
         carrier = find_moving_base(design.rig, log)
         for segment in split_segments(log, filtering.cutoff):
             dt = segment.dt
-            pad = int(np.ceil((compute_settling_time(filtering) + WIDE) / dt))
+            pad = int(np.ceil((compute_settling_time(filtering) + LARGEST_TIME_SHIFT) / dt))
             step = max(1, int(1 / (2 * filtering.cutoff * dt)))
             keep = slice(pad, segment.length - pad, step)
             if keep.start >= keep.stop:
@@ -173,11 +173,11 @@ def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list
 
 
 def compute_errors(A: Array, b: Array) -> Array:
-    """Return the share of torques' squares, (m, s), that columns, (m, k), leave in each of `BLOCKS`, (blocks, s)."""
+    """Return the share of torques' squares, (m, s), that columns, (m, k), leave in each block, (blocks, s)."""
     left, size, _ = np.linalg.svd(A / np.linalg.norm(A, axis=0), full_matrices=False)
     left = left[:, size > 1e-9 * size[0]]
     squares = (b - left @ (left.T @ b)) ** 2 / np.maximum(np.sum(b**2, axis=0), 1e-300)
-    return np.stack([part.sum(axis=0) for part in np.array_split(squares, BLOCKS)])
+    return np.stack([part.sum(axis=0) for part in np.array_split(squares, SHIFT_BLOCKS)])
 
 
 def find_best_outside(left: Array, inside: Flags) -> int | None:
@@ -189,13 +189,13 @@ def find_best_outside(left: Array, inside: Flags) -> int | None:
     """
     total = left.sum(axis=0)
     least = 1 + np.flatnonzero((total[1:-1] <= total[2:]) & (total[1:-1] <= total[:-2]))
-    least = least[total[least] <= ALIKE * total.min()]
+    least = least[total[least] <= AS_LIKELY * total.min()]
     if not len(least):
         return None
     k = int(min(least, key=lambda i: abs(i - len(total) // 2)))
     within = int(np.argmin(np.where(inside, total, np.inf)))
     better = int(np.sum(left[:, k] < left[:, within]))
-    return k if not inside[k] and total[k] < CLEARER * total[within] and better >= AGREEING else None
+    return k if not inside[k] and total[k] < CLEARER * total[within] and better >= AGREEING_BLOCKS else None
 
 
 def find_vertex(y: Array, k: int) -> float:

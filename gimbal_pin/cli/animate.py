@@ -32,9 +32,9 @@ def list_films(output: str | Path, given: Mapping[str, Any]) -> list[Path]:
 
 def list_film_suffixes() -> tuple[str, ...]:
     """Return the suffixes of animations and pictures."""
-    from gimbal_pin.report.view.output import FPS
+    from gimbal_pin.report.view.output import FRAME_RATES
 
-    return tuple(FPS)
+    return tuple(FRAME_RATES)
 
 
 def animate(
@@ -72,7 +72,7 @@ def animate(
     from gimbal_pin.identification.model_file import read_model
     from gimbal_pin.log.io import read_log, split_payload
     from gimbal_pin.report import view
-    from gimbal_pin.report.view.output import ENCODERS, FPS
+    from gimbal_pin.report.view.output import ENCODERS, FRAME_RATES
 
     check_shown(output, live)
     if not logs:
@@ -87,7 +87,7 @@ def animate(
     scale = "" if model is None else f"residual: red from {100 * FULL:.0f} % of the joint's torque"
     if output is not None:
         suffix, fps = output.suffix.lower(), fps or rate
-        frames = sum(read.t[-1] - read.t[0] for read in every) / speed * (fps or FPS.get(suffix, 1.0))
+        frames = sum(read.t[-1] - read.t[0] for read in every) / speed * (fps or FRAME_RATES.get(suffix, 1.0))
         pixels = size[0] * size[1] / (USUAL_SIZE[0] * USUAL_SIZE[1])
         drawn = frames * max(pixels, 1.0) if suffix in ENCODERS else 0
         check_cost(yes, frame_of_a_joint=frames * loaded.n, rendered_frame=drawn)

@@ -19,16 +19,16 @@ from gimbal_pin.report import text
 
 def list_c_files(given: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the names of the files that `export` puts into the folder of `--c`."""
-    from gimbal_pin.export import NAMES
+    from gimbal_pin.export import EXPORTED_FILES
 
-    return NAMES
+    return EXPORTED_FILES
 
 
 def list_ros2_files(given: Mapping[str, Any]) -> tuple[str, ...]:
     """Return the names of the files that `export` puts into the folder of `--ros2`."""
-    from gimbal_pin.export.ros2 import NAMES
+    from gimbal_pin.export.ros2 import PACKAGE_FILES
 
-    return NAMES
+    return PACKAGE_FILES
 
 
 def list_simplefoc_files(given: Mapping[str, Any]) -> tuple[str, ...]:

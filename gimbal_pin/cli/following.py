@@ -28,7 +28,7 @@ def learn(
     from gimbal_pin.identification import iterate_progress, report_progress
     from gimbal_pin.log.io.files import to_json
     from gimbal_pin.log.io.follow import follow
-    from gimbal_pin.report.progress_chart import chart
+    from gimbal_pin.report.progress_chart import draw_progress_chart
 
     history, told, spoken, memory, broken = [], 0, 0, online.start(log), list[str]()
     come = follow(log, online.design.rig, mapping, idle=inf if idle is None else idle)
@@ -48,7 +48,7 @@ def learn(
             raise
         broken = [f"learned up to {memory.t:.1f} s; from there on the log cannot be used: {error}"]
     found = online.identified(memory)
-    write_figure(partial(chart, history), plot)
+    write_figure(partial(draw_progress_chart, history), plot)
     return replace(found, notes=(*found.notes, *broken))
 
 

@@ -38,7 +38,7 @@ def inspect(
     from gimbal_pin.log.io.files import atomic_write, open_replacement
     from gimbal_pin.log.io.inspection import inspect as run
     from gimbal_pin.report.html import Document
-    from gimbal_pin.report.sections.data import draw, inspection
+    from gimbal_pin.report.sections.data import inspection, write_picture
 
     if not files:
         raise UsageError("LOG", "none was given", "name at least one file")
@@ -52,7 +52,7 @@ def inspect(
         atomic_write(output, Document("What the logs hold", "", [inspection(one) for one in found]).to_html())
     elif output is not None:
         with open_replacement(output) as temporary:
-            draw(found[0], temporary)
+            write_picture(found[0], temporary)
     altered = [() if loaded is None else find_alterations(loaded, one) for one in found]
     described = [
         {**one.to_dict(), "altered": [change.to_dict() for change in each]} for one, each in zip(found, altered)

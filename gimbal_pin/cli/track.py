@@ -71,7 +71,7 @@ def track(
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.pointing import parse_fault, verify
     from gimbal_pin.report import pages
-    from gimbal_pin.report.camera_chart import chart
+    from gimbal_pin.report.camera_chart import draw_camera_chart
     from gimbal_pin.report.sections.control import show_tracking
 
     moving, motions = platform != "none" or platform_log is not None, "--platform S, --platform-log FILE"
@@ -104,7 +104,7 @@ def track(
             causes=effect, faults=tuple(parse_fault(one) for one in fault), seeds=seeds, seconds=seconds, jobs=jobs,
             delay=late,
         )  # fmt: skip
-        write_figure(partial(chart, held), plot)
+        write_figure(partial(draw_camera_chart, held), plot)
     stood = "the controller's own model" if model is None else f"the model in {model}"
     if report is not None:
         atomic_write(report, pages.carried(loaded, held, steps, stood, judged))

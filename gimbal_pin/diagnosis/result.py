@@ -25,7 +25,7 @@ from gimbal_pin.rig.brief import brief
 
 MEASURED_CAUSE = "platform-motion"
 """The cause that a sensor measures, so that every model has it that is made of such a log."""
-TOGETHER = "only together; other sizes fit this log as well"
+ONLY_TOGETHER = "only together; other sizes fit this log as well"
 """What holds of figures none of which the log tells by itself."""
 
 

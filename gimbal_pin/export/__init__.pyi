@@ -2,7 +2,7 @@ from .ccode import number as number
 from .compiled import CompiledLaw as CompiledLaw
 from .compiled import CompiledPointer as CompiledPointer
 from .compiled import Library as Library
-from .sources import NAMES as NAMES
+from .sources import EXPORTED_FILES as EXPORTED_FILES
 from .sources import Exported as Exported
 from .sources import export_controller as export_controller
 from .sources import holder as holder

@@ -26,7 +26,7 @@ TEMPLATES = (
     "CMakeLists.txt",
     "controllers.yaml",
 )
-NAMES = (*C_SOURCES, *TEMPLATES, "gimbal.urdf")
+PACKAGE_FILES = (*C_SOURCES, *TEMPLATES, "gimbal.urdf")
 """All files of such a package."""
 
 

@@ -48,8 +48,16 @@ C_SOURCES = (
     "gimbal_parameters.c",
 )
 """What a controller is compiled from."""
-BESIDE = ("gimbal_link.h", "gimbal_link.c", "gimbal_about.c", "main.c", "CMakeLists.txt", "platformio.ini", "README.md")
-NAMES = (*C_SOURCES, *BESIDE)
+HAND_WRITTEN = (
+    "gimbal_link.h",
+    "gimbal_link.c",
+    "gimbal_about.c",
+    "main.c",
+    "CMakeLists.txt",
+    "platformio.ini",
+    "README.md",
+)
+EXPORTED_FILES = (*C_SOURCES, *HAND_WRITTEN)
 """All files of an exported controller."""
 
 
@@ -144,8 +152,8 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
         "joint_names": [quoted(name) for name in rig.joints],
         "link_names": [quoted(name) for name in links or ("",)],
         "points": [point for own in points for point in own] or [(0.0, 0.0)],
-        "parameters": parameters(stored, pointer, coefficients, [len(own) for own in points]),
-        "about": json.dumps(about(stored)),
+        "parameters": list_parameters_of(stored, pointer, coefficients, [len(own) for own in points]),
+        "about": json.dumps(describe_library(stored)),
         "rig": rig,
         "links_said": ", ".join(links),
         "unable": unable(rig, WANTED),
@@ -154,7 +162,7 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
     counts = {function.name(): count for function, (_, _, count) in zip((*kinematics, rest), equations)}
     cost = {name: times * counts.get(name, PER_TAP * TAPS) for name, times in calls(stored, pointer).items()}
     memory = state_bytes(rig.n, len(links), pointer.navigator.forecast.due)
-    made = rendered({**context, "operations": cost, "memory": memory}, NAMES)
+    made = rendered({**context, "operations": cost, "memory": memory}, EXPORTED_FILES)
     return Exported(made, cost, memory, difference, pointer, tuning(context["parameters"]))
 
 
@@ -200,7 +208,7 @@ SAYS = {
 """What the generated functions are."""
 
 
-def about(stored: StoredController) -> dict[str, Any]:
+def describe_library(stored: StoredController) -> dict[str, Any]:
     """Return what a loaded library says of itself."""
     rig = stored.model.rig
     return {
@@ -224,7 +232,7 @@ def drives(stored: StoredController) -> list[tuple[Any, float]]:
     return [(partial(invert_drive, drive), min(limit, 1e6)) for drive, limit in zip(own, model.tau_max.tolist())]
 
 
-def parameters(
+def list_parameters_of(
     stored: StoredController, pointer: Pointer, coefficients: Sequence[float], counts: Sequence[int]
 ) -> dict[str, Any]:
     """Return ``struct gimbal_parameters`` as plain data, in its order."""
@@ -242,9 +250,9 @@ def parameters(
         "dt_us": round(1e6 * dt),
         "gravity": float(np.linalg.norm(model.rig.model.gravity.linear)),
         "limit": model.tau_max.tolist(),
-        "tracking": loops(law.outer, inertia(law, n)),
-        "holding": loops(holding.outer, inertia(holding, n)),
-        "fallback": loops(back.outer, back.inertia),
+        "tracking": list_loops(law.outer, inertia(law, n)),
+        "holding": list_loops(holding.outer, inertia(holding, n)),
+        "fallback": list_loops(back.outer, back.inertia),
         "robust": redesign(robust, n),
         "terms": {
             "constant": friction.constant,
@@ -306,7 +314,7 @@ def inertia(law: Any, n: int) -> Sequence[float]:
     return law.inertia if isinstance(law, JointPid) else (1.0,) * n
 
 
-def loops(outer: Outer, inertias: Sequence[float]) -> list[dict[str, float]]:
+def list_loops(outer: Outer, inertias: Sequence[float]) -> list[dict[str, float]]:
     """Return ``struct gimbal_loop`` of every joint."""
     keys = ("kp", "ki", "kd", "knee", "braking")
     return [{**dict(zip(keys, row)), "inertia": own} for row, own in zip(outer.rows, inertias)]

@@ -25,14 +25,14 @@ Symbols = Any
 
 ROUNDING = 1e-15
 """Entries of a placement below this are what a cosine of 90° leaves in double precision: they count as zero."""
-AGREED = 1e-12
+PINOCCHIO_TOLERANCE = 1e-12
 """Largest difference from Pinocchio, N m (and rad/s, rad/s²), times the size of the value where that is over one."""
 STATES = 100
 """Random states at which both are compared."""
 
 
 @dataclass(frozen=True)
-class Joint:
+class RecursionJoint:
     """One joint as the recursion needs it.
 
     Attributes:
@@ -54,7 +54,7 @@ class Joint:
     inertia: Array
 
 
-def joints_of(model: pin.Model) -> list[Joint]:
+def list_recursion_joints(model: pin.Model) -> list[RecursionJoint]:
     """Return the joints of a floating model (see `build_floating_model`), the free-flyer left out."""
     out, q = [], pin.neutral(model)
     for j in range(2, model.njoints):
@@ -63,11 +63,11 @@ def joints_of(model: pin.Model) -> list[Joint]:
         place, body = model.jointPlacements[j], model.inertias[j]
         axis = np.asarray(data.S).ravel()[3:]
         out.append(
-            Joint(
+            RecursionJoint(
                 int(model.parents[j]) - 2,
-                rounded(place.rotation),
-                rounded(place.translation),
-                rounded(axis),
+                drop_rounding(place.rotation),
+                drop_rounding(place.translation),
+                drop_rounding(axis),
                 float(body.mass),
                 np.asarray(body.lever),
                 np.asarray(body.inertia),
@@ -76,7 +76,7 @@ def joints_of(model: pin.Model) -> list[Joint]:
     return out
 
 
-def lumped(joints: Sequence[Joint]) -> tuple[list[Array], list[Array]]:
+def lumped(joints: Sequence[RecursionJoint]) -> tuple[list[Array], list[Array]]:
     """Return every body's first moment, kg m, (3,), and inertia, kg m², (3, 3), about its own origin.
 
     What is beyond a joint of the body counts as a mass in that joint.
@@ -97,7 +97,7 @@ def spread(r: Array) -> Array:
     return float(r @ r) * np.eye(3) - np.outer(r, r)
 
 
-def rounded(x: Array) -> Array:
+def drop_rounding(x: Array) -> Array:
     """Return an array with entries of `ROUNDING` set to zero."""
     return np.where(np.abs(x) < ROUNDING, 0.0, x)
 
@@ -114,12 +114,12 @@ class Chain:
     def __init__(self, rig: Rig) -> None:
         """Lay out the rotations of all joints."""
         self.ca, self.rig = loaded(), rig
-        self.model, self.joints = rig.floating, joints_of(rig.floating)
+        self.model, self.joints = rig.floating, list_recursion_joints(rig.floating)
         self.n = len(self.joints)
         self.q = self.ca.SX.sym("q", self.n)
         self.turns = [self.turn(joint, self.q[j]) for j, joint in enumerate(self.joints)]
 
-    def turn(self, joint: Joint, angle: Symbols) -> Symbols:
+    def turn(self, joint: RecursionJoint, angle: Symbols) -> Symbols:
         """Attitude of a joint's frame in its parent's: ``R (I + sin q [s] + (1 - cos q) [s]²)``, (3, 3)."""
         skew = pin.skew(joint.axis)
         rodrigues = self.ca.SX(np.eye(3) + skew @ skew) + self.ca.sin(angle) * skew - self.ca.cos(angle) * (skew @ skew)
@@ -173,7 +173,7 @@ class Chain:
         frame = self.frame(self.rig.camera_frame)
         R = self.attitude(frame)
         columns, at = [self.ca.SX(3, 1)] * self.n, int(frame.parentJoint) - 2
-        onward = self.ca.SX(rounded(frame.placement.rotation)).T
+        onward = self.ca.SX(drop_rounding(frame.placement.rotation)).T
         while at >= 0:
             columns[at] = self.ca.mtimes(onward, self.ca.SX(self.joints[at].axis))
             onward = self.ca.mtimes(onward, self.turns[at].T)
@@ -191,7 +191,7 @@ class Chain:
             carried, own = ca.mtimes(self.turns[j].T, rate), ca.SX(joint.axis) * v[j]
             rates.append(carried + own)
             swings.append(ca.mtimes(self.turns[j].T, swing) + ca.cross(carried, own))
-        swing = ca.mtimes(ca.SX(rounded(frame.placement.rotation)).T, swings[int(frame.parentJoint) - 2])
+        swing = ca.mtimes(ca.SX(drop_rounding(frame.placement.rotation)).T, swings[int(frame.parentJoint) - 2])
         return self.function("camera_drift", dict(q=self.q, v=v, w=w, dw=dw), dict(drift=swing))
 
     def between(self) -> casadi.Function:
@@ -207,7 +207,7 @@ class Chain:
 
     def attitude(self, frame: pin.Frame) -> Symbols:
         """Attitude of a frame in the base link, (3, 3)."""
-        R, at = self.ca.SX(rounded(frame.placement.rotation)), int(frame.parentJoint) - 2
+        R, at = self.ca.SX(drop_rounding(frame.placement.rotation)), int(frame.parentJoint) - 2
         while at >= 0:
             R, at = self.ca.mtimes(self.turns[at], R), self.joints[at].parent
         return R
@@ -264,7 +264,7 @@ def checked(rig: Rig, functions: Sequence[casadi.Function], sight: Any, rng: np.
     """Return the largest difference between the symbols and Pinocchio, in double precision, relative over one.
 
     Raises:
-        ModelError: It is larger than `AGREED`: the rig has something that the recursion does not know.
+        ModelError: It is larger than `PINOCCHIO_TOLERANCE`: the rig has something that the recursion does not know.
     """
     torque, camera, drift, between = functions
     worst, n = 0.0, rig.n
@@ -287,7 +287,7 @@ def checked(rig: Rig, functions: Sequence[casadi.Function], sight: Any, rng: np.
         for found, right in pairs:
             gap = np.abs(np.array(found).ravel() - right)
             worst = max(worst, float((gap / np.maximum(1.0, np.abs(right).max())).max()))
-    if not worst <= AGREED:
+    if not worst <= PINOCCHIO_TOLERANCE:
         what = f"moves otherwise than Pinocchio says, by {worst:.2g}"
         raise ModelError(f"rig {rig.name}", what, "export a rig of revolute joints alone")
     return worst
@@ -302,17 +302,17 @@ def table(command: Callable[[float], float], limit: float) -> list[tuple[float, 
         command: What to command, N m, so that a torque acts.
         limit: Largest torque of the motor, N m; beyond twice of it a command is cut anyway.
     """
-    sizes = [4 * limit / 2**k for k in range(SCALES)]
+    sizes = [4 * limit / 2**k for k in range(CURVE_HALVINGS)]
     ends = [*(-size for size in sizes), 0.0, *reversed(sizes)]
     points = [(ends[0], command(ends[0]))]
     for low, high in pairwise(ends):
         points += refined(command, limit, (low, command(low)), (high, command(high)), DEPTH)
-    return [] if all(abs(x - y) <= CLOSE * limit for x, y in points) else points
+    return [] if all(abs(x - y) <= COMMAND_TOLERANCE * limit for x, y in points) else points
 
 
-CLOSE = 1e-6
+COMMAND_TOLERANCE = 1e-6
 """Error of a table of commands, in torque limits: a tenth of what the exported controller is compared to."""
-SCALES = 14
+CURVE_HALVINGS = 14
 """Halvings of the largest torque between which a curve is looked at: a dead zone may be a thousandth of the limit."""
 DEPTH = 24
 """Halvings of an interval of such a table: then it is a jump."""
@@ -326,6 +326,6 @@ def refined(
     middle = [(x, command(x)) for x in thirds]
     gap = max(abs(y - (low[1] + (high[1] - low[1]) * (x - low[0]) / (high[0] - low[0]))) for x, y in middle)
     beyond = max(0.0, min(abs(low[1]), abs(high[1])) - 2 * limit)
-    if depth == 0 or gap <= CLOSE * limit + beyond:
+    if depth == 0 or gap <= COMMAND_TOLERANCE * limit + beyond:
         return [high]
     return [*refined(command, limit, low, middle[1], depth - 1), *refined(command, limit, middle[1], high, depth - 1)]

@@ -17,13 +17,13 @@ from gimbal_pin.log.log import Array
 
 SIMPLEFOC = ("gimbal_feed_forward.h", "gimbal_feed_forward.ino", "gimbal_feed_forward.json")
 """Files for SimpleFOC."""
-CLOSE = 0.01
+TABLE_TOLERANCE = 0.01
 """Error of straight lines between a table's points, in its largest torque: identified amplitudes are no surer."""
-FEWEST, MOST = 64, 4096
+FEWEST_POINTS, MOST_POINTS = 64, 4096
 """Points of a table: 4096 floats are 16 kB of flash, and hold harmonics of up to 180 per turn that closely."""
-BINS = 3600
+COGGING_BINS = 3600
 """Entries of ``cogging_map``, ODrive firmware 0.5.x: one per 0.1° of the motor."""
-RATES = np.linspace(0.0, 5.0, 51)
+FRICTION_RATES = np.linspace(0.0, 5.0, 51)
 """Rates of a table of friction, rad/s: a gimbal's; beyond the last the slope goes on."""
 
 
@@ -33,7 +33,7 @@ class Feed:
 
     Attributes:
         angle: By the angle, at ``2 pi k / len`` rad.
-        forward: By the rate, at `RATES`, on top: friction, moving forwards.
+        forward: By the rate, at `FRICTION_RATES`, on top: friction, moving forwards.
         backward: The same moving backwards, at ``-RATES``; both are zero at a standstill.
     """
 
@@ -45,7 +45,7 @@ class Feed:
         """Return what JSON holds."""
         return {
             "angle_torque": self.angle.tolist(),
-            "rates": RATES.tolist(),
+            "rates": FRICTION_RATES.tolist(),
             "forward_torque": self.forward.tolist(),
             "backward_torque": self.backward.tolist(),
         }
@@ -56,13 +56,13 @@ def feed(terms: tuple[Term, ...], count: int | None = None) -> Feed:
 
     Args:
         terms: Of the joint.
-        count: Points by angle; None: so many that straight lines between them are `CLOSE`.
+        count: Points by angle; None: so many that straight lines between them are `TABLE_TOLERANCE`.
     """
-    size = FEWEST if count is None else count
+    size = FEWEST_POINTS if count is None else count
     angle = by_angle(terms, size)
-    while count is None and size < MOST:
+    while count is None and size < MOST_POINTS:
         finer = by_angle(terms, 2 * size)
-        if np.abs(finer[1::2] - (angle + np.roll(angle, -1)) / 2).max() <= CLOSE * np.abs(finer).max():
+        if np.abs(finer[1::2] - (angle + np.roll(angle, -1)) / 2).max() <= TABLE_TOLERANCE * np.abs(finer).max():
             break
         size, angle = 2 * size, finer
     return Feed(angle, by_rate(terms, 1.0), by_rate(terms, -1.0))
@@ -74,10 +74,10 @@ def by_angle(terms: tuple[Term, ...], count: int) -> Array:
 
 
 def by_rate(terms: tuple[Term, ...], sign: float) -> Array:
-    """Mean over a turn of what motion adds, at `RATES` in one direction; the first counts as just moving."""
-    q = 2 * pi * np.arange(BINS) / BINS
+    """Mean over a turn of what motion adds, at `FRICTION_RATES` in one direction; the first counts as just moving."""
+    q = 2 * pi * np.arange(COGGING_BINS) / COGGING_BINS
     still = added(terms, q, 0.0, 0.0)
-    return np.array([np.mean(added(terms, q, sign * rate, sign) - still) for rate in RATES.tolist()])
+    return np.array([np.mean(added(terms, q, sign * rate, sign) - still) for rate in FRICTION_RATES.tolist()])
 
 
 def added(terms: tuple[Term, ...], q: Array, v: float, slide: float) -> Array:
@@ -98,8 +98,8 @@ def simplefoc(model: Model) -> dict[str, str]:
         "counts": [len(own.angle) for own in feeds],
         "starts": starts,
         "angle": [x for own in feeds for x in own.angle.tolist()],
-        "rates": len(RATES),
-        "step": float(RATES[1]),
+        "rates": len(FRICTION_RATES),
+        "step": float(FRICTION_RATES[1]),
         "forward": [own.forward.tolist() for own in feeds],
         "backward": [own.backward.tolist() for own in feeds],
         "constants": [motor.torque_constant or 1.0 for motor in rig.motors],
@@ -127,12 +127,12 @@ def odrive(model: Model) -> dict[str, Any]:
         if abs(motor.gear_ratio) != 1:
             what = f"takes one turn of the motor, and {joint} is geared by {motor.gear_ratio:g}"
             raise UsageError("--odrive", what, "use --simplefoc, whose tables go by the joint's angle")
-        own = feed(terms, BINS)
+        own = feed(terms, COGGING_BINS)
         middles = (own.angle + np.roll(own.angle, -1)) / 2  # an entry is in force from its angle to the next one's
         axes[joint] = {
             "cogging_map": middles.tolist(),
             "friction": {
-                "turns_per_s": (RATES / (2 * pi)).tolist(),
+                "turns_per_s": (FRICTION_RATES / (2 * pi)).tolist(),
                 "forward_torque": own.forward.tolist(),
                 "backward_torque": own.backward.tolist(),
             },

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gimbal_pin.checks.refusals import FAINT, check_driven
+from gimbal_pin.checks.refusals import NEGLIGIBLE_TORQUE, check_driven
 from gimbal_pin.errors import DataError
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Block, DesignBlocks, Estimate, compute_settling_time
@@ -56,4 +56,4 @@ def find_unseen(names: Sequence[str], blocks: Sequence[Block], estimate: Estimat
     reach = np.where(power.sum(axis=0) > 0, np.sqrt(power).max(axis=0), 0.0)
     std = np.where(np.isfinite(estimate.std), estimate.std, np.inf)
     blind = (reach == 0) | (std * np.maximum(reach, 1e-300) > torque.max())
-    return tuple(name for name, hidden in zip(names, blind) if hidden or torque.max() < FAINT)
+    return tuple(name for name, hidden in zip(names, blind) if hidden or torque.max() < NEGLIGIBLE_TORQUE)

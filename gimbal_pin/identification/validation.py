@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 from scipy.special import fdtri
 
-from gimbal_pin.checks.refusals import FAINT
+from gimbal_pin.checks.refusals import NEGLIGIBLE_TORQUE
 from gimbal_pin.dynamics.model import Doubt
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.log.log import Array
@@ -104,7 +104,9 @@ def measure_accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Arra
     rmse = np.sqrt(np.sum(error**2, axis=0) / rows)
     mean = np.sum(measured * share, axis=0) / rows
     spread = np.linalg.norm(measured - mean * share, axis=0)
-    fit = 100 * (1 - np.linalg.norm(error, axis=0) / np.where(spread > FAINT * np.sqrt(rows), spread, np.nan))
+    fit = 100 * (
+        1 - np.linalg.norm(error, axis=0) / np.where(spread > NEGLIGIBLE_TORQUE * np.sqrt(rows), spread, np.nan)
+    )
     used = np.mean(share**2, axis=0)
     lags = compute_autocovariance(errors, [block.share for block in whole])
     effective = count_independent_rows(lags, rows)

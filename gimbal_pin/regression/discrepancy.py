@@ -34,13 +34,14 @@ FORM_ERROR = 0.005
 URDF is right to less."""
 STRUCTURED = 0.1
 """Share of what is left, as power, from which it is a structure: flexible columns take less of noise by chance."""
-ANGLES, RATES, SIGNED = 24, 12, 6
+ANGLE_COSINES, RATE_COSINES, SIGNED_COSINES = 24, 12, 6
 """Cosines over the angle's range (a ripple of 14 per turn has six in 2.5 rad), over the rate's, and over the angle
 times the direction of motion."""
 SLOWEST_COSINES = 4
 """Of the angle's and of the rate's, the slowest have a variance of their own: a spring is no ripple."""
 GROUPS = np.repeat(
-    np.arange(5), (SLOWEST_COSINES, ANGLES - SLOWEST_COSINES, SLOWEST_COSINES, RATES - SLOWEST_COSINES, SIGNED)
+    np.arange(5),
+    (SLOWEST_COSINES, ANGLE_COSINES - SLOWEST_COSINES, SLOWEST_COSINES, RATE_COSINES - SLOWEST_COSINES, SIGNED_COSINES),
 )
 """Which variance each column has."""
 SIZES = np.concatenate([[0.0], np.geomspace(1e-4, 1e6, 11)])
@@ -92,9 +93,9 @@ def build_discrepancy_columns(q: Array, v: Array) -> Array:
     Cosines over the range of each; of an angle that goes beyond a turn the harmonics of the turn. They vary slowly
     beside the rows' low-pass, which is left out.
     """
-    turn = np.outer(q, np.arange(1, ANGLES // 2 + 1))
-    whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else _build_cosines(q, ANGLES)
-    return np.hstack([whole, _build_cosines(v, RATES), np.sign(v)[:, None] * whole[:, :SIGNED]])
+    turn = np.outer(q, np.arange(1, ANGLE_COSINES // 2 + 1))
+    whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else _build_cosines(q, ANGLE_COSINES)
+    return np.hstack([whole, _build_cosines(v, RATE_COSINES), np.sign(v)[:, None] * whole[:, :SIGNED_COSINES]])
 
 
 def _build_cosines(x: Array, count: int) -> Array:

@@ -9,7 +9,7 @@ from . import view as view
 from .evaluation import Evaluated as Evaluated
 from .evaluation import evaluate as evaluate
 from .format import figures as figures
-from .format import joints_of as joints_of
+from .format import list_shown_joints as list_shown_joints
 from .html import Document as Document
 from .html import Section as Section
 from .pipeline import FILES as FILES

@@ -11,11 +11,11 @@ from gimbal_pin.report import plots
 from gimbal_pin.report.format import controller_name
 
 COLOURS = {BASELINE: plots.PLAIN, OURS: "#1a75f2", COMPILED: "#d98200"}
-POINTS = 400
+CURVE_POINTS = 400
 """Points of a curve."""
 
 
-def chart(found: Verified) -> plots.Figure:
+def draw_camera_chart(found: Verified) -> plots.Figure:
     """Return diagrams of the first run of every controller."""
     figure, panels = plots.panels(2, 2, 6.0, gaps=(0.85, 0.75))
     grid = panels[0, 0].get_gridspec()
@@ -39,10 +39,10 @@ def draw_line_of_sight(axes: plots.Axes, runs: list[Pointing]) -> None:
 
 
 def find_envelope(run: Pointing) -> tuple[Array, Array]:
-    """Return the middle of each of `POINTS` stretches, s, and the largest jitter in it, degrees."""
+    """Return the middle of each of `CURVE_POINTS` stretches, s, and the largest jitter in it, degrees."""
     fast, _ = split(run.sight, run.dt)
     size, t = np.degrees(np.hypot(*fast.T)), run.t[run.counted]
-    edges = np.linspace(0, len(t), min(POINTS, len(t)) + 1).astype(int)
+    edges = np.linspace(0, len(t), min(CURVE_POINTS, len(t)) + 1).astype(int)
     pairs = list(zip(edges[:-1].tolist(), edges[1:].tolist()))
     return np.array([t[a:b].mean() for a, b in pairs]), np.array([size[a:b].max() for a, b in pairs])
 
@@ -51,7 +51,7 @@ def draw_spectra(axes: plots.Axes, runs: list[Pointing]) -> None:
     """Draw jitter up to each frequency, degrees rms, both logarithmic: orders of magnitude apart."""
     for run in runs:
         f, rms = accumulate_jitter(run.sight, run.dt)
-        some = np.unique(np.geomspace(1, len(f) - 1, POINTS).astype(int))
+        some = np.unique(np.geomspace(1, len(f) - 1, CURVE_POINTS).astype(int))
         axes.loglog(f[some], np.degrees(rms[some]), color=COLOURS[run.controller])
     axes.set(xlabel="frequency, Hz", ylabel="jitter up to there, ° rms", xlim=(max(f[1], 0.1), f[-1]))
     # What is below a thousandth of the largest is the high-pass's own flank, not jitter.

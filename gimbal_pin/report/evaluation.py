@@ -13,16 +13,16 @@ from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.identification import Identified, split_logs
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, Design, compute_blocks
-from gimbal_pin.report.format import DASH, figures, joints_of
+from gimbal_pin.report.format import DASH, figures, list_shown_joints
 from gimbal_pin.report.html import toned
 from gimbal_pin.report.table import Content
 
-HARMLESS, BAD = 0.01, 0.05
+HARMLESS_SHARE, BAD_SHARE = 0.01, 0.05
 """Shares of a joint's torque: an interval that moves less does no harm, one that moves more is bad."""
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class EvaluatedPart:
     """Filtered rows of one trajectory.
 
     Attributes:
@@ -43,7 +43,7 @@ class Part:
     error: Array
     share: Array
 
-    def cut(self, rows: slice) -> Part:
+    def cut(self, rows: slice) -> EvaluatedPart:
         """Return the rows in `rows`."""
         names = ("t", "v", "measured", "predicted", "error", "share")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
@@ -62,7 +62,7 @@ class Evaluated:
 
     joints: tuple[str, ...]
     how: str
-    parts: tuple[Part, ...]
+    parts: tuple[EvaluatedPart, ...]
     columns: Array
 
     def stacked(self, name: str) -> Array:
@@ -112,10 +112,10 @@ def holdout(found: Identified) -> str:
     return f"log:{number[1]}" if number else "last-third"
 
 
-def part(name: str, judged: Sequence[Block], whole: Sequence[Block], theta: Array) -> Part:
+def part(name: str, judged: Sequence[Block], whole: Sequence[Block], theta: Array) -> EvaluatedPart:
     """Return the rows of one trajectory from its blocks with and without the samples near standstill."""
     t, v, measured = (np.concatenate([getattr(block, field) for block in whole]) for field in ("t", "v", "b"))
-    return Part(
+    return EvaluatedPart(
         name,
         t,
         v,
@@ -134,7 +134,7 @@ def column_rms(blocks: Sequence[Block]) -> Array:
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownParameter:
     """One parameter.
 
     Attributes:
@@ -173,7 +173,7 @@ class Known:
     def tone(self) -> str:
         """What its uncertainty does: to the torque where that is known, else to its value."""
         doubt = self.half / max(abs(self.value), 1e-300) / 4 if self.share is None else self.half * self.share
-        return "poor" if doubt > BAD else "fair" if doubt > HARMLESS else ""
+        return "poor" if doubt > BAD_SHARE else "fair" if doubt > HARMLESS_SHARE else ""
 
     @property
     def deviation(self) -> Content:
@@ -197,16 +197,18 @@ def list_shown(found: Identified) -> list[int]:
     return [k for k in range(len(found.names)) if k not in tabled]
 
 
-def known(found: Identified, evaluated: Evaluated | None = None) -> list[Known]:
+def known(found: Identified, evaluated: Evaluated | None = None) -> list[KnownParameter]:
     """Return every parameter, base parameters first, and what each moves on the rows in `evaluated`."""
     count, rig = len(found.names), found.model.rig
     reach = [0.0] * count if evaluated is None else evaluated.reach.tolist()
     share = [None] * count if evaluated is None else evaluated.share.tolist()
-    joints = joints_of(rig)
+    joints = list_shown_joints(rig)
     by_link = {link: joint.colour for link, joint in zip(rig.links, joints)}
     by_joint = {joint.name: joint.colour for joint in joints}
     colours = [by_link[found.reduction.names[j].rsplit(".", 1)[0]] for j in found.reduction.independent]
     colours += [by_joint[term.effect.joint] for term in found.model.terms for _ in term.values]
     figures_of = (found.estimate.theta, found.estimate.std, found.stated, found.moved)
     value, std, given, away = (x.tolist() for x in figures_of)
-    return [Known(*row) for row in zip(found.names, value, std, found.units, given, away, reach, share, colours)]
+    return [
+        KnownParameter(*row) for row in zip(found.names, value, std, found.units, given, away, reach, share, colours)
+    ]

@@ -19,7 +19,7 @@ DASH = "–"
 """Stands where there is no value."""
 DEGREE = 180 / pi
 """Degrees per radian."""
-LEAST = 1e-4
+LEAST_SHOWN = 1e-4
 """Smallest angle, °, or position, mm, of a joint that is told from zero: a third of an arc second."""
 NOTHING = 1e-6
 """Angle of the line of sight, °, under which there is none: rounding errors of a simulation, and no camera's pixel."""
@@ -71,7 +71,7 @@ def interval(value: float, half: float) -> tuple[str, str]:
     return signed(value / unit, decimals) + tail, f"± {half / unit:.{decimals}f}{tail}"
 
 
-def between(values: Iterable[float], digits: int = 2) -> str:
+def format_range(values: Iterable[float], digits: int = 2) -> str:
     """Return the range of some values, ``1.2 to 3.4``, or the one value they share to these digits."""
     known = sorted(value for value in values if not isnan(value))
     if not known:
@@ -127,12 +127,12 @@ def listed(names: Iterable[str]) -> str:
 
 PALETTE = ("#1a75f2", "#e23b2f", "#14a05a", "#d98200", "#8a4fd0", "#0b96a8", "#d23f8d", "#8b6b3f")
 """Colours of joints; blue, red and green are the accents of the bundled rigs' motors."""
-AXES = (("yaw", "pan", "azimuth"), ("roll",), ("tilt", "pitch", "elevation"))
+AXIS_WORDS = (("yaw", "pan", "azimuth"), ("roll",), ("tilt", "pitch", "elevation"))
 """Words in a joint's name that claim the palette's first three colours."""
 
 
 @dataclass(frozen=True)
-class Joint:
+class ShownJoint:
     """A joint as a person reads it.
 
     Attributes:
@@ -169,27 +169,27 @@ class Joint:
             return DASH
         space = "" if self.unit == "°" else "\u00a0"
         shown = self.scale * value
-        text = f"< {LEAST:.4f}" if 0 < abs(shown) < LEAST else figures(shown, digits)
+        text = f"< {LEAST_SHOWN:.4f}" if 0 < abs(shown) < LEAST_SHOWN else figures(shown, digits)
         return f"{text}{space}{self.unit}{per}"
 
 
-def joint_shown(name: str, slides: bool, colour: str = "") -> Joint:
+def joint_shown(name: str, slides: bool, colour: str = "") -> ShownJoint:
     """Return a joint as it is shown: in degrees, or in millimetres where it slides."""
-    return Joint(name, colour, 1e3, "mm") if slides else Joint(name, colour, DEGREE, "°")
+    return ShownJoint(name, colour, 1e3, "mm") if slides else ShownJoint(name, colour, DEGREE, "°")
 
 
-def joints_of(rig: Rig) -> tuple[Joint, ...]:
+def list_shown_joints(rig: Rig) -> tuple[ShownJoint, ...]:
     """Return the rig's joints as they are shown."""
     colours = joint_colours(rig.joints)
     return tuple(joint_shown(*each) for each in zip(rig.joints, rig.slides, colours))
 
 
-def units(joints: Sequence[Joint]) -> str:
+def units(joints: Sequence[ShownJoint]) -> str:
     """Return the unit that joints share, or all of theirs."""
     return " or ".join(dict.fromkeys(joint.unit for joint in joints))
 
 
-def forces(joints: Sequence[Joint]) -> str:
+def forces(joints: Sequence[ShownJoint]) -> str:
     """Return the unit that what drives joints shares, or all of theirs."""
     return " or ".join(dict.fromkeys(joint.force for joint in joints))
 
@@ -197,7 +197,9 @@ def forces(joints: Sequence[Joint]) -> str:
 def joint_colours(joints: Sequence[str]) -> tuple[str, ...]:
     """Return a colour per joint: the one that its name claims, else the first that no joint has claimed."""
     claimed = [
-        next((colour for words, colour in zip(AXES, PALETTE) if any(word in joint.lower() for word in words)), None)
+        next(
+            (colour for words, colour in zip(AXIS_WORDS, PALETTE) if any(word in joint.lower() for word in words)), None
+        )
         for joint in joints
     ]
     free = cycle([colour for colour in PALETTE if colour not in claimed] or PALETTE)

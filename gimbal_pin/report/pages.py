@@ -29,8 +29,8 @@ from gimbal_pin.rig.rig import Rig
 if TYPE_CHECKING:
     from gimbal_pin.report.pipeline import Auto
 
-STEPS = "All axes to and fro under {}; the ghost is the reference."
-HELD = "The plant is {}; the controllers know the model and no more."
+STEPS_CAPTION = "All axes to and fro under {}; the ghost is the reference."
+HELD_CAPTION = "The plant is {}; the controllers know the model and no more."
 NOT_DIAGNOSED = "These logs could not be diagnosed. {}."
 NOT_HELD = "It was not held still on a platform that moves: {}."
 SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
@@ -47,12 +47,12 @@ def full(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> str:
         found.summary.section,
         *([] if wrong is None else [diagnosis(wrong)]),
         *([Section(WRONG, [paragraph(NOT_DIAGNOSED.format(found.undiagnosed))])] if found.undiagnosed else []),
-        animation(recording, STEPS.format(law)),
+        animation(recording, STEPS_CAPTION.format(law)),
         show_parameters(own, found.payload, evaluated),
         show_torque(own, evaluated),
         show_controller(found.tuning),
         show_tracking(found.judged, rig, found.tracking, found.plant),
-        *([] if held is None else [pointing(held, HELD.format(found.held_on))]),
+        *([] if held is None else [pointing(held, HELD_CAPTION.format(found.held_on))]),
         *([Section("Camera", [paragraph(NOT_HELD.format(found.why))])] if found.why and rig.aims else []),
         data(rig, logs),
         rig_section(rig, found.payload.weighed),

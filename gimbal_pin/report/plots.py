@@ -24,7 +24,7 @@ INK, MUTED, FAINT, PAPER = "#0a0b0c", "#0a0b0d", "#0a0b0e", "#0a0b0f"
 """Text, side matters, lines and ground: the page's style sheet gives what is drawn in these its own colours."""
 PLAIN = "#8d98a7"
 """Colour of what joints' colours are compared with: what was measured, the other controller."""
-POINTS = 2000
+MOST_DRAWN_POINTS = 2000
 """Most points of a curve that are drawn."""
 WIDTH = 10.2
 """Width of every figure, in; the page scales it to fit."""
@@ -187,7 +187,7 @@ def panels(
     return figure, figure.subplots(rows, columns, squeeze=False, sharex=share[0], sharey=share[1], gridspec_kw=grid)
 
 
-def thinned(t: Array, values: Array, most: int = POINTS) -> tuple[Array, Array]:
+def thinned(t: Array, values: Array, most: int = MOST_DRAWN_POINTS) -> tuple[Array, Array]:
     """Return at most so many points that look like the curve: the lowest and highest of each stretch, in order.
 
     Args:

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SHOWN = 5
+DRAWN_PARAMETERS = 5
 """Parameters that are drawn, those first that move the most torque."""
 
 
-def chart(history: Sequence[Progress]) -> Figure:
+def draw_progress_chart(history: Sequence[Progress]) -> Figure:
     """Return the most telling parameters with their 95 % intervals, the torque error, and every event.
 
     Raises:
@@ -30,13 +30,13 @@ def chart(history: Sequence[Progress]) -> Figure:
     complete = [one for one in history if not one.hidden]
     if not complete:
         raise DataError("plot", "would show nothing: the log has not shown every parameter", "go on recording")
-    shown = complete[-1].telling[:SHOWN]
+    shown = complete[-1].telling[:DRAWN_PARAMETERS]
     figure = Figure(figsize=(10, 1.7 * (len(shown) + 1)), layout="constrained")
     *panels, last = figure.subplots(len(shown) + 1, 1, sharex=True)
     t = np.array([one.t for one in history])
     value, std = (np.array([getattr(one, name) for one in history]) for name in ("value", "std"))
     for axes, k in zip(panels, shown):
-        band(axes, t, value[:, k], NORMAL_95 * std[:, k])
+        draw_band(axes, t, value[:, k], NORMAL_95 * std[:, k])
         axes.set_title(f"{complete[-1].names[k]}, {complete[-1].units[k]}", loc="left", fontsize="medium")
     for joint in complete[-1].torque_error:
         last.semilogy(t, [one.torque_error.get(joint, np.nan) for one in history], label=joint)
@@ -51,7 +51,7 @@ def chart(history: Sequence[Progress]) -> Figure:
     return figure
 
 
-def band(axes: Axes, t: Array, x: Array, y: Array) -> None:
+def draw_band(axes: Axes, t: Array, x: Array, y: Array) -> None:
     """Draw a value x with its band ± y; the axis shows the values, however wide the first bands are."""
     axes.fill_between(t, x - y, x + y, alpha=0.25, lw=0)
     axes.plot(t, x, lw=1.2)

@@ -16,11 +16,11 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD
 from gimbal_pin.report.format import (
-    between,
     controller_name,
     figures,
     file_name,
-    joints_of,
+    format_range,
+    list_shown_joints,
     listed,
     percent,
     rows_named,
@@ -94,7 +94,7 @@ def summary(
     barred, spoilt = tuning is not None and bool(tuning.doubts), wrong is not None and wrong.verdict == "data"
     held, band = found.held_out or found.train, f"to {found.filtering.cutoff:g} Hz"
     joint, fit = min(held.fit_percent.items(), key=lambda pair: pair[1])
-    units = {joint.name: joint.force for joint in joints_of(rig)}
+    units = {joint.name: joint.force for joint in list_shown_joints(rig)}
     worst, rmse = max(held.torque_rmse.items(), key=lambda pair: pair[1])
     where = "held out" if found.held_out else "training data"
     details, numbers = [about_fit(rig, found, logs)], []
@@ -113,12 +113,12 @@ def summary(
     deviation = 100 * float(np.median(found.estimate.std / np.maximum(np.abs(found.estimate.theta), 1e-300)))
     numbers.append(Card("Parameters", str(len(found.names)), f"median deviation {figures(deviation, 2)} %"))
     if tuning is not None:
-        hertz, margins = f"{between(tuning.bandwidth_hz)} Hz", tuning.margins
+        hertz, margins = f"{format_range(tuning.bandwidth_hz)} Hz", tuning.margins
         phase, delay = min(one.phase_margin_deg for one in margins), 1e3 * min(one.delay_margin for one in margins)
         safe = f"{figures(phase, 2)}° of phase margin and {figures(delay, 2)} ms of delay margin"
         law, disk = controller_name(tuning.wish.kind), figures(min(one.disk_margin for one in margins), 2)
         details.append(f"The {law} controller is tuned to a bandwidth of {hertz}, with at least {safe}.")
-        crossover = between(one.crossover_hz for one in margins)
+        crossover = format_range(one.crossover_hz for one in margins)
         numbers.append(Card("Bandwidth", hertz, f"crossover {crossover} Hz"))
         numbers.append(Card("Phase margin", f"{figures(phase, 2)}°", f"disk margin {disk}, worst joint"))
     if judged is not None:
@@ -245,7 +245,7 @@ def about_fit(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:
     held = found.held_out
     judged = "the data it was fitted to" if held is None else f"{rows_named(held.how)}, which the fit did not see"
     worst, most = max((held or found.train).torque_rmse.items(), key=lambda pair: pair[1])
-    error = torque_text(most, force=next(joint.force for joint in joints_of(rig) if joint.name == worst))
+    error = torque_text(most, force=next(joint.force for joint in list_shown_joints(rig) if joint.name == worst))
     fits = sorted(x for x in (held or found.train).fit_percent.values() if not isnan(x))
     ends = dict.fromkeys(map(percent, fits[:1] + fits[-1:]))
     close = f"a fit of {' to '.join(ends)}" if ends else "there is no fit where there is no torque"
@@ -263,7 +263,7 @@ def about_gain(wrong: Diagnosis, band: float) -> str:
     if not after[most] < before[most]:
         return f"What the diagnosis found lowers no joint's torque error {where}."
     assert wrong.held is not None
-    force = next(joint.force for joint in joints_of(wrong.held.rig) if joint.name == most)
+    force = next(joint.force for joint in list_shown_joints(wrong.held.rig) if joint.name == most)
     change = " to ".join(torque_text(one[most], before[most], force) for one in (before, after))
     return f"With what the diagnosis found, {most}'s torque error falls from {change} {where}."
 

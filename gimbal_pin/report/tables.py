@@ -17,7 +17,7 @@ from gimbal_pin.report.format import (
     figures,
     forces,
     interval,
-    joints_of,
+    list_shown_joints,
     listed,
     percent,
     torque_text,
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from gimbal_pin.identification.payloads import CameraEstimate
     from gimbal_pin.log.io.inspection import Channel
     from gimbal_pin.pointing.result import Verified
-    from gimbal_pin.report.evaluation import Evaluated, Known
-    from gimbal_pin.report.format import Joint
+    from gimbal_pin.report.evaluation import Evaluated, KnownParameter
+    from gimbal_pin.report.format import ShownJoint
     from gimbal_pin.report.pipeline import Auto
 
 TOGETHER = "all-axes"
@@ -69,7 +69,7 @@ def better(text: str, own: float, every: Sequence[float], least: float = 0.0) ->
 
 
 def parameters(
-    rows: Sequence[Known], bound: Sequence[float] | None = None, label: str = "Parameters", force: str = "N m"
+    rows: Sequence[KnownParameter], bound: Sequence[float] | None = None, label: str = "Parameters", force: str = "N m"
 ) -> Table:
     """Value and 95 % interval of each parameter beside what the URDF states, and the torque that it moves if known.
 
@@ -119,7 +119,7 @@ def list_tables(found: Identified) -> list[str]:
     """Say of each table of torque among the parameters how large it is, and where."""
     from gimbal_pin.report.evaluation import find_tables
 
-    joints, lines = {joint.name: joint for joint in joints_of(found.model.rig)}, []
+    joints, lines = {joint.name: joint for joint in list_shown_joints(found.model.rig)}, []
     for effect, place in find_tables(found).items():
         joint, values = joints[effect.joint], found.estimate.theta[list(place)]
         k = int(np.argmax(np.abs(values)))
@@ -154,13 +154,13 @@ def regrouping(name: str) -> Markup:
 def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Table:
     """How well the model predicts each joint's torque; with `evaluated`, the rows themselves, beside what it was."""
     held, train = found.held_out or found.train, found.train
-    force = forces(joints_of(found.model.rig))
+    force = forces(list_shown_joints(found.model.rig))
     scale, name = torque_unit(max(held.torque_rmse.values()), force)
     head = ["Joint", f"Error, {name} rms", "Fit", "What is left", "Samples judged"]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
     head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}"] * (evaluated is not None)
     rows: list[list[Content]] = []
-    for j, joint in enumerate(joints_of(found.model.rig)):
+    for j, joint in enumerate(list_shown_joints(found.model.rig)):
         rmse, fit = held.torque_rmse[joint.name], held.fit_percent[joint.name]
         row: list[Content] = [joint.label, figures(scale * rmse), toned(percent(fit), grade(fit))]
         opinion = found.opinions.get(joint.name)
@@ -200,7 +200,7 @@ def residual(found: Diagnosis) -> Table:
     The last is less than the noise that is left: over a whole log noise averages out, and a cause's form does not.
     """
     most = max([*found.baseline["torque_rmse"].values(), *found.extended["torque_rmse"].values()], default=0.0)
-    joints = {} if found.held is None else {joint.name: joint for joint in joints_of(found.held.rig)}
+    joints = {} if found.held is None else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
     rows: list[list[Content | None]] = []
     for joint, left in found.residual.items():
         fit = found.extended.get("fit_percent", {}).get(joint, nan)
@@ -214,14 +214,14 @@ def residual(found: Diagnosis) -> Table:
     return Table(head, rows, texts=2, label="Torque error before and after")
 
 
-def gain(found: Diagnosis, joints: Sequence[Joint]) -> Table:
+def gain(found: Diagnosis, joints: Sequence[ShownJoint]) -> Table:
     """What a simulation from the torque, and a simulated controller, are off by without and with what was found."""
     pairs = [("Simulated", found.baseline["rollout_rmse"], found.extended["rollout_rmse"], "cannot be simulated")]
     if found.tracking:
         before, after = ({name: x[key] for name, x in found.tracking.items()} for key in ("rms_before", "rms_after"))
         pairs.append(("Tracking error", before, after, "not stable"))
 
-    def cell(joint: Joint, value: float, other: float, none: str) -> Content:
+    def cell(joint: ShownJoint, value: float, other: float, none: str) -> Content:
         top = max((x for x in (value, other) if isfinite(x)), default=0.0) or 1.0
         return bar(value / top, joint.text(value, digits=2)) if isfinite(value) else none
 
@@ -237,7 +237,7 @@ def gain(found: Diagnosis, joints: Sequence[Joint]) -> Table:
 def list_curves(found: Diagnosis) -> list[str]:
     """Say of each table that the extended model carries where it acts, and how large it is."""
     lines = []
-    for joint in () if found.held is None else joints_of(found.held.rig):
+    for joint in () if found.held is None else list_shown_joints(found.held.rig):
         if (curve := found.residual[joint.name].curve) is None:
             continue
         k, unit = max(range(len(curve.knots)), key=lambda k: abs(curve.torque[k])), joint.force
@@ -252,7 +252,7 @@ def list_curves(found: Diagnosis) -> list[str]:
     return lines
 
 
-def state_place(joint: Joint, over: str, x: float) -> str:
+def state_place(joint: ShownJoint, over: str, x: float) -> str:
     """A knot of a table at a joint, over its angle, rate or load."""
     return f"{figures(x)} {joint.force}" if over == "load" else joint.text(x, "/s" * (over == "rate"))
 
@@ -269,7 +269,7 @@ def state_size(figure: Parameter) -> str:
 
 def state_sizes(finding: Finding) -> str:
     """A finding's figures with their intervals; where the log tells them only together, that it does."""
-    from gimbal_pin.diagnosis.result import TOGETHER as TOLD_TOGETHER
+    from gimbal_pin.diagnosis.result import ONLY_TOGETHER as TOLD_TOGETHER
 
     sized = ", ".join(map(state_size, finding.sized))
     loose = ", ".join(f"{p.name} {digits(p.value, 4)}{p.in_units}" for p in finding.unsized)
@@ -333,7 +333,7 @@ def loops(found: Tuning) -> Table:
     head: list[Content] = ["Joint", "Bandwidth", *MARGINS, *([drawn] if found.draws else [])]
     head += [Markup("K<sub>{}</sub>, {}").format(*pair) for pair in (("P", "1/s²"), ("I", "1/s³"), ("D", "1/s"))]
     rows: list[list[Content]] = []
-    for j, joint in enumerate(joints_of(found.model.rig)):
+    for j, joint in enumerate(list_shown_joints(found.model.rig)):
         hertz, pid = found.bandwidth_hz[j], found.gains[j]
         less = isfinite(wanted[j]) and hertz < wanted[j] * (1 - 1e-9)
         shown = toned(f"{figures(hertz)} of {figures(wanted[j])} Hz", "fair") if less else f"{figures(hertz)} Hz"
@@ -347,7 +347,7 @@ def loops(found: Tuning) -> Table:
 
 def drive_gains(found: Tuning) -> Table:
     """Gains in the units that drives take, a line per gain that the constants of any joint's motor allow."""
-    joints, rows = joints_of(found.model.rig), list[list[Content]]()
+    joints, rows = list_shown_joints(found.model.rig), list[list[Content]]()
     for system, force, turn in (("torque", "N m", "rad"), ("current", "A", "rad"), ("count", "A", "count")):
         every = [getattr(own, system) for own in found.drive_gains]
         for k, form in enumerate((f"{force}/{turn}", f"{force}/({turn} s)", f"{force} s/{turn}")):
@@ -370,7 +370,7 @@ JUDGED = (
 """What the figures of a `Judgement` are; within it the number of plants."""
 
 
-def judgement(found: Judgement, joints: Sequence[Joint]) -> Table:
+def judgement(found: Judgement, joints: Sequence[ShownJoint]) -> Table:
     """Errors on the perturbed plants, median (worst), and how many times the PID's are larger, by joint and of all."""
     data, names, rows = found.to_dict(), list(found.errors), list[list[Content]]()
 
@@ -404,10 +404,10 @@ def overview(found: Auto, most: int) -> Table:
         *["Extended model", "Fit"] * (len(models) - 1),
         "Bandwidth",
     ]
-    judged = judgement(found.judged, joints_of(found.model.rig))
+    judged = judgement(found.judged, list_shown_joints(found.model.rig))
     head += ["Phase margin", *judged.head[1:]]
     rows: list[list[Content | None]] = []
-    for j, joint in enumerate(joints_of(found.model.rig)[:most]):
+    for j, joint in enumerate(list_shown_joints(found.model.rig)[:most]):
         row: list[Content | None] = [joint.name]
         for part in models:
             row += [

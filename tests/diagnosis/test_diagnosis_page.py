@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis import LISTED, Diagnosis, Residual, Rival, describe_mo
 from gimbal_pin.effects import CAUSES, Backlash
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Log, write_log
-from gimbal_pin.report import joints_of, tables, text, verdict
+from gimbal_pin.report import list_shown_joints, tables, text, verdict
 from gimbal_pin.report.sections import diagnosis as sections
 from gimbal_pin.report.summary import about_gain, missed, to_do
 from gimbal_pin.rig import Rig
@@ -175,7 +175,7 @@ def test_a_gain_that_is_none_is_no_fall(found: Diagnosis) -> None:
 
 
 def test_the_table_of_gains_holds_the_figures_of_the_json(rig: Rig, found: Diagnosis) -> None:
-    pan, tilt = joints_of(rig)
+    pan, tilt = list_shown_joints(rig)
     rows, told = tables.gain(found, (pan, tilt)).rows, found.to_dict()
     assert tilt.text(told["baseline"]["rollout_rmse"]["tilt"], digits=2) in str(rows[1][1])
     assert pan.text(told["tracking"]["pan"]["rms_after"], digits=2) in str(rows[0][4])

@@ -28,7 +28,7 @@ from gimbal_pin.effects import Sample
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.export import odrive, simplefoc
 from gimbal_pin.export.compiled import at, single
-from gimbal_pin.export.tables import RATES, feed
+from gimbal_pin.export.tables import FRICTION_RATES, feed
 from gimbal_pin.log import Frame, Log, encode_frame, follow, read_log, write_log, write_yaml
 from gimbal_pin.log.io.link import compute_siphash, decode_frame, open_link, seal_frame
 from gimbal_pin.rig import Rig
@@ -135,7 +135,11 @@ def test_an_odrives_map_counts_as_its_firmware_does() -> None:
         here = Sample(0.0, 2 * np.pi * (k + 0.5) / BINS, 0.0, 0.0, 0.0, 0.0)
         assert axis["cogging_map"][k] == pytest.approx(float(term.torque(here)), abs=1e-4)
     still = feed(model.by_joint[1], 64)
-    assert not still.angle.any() and still.forward[1] == -still.backward[1] > 0 and len(still.forward) == len(RATES)
+    assert (
+        not still.angle.any()
+        and still.forward[1] == -still.backward[1] > 0
+        and len(still.forward) == len(FRICTION_RATES)
+    )
 
 
 def test_a_geared_motor_has_no_map_over_its_turn(run: Run, turret: Path, tmp_path: Path) -> None:

@@ -219,7 +219,7 @@ def test_a_browser_draws_what_the_cameras_see_where_it_lies(tmp_path: Path) -> N
     said = visit(path.as_uri(), wide(1380), *looks, wide(420), *looks)
     assert (said.complaints, said.requests) == ([], [path.as_uri()])
     seen = outlook(verified(), WANTED)
-    several = gaze.pictures(seen)
+    several = gaze.build_pictures(seen)
     expected = [
         placed(np.array([[1.0, 0.1, -0.05]]), one.turned[i])[0] / one.half for one in several for i in (0, 40, 90)
     ]

@@ -246,7 +246,7 @@ def test_a_browser_shows_live_poses_and_plays_a_log() -> None:
     with view.Live(rig, ghost=True) as live:
         live.pose(q, -q)
         pose = "viewer.scene_tree.find({}).object.quaternion.toArray()"
-        nodes = [figure.paths(rig, root)[2].strip("/").split("/") for root in (RIG, GHOST)]
+        nodes = [figure.list_scene_paths(rig, root)[2].strip("/").split("/") for root in (RIG, GHOST)]
         ends = "[animator.duration, animator.playing, viewer.renderer.info.render.triangles]"
         with ThreadPoolExecutor(1) as pool:
             waiting = pool.submit(live.wait, 60)

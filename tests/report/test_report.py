@@ -32,7 +32,7 @@ from gimbal_pin.report import (
     evaluate,
     html,
     join,
-    joints_of,
+    list_shown_joints,
     pages,
     plots,
     show_controller,
@@ -198,7 +198,7 @@ def test_what_has_no_value_is_a_dash_and_what_has_no_bound_is_infinite() -> None
     assert numbers.figures(nan) == numbers.figures(None) == numbers.DASH
     assert numbers.figures(-np.inf) == "−∞" and numbers.interval(1.0, np.inf)[1] == "± ∞"
     assert [numbers.percent(x) for x in (99.97, 100.0, 99.94, nan)] == ["> 99.9 %", "100.0 %", "99.9 %", numbers.DASH]
-    assert numbers.between([nan, 2.0, 1.0]) == "1.0 to 2.0" and numbers.between([3.0, 3.001]) == "3.0"
+    assert numbers.format_range([nan, 2.0, 1.0]) == "1.0 to 2.0" and numbers.format_range([3.0, 3.001]) == "3.0"
     assert numbers.listed("abc") == "a, b and c"
 
 
@@ -454,7 +454,7 @@ def test_torques_of_one_table_are_in_one_unit() -> None:
 
 def test_page_and_terminal_claim_median_and_worst_of_the_perturbed_plants(walk: Walk, page: str) -> None:
     """The same figures as JSON: the errors of controller and PID, and their ratio."""
-    found, table = walk.judged.to_dict(), str(tables.judgement(walk.judged, joints_of(walk.rig)))
+    found, table = walk.judged.to_dict(), str(tables.judgement(walk.judged, list_shown_joints(walk.rig)))
     ratio = found["ratios"]["computed-torque"]
     claimed = "{} ({})".format(*(numbers.figures(ratio[of]["pan"], 2) for of in ("median", "worst")))
     assert claimed in table and claimed in parsed(page).text_content() and "on 2 plants" in page
@@ -521,7 +521,7 @@ def test_an_error_is_said_with_the_band_that_it_is_of(walk: Walk) -> None:
 
 def test_sliding_joints_are_shown_in_millimetres(slid: Walk) -> None:
     rig = slid.rig
-    (joint,) = joints_of(rig)
+    (joint,) = list_shown_joints(rig)
     assert (joint.text(0.0123, "/s"), joint.text(np.inf)) == ("12.3\u00a0mm/s", numbers.DASH)
     text = str(rig_section(rig).html + data(rig, slid.logs).html)
     assert "−200\u00a0mm … 200\u00a0mm" in text and "°" not in text and "position, mm" in text

@@ -214,7 +214,7 @@ def test_keyframes_are_forward_kinematics(name: str, lumped: Rig) -> None:
         q = log.q[10 * frame]  # 300 samples and 30 frames per second
         pin.framesForwardKinematics(rig.model, data, q)
         moved = groups(page, frame)
-        for joint, path in enumerate(figure.paths(rig, RIG)):
+        for joint, path in enumerate(figure.list_scene_paths(rig, RIG)):
             assert np.allclose(world(moved, path), data.oMi[joint].homogeneous, atol=2e-7)  # keyframes are float32
         assert_same_set(parts(page, frame=frame), expected(rig, q), 2e-7)
 
@@ -341,8 +341,10 @@ def test_a_link_whose_mesh_is_missing_gets_a_bar_and_one_without_visuals_none(tm
     weld = "<joint name='w' type='fixed'><parent link='boom'/><child link='hull'/></joint>"
     rig = bare(tmp_path, LUMPED + link + weld)
     drawn = scene(rig, motion(rig, sweep(rig), 30, 1.0, False, None))
-    owners = [path for path in figure.paths(rig, RIG) if any(c["path"] == f"{path}/solids" for c in drawn.commands)]
-    assert owners == [figure.paths(rig, RIG)[k] for k in (0, 2, 3)]  # not the mast
+    owners = [
+        path for path in figure.list_scene_paths(rig, RIG) if any(c["path"] == f"{path}/solids" for c in drawn.commands)
+    ]
+    assert owners == [figure.list_scene_paths(rig, RIG)[k] for k in (0, 2, 3)]  # not the mast
     assert "nothing to draw of boom" in drawn.events[-1]
 
 
@@ -375,10 +377,10 @@ def test_a_rig_that_draws_nothing_gets_a_stand_in_for_every_joint_and_says_so(tm
     still = groups(page)
     drawn = {c["path"]: c["object"] for c in commands(page) if c["type"] == "set_object"}
     axes = [np.array([0, 0, 1.0]), np.array([0, 0.6, 0.8]), np.array([1.0, 0, 0])]
-    for path, axis in zip(figure.paths(rig, RIG)[1:], axes, strict=True):
+    for path, axis in zip(figure.list_scene_paths(rig, RIG)[1:], axes, strict=True):
         first = drawn[f"{path}/solids"]["object"]["children"][0]
         assert np.allclose(square(first["matrix"])[:3, 1], axis)  # a three.js cylinder stands on its y
-    assert still[figure.paths(rig, RIG)[2]][:3, 3] == pytest.approx([0, 0, 0.4])
+    assert still[figure.list_scene_paths(rig, RIG)[2]][:3, 3] == pytest.approx([0, 0, 0.4])
 
 
 def test_the_ghost_is_there_only_with_a_reference_and_only_if_asked(lumped: Rig) -> None:
@@ -392,7 +394,7 @@ def test_a_link_s_ghost_is_drawn_only_while_it_is_apart_from_the_link(lumped: Ri
     log = sweep(lumped)
     lag = np.where(log.t[:, None] < 4.0, 0.0, [0.0, 0.2, 0.0])
     tracks = keyframes(view.record(lumped, replace(log, q_ref=log.q + lag)))
-    tip = f"{figure.paths(lumped, GHOST)[3]}/solids"  # the only link that draws anything
+    tip = f"{figure.list_scene_paths(lumped, GHOST)[3]}/solids"  # the only link that draws anything
     times, shown = tracks[tip][".visible"]
     assert np.array_equal(shown, times >= 1.0)
 
@@ -409,7 +411,7 @@ def test_grid_lines_are_a_round_distance_apart_and_few(size: float) -> None:
     step = stage.spacing(size)
     assert size / 5 <= step <= size / 2 * (1 + 1e-6)
     assert re.fullmatch(r"[125](\.0*)?e[-+]\d+", f"{step:.6e}")
-    points, alpha = stage.grid(np.array([0.3 * size, -0.1 * size]), 5 * size, step)
+    points, alpha = stage.build_grid(np.array([0.3 * size, -0.1 * size]), 5 * size, step)
     assert len(points) == len(alpha) < 5000 and len(points) % 2 == 0
     assert np.linalg.norm(points - [0.3 * size, -0.1 * size], axis=1).max() <= 5 * size * (1 + 1e-9)
 
@@ -504,7 +506,7 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     out = tmp_path / "out.html"
     assert view.animate(rig, log, out, colour=colour) == ()
     url = out.as_uri()
-    tip = figure.paths(rig, RIG)[3].strip("/").split("/")
+    tip = figure.list_scene_paths(rig, RIG)[3].strip("/").split("/")
     pose = f"(viewer.scene_tree.find({tip}).object.updateWorldMatrix(true, true),"
     pose += f"viewer.scene_tree.find({tip}).object.matrixWorld.toArray())"
     beam = f"viewer.scene_tree.find({[*tip, 'line of sight']}).object.visible = "
@@ -585,7 +587,7 @@ def test_every_format_of_video_is_whole_or_not_there(
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(output, "pictures", paint)
+    monkeypatch.setattr(output, "take_pictures", paint)
     log = sweep(lumped, seconds=0.25)
     for name in ("film.webp", "film.mp4"):
         view.animate(lumped, log, tmp_path / name, size=(161, 91), fps=10)
@@ -597,7 +599,7 @@ def test_every_format_of_video_is_whole_or_not_there(
     monkeypatch.setitem(output.ENCODERS, ".webp", "-c:v no-such-codec")
     with pytest.raises(UsageError, match="no-such-codec"):
         view.animate(lumped, log, tmp_path / "broken.webp", size=(160, 90))
-    monkeypatch.setattr(output, "pictures", stop)
+    monkeypatch.setattr(output, "take_pictures", stop)
     with pytest.raises(KeyboardInterrupt):
         view.animate(lumped, log, tmp_path / "stopped.gif")
     assert sorted(tmp_path.iterdir()) == before
@@ -609,10 +611,10 @@ def test_a_browser_can_be_asked_from_inside_a_running_event_loop(monkeypatch: py
         take(page.encode())
 
     async def notebook() -> None:
-        browser.pictures("one", [0.0], (16, 16), asked.append)
+        browser.take_pictures("one", [0.0], (16, 16), asked.append)
 
     asked: list[bytes] = []
     monkeypatch.setattr(browser, "shoot", paint)
     asyncio.run(notebook())
-    browser.pictures("two", [0.0], (16, 16), asked.append)
+    browser.take_pictures("two", [0.0], (16, 16), asked.append)
     assert asked == [b"one", b"two"]

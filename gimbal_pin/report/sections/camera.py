@@ -28,7 +28,7 @@ def pointing(found: Verified, note: str = "") -> Section:
 
     `note`: what the plant and the model were, as sentences.
     """
-    seen = gaze.page(outlook(found, WANTED), WANTED)
+    seen = gaze.render_gaze(outlook(found, WANTED), WANTED)
     frame = '<div class="animation"><iframe class="gaze" title="{}" srcdoc="{}"></iframe></div>'
     weak = any(describe_limits(row.at_limit) for row in found.rows)
     parts: list[object] = [
@@ -102,9 +102,9 @@ def curves(found: Verified) -> plots.Drawing:
     """Return line of sight, cumulative spectrum and torque as a picture."""
     run, names = found.rows[0].runs[0], listed(controller_name(row.controller) for row in found.rows)
     alt = f"Line of sight over time, its cumulative spectrum, and torque as a share of its limit, for {names}"
-    stretch = figures(1e3 * len(run.sight) * run.dt / min(chart.POINTS, len(run.sight)), 2)
+    stretch = figures(1e3 * len(run.sight) * run.dt / min(chart.CURVE_POINTS, len(run.sight)), 2)
     caption = (
         f"Line of sight of the first run: the largest distance from its slow part in each {stretch} ms; the jitter "
         "that all frequencies up to one add up to; torque, rms as a bar and the largest as a line, and its limit."
     )
-    return plots.Drawing(partial(chart.chart, found), alt, caption)
+    return plots.Drawing(partial(chart.draw_camera_chart, found), alt, caption)

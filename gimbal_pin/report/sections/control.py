@@ -14,12 +14,12 @@ from gimbal_pin.control.tracking import Experiment, Tracking
 from gimbal_pin.control.tuning import RIVAL, Tuning
 from gimbal_pin.log.limited import describe_limits
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import controller_name, joints_of, listed
+from gimbal_pin.report.format import controller_name, list_shown_joints, listed
 from gimbal_pin.report.html import Section, bullets, folded, list_warnings, notice, paragraph
 from gimbal_pin.report.tables import TOGETHER
 from gimbal_pin.rig.rig import Rig
 
-BESIDE = (plots.PLAIN, plots.MUTED, "#8a4fd0", "#0b96a8")
+RIVAL_COLOURS = (plots.PLAIN, plots.MUTED, "#8a4fd0", "#0b96a8")
 """Colours of the controllers that stand beside the one in the joint's colour."""
 CROWDED = 3
 """Controllers from which their names do not fit above one column."""
@@ -49,7 +49,7 @@ def show_controller(tuning: Tuning) -> Section:
         folded("Why these gains", bullets(usual)),
         folded("Gains for drives", tables.drive_gains(tuning), is_detail=False),
         *([paragraph(f"{listed(fast)}: {no_cascade}", "side")] if fast else []),
-        plots.Drawing(tuning.plot, alt, caption, [joint.colour for joint in joints_of(rig)]),
+        plots.Drawing(tuning.plot, alt, caption, [joint.colour for joint in list_shown_joints(rig)]),
     ]
     lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
     return Section("Controller", parts, lead)
@@ -60,13 +60,16 @@ def show_tracking(judged: Judgement, rig: Rig, result: Tracking | None = None, p
 
     `plant`: what the steps are simulated on, within a sentence.
     """
-    parts = [tables.judgement(judged, joints_of(rig)), *([] if result is None else list_steps(rig, result, plant))]
+    parts = [
+        tables.judgement(judged, list_shown_joints(rig)),
+        *([] if result is None else list_steps(rig, result, plant)),
+    ]
     return Section("Tracking", parts, "Every controller meets the same steps and the same noise.")
 
 
 def list_steps(rig: Rig, result: Tracking, plant: str) -> list[object]:
     """Return what is simulated, who is at the torque limit for long, and the picture of all axes together."""
-    steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints_of(rig))
+    steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in list_shown_joints(rig))
     note = f" The plant is {plant}, with the rig's sensors, delay and torque limits." if plant else ""
     parts: list[object] = [
         paragraph(f"Minimum-jerk steps of {steps}.{note} All of it is simulated, not run on the gimbal.")
@@ -86,7 +89,7 @@ def list_steps(rig: Rig, result: Tracking, plant: str) -> list[object]:
 
 def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
     """Draw angle, error and torque of every joint, one column each; the last controller has the joint's colour."""
-    joints, count = joints_of(rig), len(experiments)
+    joints, count = list_shown_joints(rig), len(experiments)
     alike = len({joint.unit for joint in joints}) == len({*np.isfinite(rig.tau_max).tolist()}) == 1
     gaps, ratios = (0.35 if alike else 0.85, 0.33), [1.5, 1.2, 1]
     figure, panels = plots.panels(3, rig.n, 6.6, ratios=ratios, gaps=gaps, share=(True, "row" if alike else False))
@@ -94,7 +97,7 @@ def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
     for j, (joint, (above, middle, below)) in enumerate(zip(joints, panels.T)):
         limit, t = float(rig.tau_max[j]), experiments[0].log.t
         wanted = np.asarray(experiments[0].log.q_ref)[:, j]
-        shades = [*(BESIDE[k % len(BESIDE)] for k in range(count - 1)), joint.colour]
+        shades = [*(RIVAL_COLOURS[k % len(RIVAL_COLOURS)] for k in range(count - 1)), joint.colour]
         for one, colour in zip(experiments, shades):
             width, tau = 1.6 if colour == joint.colour else 2.2, np.asarray(one.log.tau)[:, j]
             plots.curve(above, t, joint.scale * one.q[:, j], color=colour, lw=width)

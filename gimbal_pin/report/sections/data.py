@@ -17,12 +17,12 @@ from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import (
     DASH,
     PALETTE,
-    Joint,
+    ShownJoint,
     figures,
     file_name,
     forces,
     joint_colours,
-    joints_of,
+    list_shown_joints,
     listed,
     units,
 )
@@ -33,9 +33,9 @@ from gimbal_pin.rig.rig import Rig
 
 DRAWN = 3
 """Most logs that are drawn."""
-HEIGHT = 1.6
+PANEL_HEIGHT = 1.6
 """Height of a panel of channels, in."""
-SHOWN = 8
+MOST_CURVES = 8
 """Most curves in a panel: so many colours are told apart."""
 
 
@@ -45,7 +45,7 @@ def rig_section(rig: Rig, weighed: float | None = None) -> Section:
     `weighed`: mass of the payload, kg, where it was given beside the log.
     """
     limits, motors = list[list[Content]](), list[list[Content]]()
-    for j, joint in enumerate(joints_of(rig)):
+    for j, joint in enumerate(list_shown_joints(rig)):
         limit, motor, (dry, viscous) = rig.limits[j], rig.motors[j], rig.friction[j].tolist()
         bound = isfinite(limit.lower) or isfinite(limit.upper)
         travel = f"{joint.text(limit.lower)} … {joint.text(limit.upper)}" if bound else "unlimited"
@@ -60,19 +60,19 @@ def rig_section(rig: Rig, weighed: float | None = None) -> Section:
         iron = [str(count) if count else DASH for count in (motor.slots, motor.poles)]
         loads = [figures(x) for x in (dry, viscous, carried)]
         motors.append([joint.label, *encoder, *iron, *loads])
-    looks = joints_of(rig)
+    looks = list_shown_joints(rig)
     force, viscous = (" or ".join(dict.fromkeys(one.in_units(unit) for one in looks)) for unit in ("N m", "N m s/rad"))
     head = ["Joint", "Moves", "Travel", "Rate", "Acceleration", f"Torque limit, {force}", f"Torque constant, {force}/A"]
     more = ["Joint", "Encoder", "Step", "Slots", "Poles", f"Coulomb, {force}", f"Viscous, {viscous}", "Carries, kg"]
     parts = [
-        paragraph(about(rig, weighed)),
+        paragraph(describe_rig_and_payload(rig, weighed)),
         Table(head, limits, texts=2, caption="Joints and limits"),
         Table(more, motors, caption="Motors, sensors and loads, as given"),
     ]
     return Section("Rig", parts, rig.config.description)
 
 
-def about(rig: Rig, weighed: float | None) -> Markup:
+def describe_rig_and_payload(rig: Rig, weighed: float | None) -> Markup:
     """Return what is mounted and what the frames are called."""
     stated = float(get_stated_payload(rig)[0])
     mass, extra = (stated, "") if weighed is None else (weighed, f" as weighed; its URDF says {figures(stated)} kg")
@@ -101,19 +101,19 @@ def data(rig: Rig, logs: Sequence[Log]) -> Section:
         ]
         for log in logs
     ]
-    force = forces(joints_of(rig))
+    force = forces(list_shown_joints(rig))
     cover = ["Joint", "Travel", "Largest rate", f"Torque rms, {force}", f"Largest torque, {force}", "of the limit"]
-    each = [covered(rig, logs, j, joint) for j, joint in enumerate(joints_of(rig))]
+    each = [covered(rig, logs, j, joint) for j, joint in enumerate(list_shown_joints(rig))]
     parts: list[object] = [Table(head, rows, texts=2, caption="Logs"), Table(cover, each, caption="Covered")]
     for log in logs[:DRAWN]:
         alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
         caption = f"{file_name(log.name)}: what was recorded; all joints should move, far and at many rates."
-        parts.append(plots.Drawing(partial(overview, rig, log), alt, caption, joint_colours(rig.joints)))
+        parts.append(plots.Drawing(partial(draw_overview, rig, log), alt, caption, joint_colours(rig.joints)))
     events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
     return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.")
 
 
-def covered(rig: Rig, logs: Sequence[Log], j: int, joint: Joint) -> list[Content]:
+def covered(rig: Rig, logs: Sequence[Log], j: int, joint: ShownJoint) -> list[Content]:
     """Return a joint's row: what range of its limits the logs cover."""
     low, high = min(log.q[:, j].min() for log in logs), max(log.q[:, j].max() for log in logs)
     rates = (np.gradient(log.q[:, j], log.t) if log.v is None else log.v[:, j] for log in logs)
@@ -129,11 +129,11 @@ def covered(rig: Rig, logs: Sequence[Log], j: int, joint: Joint) -> list[Content
     ]
 
 
-def overview(rig: Rig, log: Log) -> plots.Figure:
+def draw_overview(rig: Rig, log: Log) -> plots.Figure:
     """Draw angles above torques."""
     figure, panels = plots.panels(2, 1, 3.7, gaps=(0, 0.2), share=(True, False))
     angle, torque = panels[:, 0]
-    looks = joints_of(rig)
+    looks = list_shown_joints(rig)
     for j, joint in enumerate(looks):
         plots.curve(angle, log.t, joint.scale * log.q[:, j], lw=1.2)
         if log.tau is not None:
@@ -150,21 +150,23 @@ def inspection(found: Inspected) -> Section:
     parts: list[object] = [
         bullets([line for stream in found.streams for line in summarize_stream(stream)] + list(found.notes))
     ]
-    parts.append(plots.Drawing(partial(channels, found), f"Every channel of {found.name} over time", "As recorded."))
+    parts.append(
+        plots.Drawing(partial(draw_channels, found), f"Every channel of {found.name} over time", "As recorded.")
+    )
     parts.append(tables.channels([channel for stream in found.streams for channel in stream.channels]))
     if found.rig is not None:
         parts += [heading(f"Mapping for {found.rig}"), Markup("<pre>{}</pre>").format(found.yaml)]
     return Section(Path(found.name).name, parts)
 
 
-def channels(found: Inspected) -> plots.Figure:
+def draw_channels(found: Inspected) -> plots.Figure:
     """Return a figure with one panel per stream and kind of channel, constants left out."""
     panels = [
-        (stream, kind, [c for c in stream.channels if c.kind == kind][:SHOWN])
+        (stream, kind, [c for c in stream.channels if c.kind == kind][:MOST_CURVES])
         for stream in found.streams
         for kind in dict.fromkeys(c.kind for c in stream.channels if c.kind not in ("time", "constant", "copy"))
     ]
-    figure, axes = plots.panels(max(len(panels), 1), 1, 0.9 + HEIGHT * max(len(panels), 1), gaps=(0.75, 0.5))
+    figure, axes = plots.panels(max(len(panels), 1), 1, 0.9 + PANEL_HEIGHT * max(len(panels), 1), gaps=(0.75, 0.5))
     for row, (stream, kind, several) in zip(axes[:, 0], panels):
         for channel, colour in zip(several, PALETTE):
             plots.curve(row, stream.t - stream.t[0], stream.data[channel.column], color=colour, lw=1.0)
@@ -175,10 +177,10 @@ def channels(found: Inspected) -> plots.Figure:
     return figure
 
 
-def draw(found: Inspected, path: Path) -> None:
+def write_picture(found: Inspected, path: Path) -> None:
     """Write the picture alone, in the format of the suffix; PNG where there is none."""
     with style():
-        figure = channels(found)
+        figure = draw_channels(found)
         for axes in figure.axes:
             axes.grid(color="#dde1e6")
         figure.savefig(path, format=path.suffix[1:].lower() or "png", facecolor="white", dpi=150)

@@ -17,7 +17,7 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import Joint, joints_of, list_altered, listed, torque_unit
+from gimbal_pin.report.format import ShownJoint, list_altered, list_shown_joints, listed, torque_unit
 from gimbal_pin.report.html import Element, Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.sections.model import show_payload
 from gimbal_pin.report.table import Content
@@ -30,13 +30,13 @@ VERDICTS = {
     "nothing": "The refitted model is as good as the data: nothing more can be found in this log.",
     "data": "The log itself is at fault: nothing that it seems to say about the rig should be believed.",
 }
-MOVED = "This is by the platform's motion alone, as its IMU tells it: below stands what that is worth."
+BY_PLATFORM_ALONE = "This is by the platform's motion alone, as its IMU tells it: below stands what that is worth."
 SPOILT = "What a fit of the log finds all the same, and what is not to be acted on:"
-ALIKE = 0.95
+OUTLINED_CORRELATION = 0.95
 """Correlation from which on two causes are outlined."""
-CLOUD, LINE = 700, 700
+MOST_RESIDUAL_DOTS, MOST_LINE_POINTS = 700, 700
 """Most dots in a cloud, and points of a curve over time in one stretch."""
-MOST = 4
+MOST_DRAWN_JOINTS = 4
 """Most joints whose residual is drawn, those with findings first."""
 SEGMENT = 8.0
 """Length of the stretches that a spectrum is averaged over, s."""
@@ -47,12 +47,12 @@ GAINS = "Simulated: the position after 0.2 s of simulation from the held-out tor
 
 def diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
-    parts: list[object] = [paragraph(toned(verdict(found), "good" if found.beside == "nothing" else "fair"))]
+    parts: list[object] = [paragraph(toned(state_verdict(found), "good" if found.beside == "nothing" else "fair"))]
     if found.spoiling:
         faults = [f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling]
         parts.append(bullets([*faults, *(tables.state_size(p) for fault in found.spoiling for p in fault.answer)]))
         parts += [paragraph(SPOILT)] if found.findings else []
-    joints = () if found.held is None else joints_of(found.held.rig)
+    joints = () if found.held is None else list_shown_joints(found.held.rig)
     colours = {joint.name: joint.colour for joint in joints}
     for finding in found.findings:
         likest = [one for one in found.likeness if (one.causes[0], one.joint) == (finding.cause, finding.joint)]
@@ -78,11 +78,11 @@ def diagnosis(found: Diagnosis) -> Section:
     return Section(WRONG, parts, f"Held-out errors are of the part of the log that no choice has seen{band}.")
 
 
-def verdict(found: Diagnosis) -> str:
+def state_verdict(found: Diagnosis) -> str:
     """Return the verdict; a cause that is left open is not said to be named."""
     open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
-    moved = "" if found.lacking == found.findings else f" {MOVED}"
+    moved = "" if found.lacking == found.findings else f" {BY_PLATFORM_ALONE}"
     return f"{VERDICTS[found.beside]}{more}{moved}"
 
 
@@ -121,7 +121,7 @@ def show_finding(
         alt = f"Correlation of what the causes like {known.causes[0]} at {where} can explain on this log"
         caption = (
             f"How alike causes at {where} are on this log, each in the form most like the finding: at 1 it cannot part "
-            f"two, from {ALIKE} on they are outlined."
+            f"two, from {OUTLINED_CORRELATION} on they are outlined."
         )
         drawn = plots.Drawing(partial(cells, known, colour), alt, caption)
         parts.append(folded(f"What looks like {known.causes[0]} here", drawn))
@@ -141,7 +141,7 @@ def cells(known: Likeness, colour: str) -> plots.Figure:
         for k, value in enumerate(row[: i + 1]):
             place = (k - 0.48, i - 0.46)
             axes.add_patch(Rectangle(place, 0.96, 0.92, facecolor=colour, alpha=0.08 + 0.72 * value**2))
-            if value >= ALIKE and i != k:
+            if value >= OUTLINED_CORRELATION and i != k:
                 axes.add_patch(Rectangle(place, 0.96, 0.92, fill=False, edgecolor=plots.INK, linewidth=1.4))
             axes.text(k, i, "1" if i == k else f"{value:.2f}", ha="center", va="center", fontsize=8.5)
     axes.set(
@@ -156,9 +156,9 @@ def cells(known: Likeness, colour: str) -> plots.Figure:
     return figure
 
 
-def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> plots.Drawing:
+def residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Evidence) -> plots.Drawing:
     """Return the residual's four faces, one column per joint, in the rig's order."""
-    order = sorted(ranked(found, joints)[:MOST])
+    order = sorted(ranked(found, joints)[:MOST_DRAWN_JOINTS])
     shown = [joints[j] for j in order]
     alt = f"Held-out residual torque of {', '.join(joint.name for joint in shown)} over angle, rate, time and frequency"
     caption = (
@@ -170,7 +170,7 @@ def residuals(found: Diagnosis, joints: tuple[Joint, ...], held: Evidence) -> pl
     return plots.Drawing(partial(faces, found, joints, order, held), alt, caption)
 
 
-def ranked(found: Diagnosis, joints: tuple[Joint, ...]) -> list[int]:
+def ranked(found: Diagnosis, joints: tuple[ShownJoint, ...]) -> list[int]:
     """Joints with findings first, the strongest finding's first; then those with something left; then the others."""
     place = {joint.name: j for j, joint in enumerate(joints)}
     named = [place[each.joint] for each in found.findings if each.joint in place]
@@ -178,7 +178,7 @@ def ranked(found: Diagnosis, joints: tuple[Joint, ...]) -> list[int]:
     return list(dict.fromkeys([*named, *open_, *place.values()]))
 
 
-def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: Evidence) -> plots.Figure:
+def faces(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], held: Evidence) -> plots.Figure:
     """Draw the residuals."""
     figure, panels = plots.panels(4, len(order), 10.4, gaps=(0.95, 0.68))
     errors = [compute_filtered_error(held, model) for model in (found.before, found.after)]
@@ -188,7 +188,7 @@ def faces(found: Diagnosis, joints: tuple[Joint, ...], order: list[int], held: E
         scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
         column[0].set_title(joint.name, color=joint.colour)
         rows = np.flatnonzero(open_[:, j])
-        rows = rows[:: max(1, len(rows) // CLOUD)]
+        rows = rows[:: max(1, len(rows) // MOST_RESIDUAL_DOTS)]
         for axes, name, per in ((column[0], "q", ""), (column[1], "v", "/s")):
             x = joint.scale * channel(held, name, j)[rows]
             for error, colour in zip(errors, (plots.PLAIN, joint.colour)):
@@ -218,7 +218,7 @@ def over_time(axes: plots.Axes, held: Evidence, error: Array, colour: str) -> No
     at = 0
     for part in held.parts:
         length = len(part.gate)
-        axes.plot(*plots.thinned(part.channels.t, error[at : at + length], LINE), color=colour, lw=0.9)
+        axes.plot(*plots.thinned(part.channels.t, error[at : at + length], MOST_LINE_POINTS), color=colour, lw=0.9)
         at += length
 
 

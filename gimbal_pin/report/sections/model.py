@@ -16,15 +16,15 @@ from gimbal_pin.identification import Identified, PayloadStatement, Several
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.evaluation import Evaluated, Known, Part, find_tables, known, list_shown
+from gimbal_pin.report.evaluation import Evaluated, EvaluatedPart, KnownParameter, find_tables, known, list_shown
 from gimbal_pin.report.format import (
     DASH,
-    Joint,
+    ShownJoint,
     figures,
     file_name,
     forces,
-    joints_of,
     list_altered,
+    list_shown_joints,
     listed,
     rows_named,
     torque_text,
@@ -35,17 +35,17 @@ from gimbal_pin.report.table import Table
 
 Flags = NDArray[np.bool_]
 
-RATE = 2.0
+STILL_JOINT_RATE = 2.0
 """Rate up to which friction is drawn of a joint that does not move, rad/s."""
-WINDOW = 15.0
+LONGEST_DRAWN = 15.0
 """Longest stretch drawn in full, s."""
 BETWEEN = 4
 """Pieces that a curve is drawn in from row to row."""
-BINS = 12
+RATE_BINS = 12
 """Stretches of the rate, either way and alike in samples, over which the residual's mean is taken."""
-JUDGED = 0.5
+JUDGED_SHARE = 0.5
 """Share of a row's samples that must be judged for the row to count."""
-CLOUD = 900
+MOST_DOTS = 900
 """Most dots in a cloud."""
 LOOSE = 0.1
 """Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
@@ -79,7 +79,7 @@ def show_cameras(found: Several) -> Section:
 def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) -> list[object]:
     """Return base parameters, friction and bodies as parts of a section."""
     rows, width, agreement = known(found, evaluated), len(found.reduction.independent), found.agreement
-    every, force = [rows[k] for k in list_shown(found)], forces(joints_of(found.model.rig))
+    every, force = [rows[k] for k in list_shown(found)], forces(list_shown_joints(found.model.rig))
     bound = None if found.bound is None else found.bound[list_shown(found)].tolist()
     tabled = zip(tables.list_tables(found), find_tables(found).values())
     return [
@@ -119,7 +119,7 @@ def show_payload(payload: PayloadStatement) -> list[Element]:
     return [heading("The payload against its URDF (± 95 %)"), bullets(lines)] if lines else []
 
 
-def picture_moved(every: Sequence[Known], force: str) -> plots.Drawing:
+def picture_moved(every: Sequence[KnownParameter], force: str) -> plots.Drawing:
     """Return the parameters in the torque that each moves, as a picture."""
     caption = (
         "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
@@ -133,10 +133,10 @@ def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
     """Return every joint's effects over its rate as a picture."""
     alt = f"Friction torque over rate of {', '.join(found.model.rig.joints)}"
     caption = "Torque of all effects over the joint's rate, to one scale: where the 95 % band is wide, it is guessed."
-    return plots.Drawing(partial(curves, found, evaluated), alt, caption)
+    return plots.Drawing(partial(draw_friction_curves, found, evaluated), alt, caption)
 
 
-def describe_estimate(found: Identified, every: Sequence[Known]) -> str:
+def describe_estimate(found: Identified, every: Sequence[KnownParameter]) -> str:
     """Say how many parameters there are, which are in doubt, and whether bodies exist that have them."""
     doubtful = [short(one.name) for one in every if one.tone == "poor" and one.reach]
     doubt = f"; of those that move much torque, the log leaves {listed(doubtful)} in doubt" if doubtful else ""
@@ -148,7 +148,7 @@ def describe_estimate(found: Identified, every: Sequence[Known]) -> str:
         text = f"{text} {found.bias.sentence[0].upper()}{found.bias.sentence[1:]}."
     if found.physical:
         return f"{text} Bodies exist that have these parameters."
-    change = torque_text(max(found.torque_change.values()), force=forces(joints_of(found.model.rig)))
+    change = torque_text(max(found.torque_change.values()), force=forces(list_shown_joints(found.model.rig)))
     return (
         f"{text} No bodies exist that have exactly these. The nearest that do, {figures(found.consistent.distance, 2)} "
         f"standard deviations away, change the torque by at most {change} rms; they go back into the URDF."
@@ -184,7 +184,7 @@ def short(name: str) -> str:
     return f"{first.replace('-', '−')} + …" if others else first.replace("-", "−")
 
 
-def whiskers(every: Sequence[Known], force: str) -> plots.Figure:
+def whiskers(every: Sequence[KnownParameter], force: str) -> plots.Figure:
     """Draw dots with whiskers, in the torque that each parameter moves."""
     names = [short(one.name) for one in every]
     figure, panels = plots.panels(1, 1, 1.0 + 0.2 * len(every), left=0.35 + 0.07 * max(len(name) for name in names))
@@ -202,14 +202,14 @@ def whiskers(every: Sequence[Known], force: str) -> plots.Figure:
     return figure
 
 
-def curves(found: Identified, evaluated: Evaluated) -> plots.Figure:
+def draw_friction_curves(found: Identified, evaluated: Evaluated) -> plots.Figure:
     """Draw every joint's effects over its rate."""
-    joints = joints_of(found.model.rig)
+    joints = list_shown_joints(found.model.rig)
     figure, panels = plots.panels(1, len(joints), 2.6, share=(False, True), gaps=(0.35, 0.35))
     for axes, (j, joint) in zip(panels[0], enumerate(joints)):
-        reach = 1.05 * float(np.abs(evaluated.stacked("v")[:, j]).max()) or RATE
+        reach = 1.05 * float(np.abs(evaluated.stacked("v")[:, j]).max()) or STILL_JOINT_RATE
         v = np.concatenate([np.linspace(-reach, 0, 100), np.linspace(0, reach, 100)])
-        torque, half = band(found, j, v, np.repeat([-1.0, 1.0], 100))
+        torque, half = compute_band(found, j, v, np.repeat([-1.0, 1.0], 100))
         rate = joint.scale * v
         axes.fill_between(rate, torque - half, torque + half, color=joint.colour, alpha=0.25)
         axes.plot(rate, torque, color=joint.colour)
@@ -219,7 +219,7 @@ def curves(found: Identified, evaluated: Evaluated) -> plots.Figure:
     return figure
 
 
-def band(found: Identified, j: int, v: Array, slide: Array) -> tuple[Array, Array]:
+def compute_band(found: Identified, j: int, v: Array, slide: Array) -> tuple[Array, Array]:
     """``A theta`` of one joint's effects at rates `v`, and half the width of its 95 % band, N m, (m,) each."""
     zero = np.zeros_like(v)
     at = Sample(zero, zero, v, zero, slide, zero)
@@ -244,11 +244,11 @@ def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Sectio
         ),
         tables.torque_errors(found, evaluated),
     ]
-    parts += [] if evaluated is None else picture_residuals(joints_of(found.model.rig), evaluated, where)
+    parts += [] if evaluated is None else picture_residuals(list_shown_joints(found.model.rig), evaluated, where)
     return Section("Torque", parts, f"Measured against predicted, {where}.")
 
 
-def picture_residuals(joints: tuple[Joint, ...], evaluated: Evaluated, where: str) -> list[object]:
+def picture_residuals(joints: tuple[ShownJoint, ...], evaluated: Evaluated, where: str) -> list[object]:
     """Return pictures of the torques over time, and of the residual over rate and as a histogram."""
     window, whole = worst(evaluated)
     names = ", ".join(evaluated.joints)
@@ -271,14 +271,14 @@ def picture_residuals(joints: tuple[Joint, ...], evaluated: Evaluated, where: st
     ]
 
 
-def worst(evaluated: Evaluated) -> tuple[Part, bool]:
-    """Return the stretch of at most `WINDOW` s whose error, as a share of torque, is largest, and if there is more."""
-    best: tuple[float, Part] | None = None
+def worst(evaluated: Evaluated) -> tuple[EvaluatedPart, bool]:
+    """Return the stretch of `LONGEST_DRAWN` s whose error, as a share of torque, is largest, and if there is more."""
+    best: tuple[float, EvaluatedPart] | None = None
     for part in evaluated.parts:
         power = np.concatenate([[0.0], np.cumsum(np.sum((part.error / evaluated.scale) ** 2, axis=1))])
-        ends = np.searchsorted(part.t, part.t + WINDOW)
+        ends = np.searchsorted(part.t, part.t + LONGEST_DRAWN)
         score = (power[ends] - power[:-1]) / np.maximum(ends - np.arange(len(ends)), 1)
-        full = part.t <= max(part.t[-1] - WINDOW, part.t[0])
+        full = part.t <= max(part.t[-1] - LONGEST_DRAWN, part.t[0])
         first = int(np.argmax(np.where(full, score, -np.inf)))
         if best is None or score[first] > best[0]:
             cut = slice(first, int(ends[first]))
@@ -296,7 +296,7 @@ def broken(t: Array, values: Array) -> Array:
     return out
 
 
-def rounded(t: Array, values: Array) -> tuple[Array, Array]:
+def smooth_curve(t: Array, values: Array) -> tuple[Array, Array]:
     """Return a curve through the rows, which are as far apart as the filter allows, without corners; broken at gaps."""
     fine = np.interp(np.arange((len(t) - 1) * BETWEEN + 1) / BETWEEN, np.arange(len(t)), t)
     smooth = signals.resample(t, values[:, None], fine)[:, 0] if len(t) > 2 else values
@@ -305,7 +305,7 @@ def rounded(t: Array, values: Array) -> tuple[Array, Array]:
     return fine, smooth
 
 
-def overlays(joints: tuple[Joint, ...], part: Part) -> plots.Figure:
+def overlays(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> plots.Figure:
     """Draw each joint's torques, and its residual below."""
     count, ratios = len(joints), [0.35, 3, 1.2] * len(joints)
     looks: Any = dict(ratios=ratios, gaps=(0, 0.1), share=(True, False), left=1.05)
@@ -316,11 +316,13 @@ def overlays(joints: tuple[Joint, ...], part: Part) -> plots.Figure:
         room.remove()  # the legend's place
         scale, unit = torque_unit(float(np.abs(part.error[:, j]).max()), joint.force)
         drawn = ((above, part.measured, plots.PLAIN, 4.0), (above, part.predicted, joint.colour, 1.3))
-        left = np.where(part.share < JUDGED, np.nan, scale * part.error)
+        left = np.where(part.share < JUDGED_SHARE, np.nan, scale * part.error)
         for axes, values, colour, width in (*drawn, (below, left, joint.colour, 1.0)):
-            plots.curve(axes, *rounded(part.t, values[:, j]), color=colour, lw=width, alpha=0.6 if width > 2 else 1.0)
+            plots.curve(
+                axes, *smooth_curve(part.t, values[:, j]), color=colour, lw=width, alpha=0.6 if width > 2 else 1.0
+            )
         for axes in (above, below):
-            shade(axes, part.t, part.share[:, j] < JUDGED)
+            shade(axes, part.t, part.share[:, j] < JUDGED_SHARE)
         plots.zero_line(below)
         plots.named(above, [(f"{joint.name}: measured", plots.PLAIN), ("predicted", joint.colour)])
         above.set(ylabel=f"torque, {joint.force}")
@@ -337,13 +339,13 @@ def shade(axes: plots.Axes, t: Array, still: Flags) -> None:
         axes.axvspan(t[max(first - 1, 0)], t[min(last, len(t) - 1)], color=plots.MUTED, alpha=0.13, zorder=0)
 
 
-def clouds(joints: tuple[Joint, ...], evaluated: Evaluated) -> plots.Figure:
+def clouds(joints: tuple[ShownJoint, ...], evaluated: Evaluated) -> plots.Figure:
     """Draw residuals over rates, and their histograms below."""
     figure, panels = plots.panels(2, len(joints), 4.8, ratios=[1.5, 1], gaps=(0.75, 0.6))
     v, error, share = (evaluated.stacked(name) for name in ("v", "error", "share"))
     scale, unit = torque_unit(float(np.abs(error).max()), forces(joints))
     for j, joint in enumerate(joints):
-        rows = np.flatnonzero(share[:, j] > JUDGED)
+        rows = np.flatnonzero(share[:, j] > JUDGED_SHARE)
         whole = scale * error[rows, j] / share[rows, j]
         panels[0, j].set_title(joint.name, color=joint.colour)
         if len(rows):
@@ -356,13 +358,13 @@ def clouds(joints: tuple[Joint, ...], evaluated: Evaluated) -> plots.Figure:
     return figure
 
 
-def over_rate(axes: plots.Axes, joint: Joint, v: Array, error: Array) -> None:
+def over_rate(axes: plots.Axes, joint: ShownJoint, v: Array, error: Array) -> None:
     """Draw a joint's residual over its rate, and its mean in stretches of the rate, with twice its error."""
-    every = max(1, len(v) // CLOUD)
+    every = max(1, len(v) // MOST_DOTS)
     plots.dots(axes, joint.scale * v[::every], error[::every], joint.colour)
     order = np.argsort(v)
     for way in (order[v[order] < 0], order[v[order] > 0]):
-        groups = np.array_split(way, min(BINS, max(1, len(way) // 6)))
+        groups = np.array_split(way, min(RATE_BINS, max(1, len(way) // 6)))
         groups = [group for group in groups if len(group) > 1]
         middle = joint.scale * np.array([v[group].mean() for group in groups])
         mean = np.array([error[group].mean() for group in groups])
@@ -372,7 +374,7 @@ def over_rate(axes: plots.Axes, joint: Joint, v: Array, error: Array) -> None:
     plots.zero_line(axes)
 
 
-def histogram(axes: plots.Axes, joint: Joint, error: Array) -> None:
+def histogram(axes: plots.Axes, joint: ShownJoint, error: Array) -> None:
     """Draw a joint's residuals as a histogram, and the normal distribution of the same mean and size."""
     from scipy.stats import norm
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.report.view import three
-from gimbal_pin.report.view.figure import frame, paths
+from gimbal_pin.report.view.figure import frame, list_scene_paths
 from gimbal_pin.report.view.motion import Poses
 from gimbal_pin.report.view.sight import rays
 from gimbal_pin.report.view.solid import Y_TO_Z, Solid
@@ -34,9 +34,9 @@ def marks(
     place = eye + DISTANCE * size * wanted[:, 0]
     corners = place + BOARD[0] * size * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     commands = [
-        three.draw("/meshcat/target", target(place, wanted, size)),
-        three.draw("/meshcat/horizon", horizon(eye, size)),
-        three.draw(f"{paths(rig, '/meshcat/rig')[0]}/platform", deck(rig, solids, size)),
+        three.draw_object("/meshcat/target", target(place, wanted, size)),
+        three.draw_object("/meshcat/horizon", horizon(eye, size)),
+        three.draw_object(f"{list_scene_paths(rig, '/meshcat/rig')[0]}/platform", deck(rig, solids, size)),
     ]
     return commands, np.vstack([corners, rim(deck_pose(rig, solids, size), poses, size)])
 
@@ -55,14 +55,14 @@ def target(place: Array, wanted: Array, size: float) -> three.Json:
     for k, radius in enumerate(BOARD):
         pose = three.pose(place - 0.002 * k * size * ahead, np.column_stack([wanted[:, 1], wanted[:, 2], ahead]))
         disc = {"type": "CircleGeometry", "radius": radius * size, "segments": 64}
-        parts.append(three.Part(disc, pose, three.flat(PALE if k % 2 else RED, side=2)))
+        parts.append(three.Drawable(disc, pose, three.flat(PALE if k % 2 else RED, side=2)))
     return three.group(parts, "target")
 
 
 def horizon(eye: Array, size: float) -> three.Json:
     """Return a level ring at the camera's height."""
     ring = {"type": "TorusGeometry", "radius": size, "tube": 0.005 * size, "radialSegments": 8}
-    part = three.Part({**ring, "tubularSegments": 128}, three.pose(eye), three.flat(LEVEL, 0.75), order=2)
+    part = three.Drawable({**ring, "tubularSegments": 128}, three.pose(eye), three.flat(LEVEL, 0.75), order=2)
     return three.group([part], "horizon")
 
 
@@ -71,7 +71,7 @@ def deck(rig: Rig, solids: Sequence[Solid], size: float) -> three.Json:
     pose = deck_pose(rig, solids, size) @ Y_TO_Z
     disc = {"type": "CylinderGeometry", "radiusTop": DECK_SIZE * size, "radiusBottom": DECK_SIZE * size}
     disc |= {"height": DECK_HIGH * size, "radialSegments": 72}
-    return three.group([three.Part(disc, pose, three.glossy((*DECK, 0.55)), receives=True, order=1)], "platform")
+    return three.group([three.Drawable(disc, pose, three.glossy((*DECK, 0.55)), receives=True, order=1)], "platform")
 
 
 def deck_pose(rig: Rig, solids: Sequence[Solid], size: float) -> Array:

@@ -20,7 +20,7 @@ PATIENCE = 60.0
 """Longest wait for one answer of the browser, s."""
 
 
-def pictures(page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object]) -> None:
+def take_pictures(page: str, times: Sequence[float], size: tuple[int, int], take: Callable[[bytes], object]) -> None:
     """Hand the PNG of each instant of a recorded page to `take`, in order.
 
     `times`: seconds since the start of playing; `size`: width and height, pixels.

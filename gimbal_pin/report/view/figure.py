@@ -13,7 +13,7 @@ from gimbal_pin.report.view.motion import Frames, Poses
 from gimbal_pin.report.view.solid import Solid
 from gimbal_pin.rig.rig import Rig
 
-GHOST = (0.16, 0.45, 0.95)
+GHOST_COLOUR = (0.16, 0.45, 0.95)
 HOT = (0.88, 0.12, 0.10)
 """Colour of a link whose `colour` is 1."""
 
@@ -21,7 +21,7 @@ Tracks = dict[str, list[three.Json]]
 """Scene path → what is animated there."""
 
 
-def paths(rig: Rig, root: str) -> tuple[str, ...]:
+def list_scene_paths(rig: Rig, root: str) -> tuple[str, ...]:
     """Return the scene path of each joint's group; index 0 is the base's. Groups nest as the joints do."""
     found = [root]
     for joint, link in enumerate(rig.links, start=1):
@@ -37,13 +37,13 @@ def frame(rig: Rig, link: str) -> pin.Frame:
 def figure(rig: Rig, solids: Sequence[Solid], root: str) -> list[three.Json]:
     """Return the commands that draw the rig."""
     commands = []
-    for joint, path in enumerate(paths(rig, root)):
+    for joint, path in enumerate(list_scene_paths(rig, root)):
         own = moved_by(rig, solids, joint)
         parts = [
-            three.Part(s.geometry, at, three.glossy(s.rgba, **facets(s)), casts=s.rgba[3] >= 1, receives=True)
+            three.Drawable(s.geometry, at, three.glossy(s.rgba, **facets(s)), casts=s.rgba[3] >= 1, receives=True)
             for s, at in own
         ]
-        commands += [three.draw(f"{path}/solids", three.group(parts, prefix(joint)))] if parts else []
+        commands += [three.draw_object(f"{path}/solids", three.group(parts, prefix(joint)))] if parts else []
     return commands
 
 
@@ -54,17 +54,17 @@ def ghost(rig: Rig, solids: Sequence[Solid], root: str) -> list[three.Json]:
     Both are pushed back a little: where rig and reference agree the ghost is not seen.
     """
     behind: three.Json = {"polygonOffset": True, "polygonOffsetFactor": 1.0, "polygonOffsetUnits": 8.0}
-    depth = three.flat(GHOST, 0.0, colorWrite=False, **behind) | {"depthWrite": True}
-    tint = three.flat(GHOST, 0.32, kind="MeshLambertMaterial", **behind)
+    depth = three.flat(GHOST_COLOUR, 0.0, colorWrite=False, **behind) | {"depthWrite": True}
+    tint = three.flat(GHOST_COLOUR, 0.32, kind="MeshLambertMaterial", **behind)
     commands = []
-    for joint, path in enumerate(paths(rig, root)):
+    for joint, path in enumerate(list_scene_paths(rig, root)):
         own = moved_by(rig, solids, joint) if joint else []
         parts = [
-            three.Part(solid.geometry, placement, material | facets(solid), order=order)
+            three.Drawable(solid.geometry, placement, material | facets(solid), order=order)
             for order, material in ((1, depth), (2, tint))
             for solid, placement in own
         ]
-        commands += [three.draw(f"{path}/solids", three.group(parts, f"ghost{prefix(joint)}"))] if parts else []
+        commands += [three.draw_object(f"{path}/solids", three.group(parts, f"ghost{prefix(joint)}"))] if parts else []
     return commands
 
 
@@ -94,22 +94,22 @@ def pose_commands(rig: Rig, poses: Poses, root: str) -> list[three.Json]:
     attitudes = (poses.base[0], *poses.quaternion[0])
     return [
         three.place(path, three.pose(position, pin.Quaternion(attitude).matrix()))
-        for path, position, attitude in zip(paths(rig, root), positions, attitudes, strict=True)
+        for path, position, attitude in zip(list_scene_paths(rig, root), positions, attitudes, strict=True)
     ]
 
 
 def tracks(rig: Rig, poses: Poses, clock: Array, root: str) -> Tracks:
     """Return what moves the groups: attitudes of all joints, positions where one slides, the base where it turns."""
     found: Tracks = {}
-    base, *groups = paths(rig, root)
+    base, *groups = list_scene_paths(rig, root)
     if np.ptp(poses.base, axis=0).max() > 0:
-        found[base] = [three.track(".quaternion", "quaternion", clock, poses.base)]
+        found[base] = [three.animate_property(".quaternion", "quaternion", clock, poses.base)]
         if np.ptp(poses.place, axis=0).max() > 0:
-            found[base].append(three.track(".position", "vector3", clock, poses.place))
+            found[base].append(three.animate_property(".position", "vector3", clock, poses.place))
     for joint, path in enumerate(groups):
-        found[path] = [three.track(".quaternion", "quaternion", clock, poses.quaternion[:, joint])]
+        found[path] = [three.animate_property(".quaternion", "quaternion", clock, poses.quaternion[:, joint])]
         if np.ptp(poses.position[:, joint], axis=0).max() > 0:
-            found[path].append(three.track(".position", "vector3", clock, poses.position[:, joint]))
+            found[path].append(three.animate_property(".position", "vector3", clock, poses.position[:, joint]))
     return found
 
 
@@ -121,7 +121,7 @@ def apart(
     No point within r of a joint's frame is further away than ``|Δp| + ‖ΔR‖ r``, ‖ΔR‖ the spectral norm.
     """
     found: Tracks = {}
-    for joint, path in enumerate(paths(rig, root)[1:], start=1):
+    for joint, path in enumerate(list_scene_paths(rig, root)[1:], start=1):
         corners = [solid.corners @ at[:3, :3].T + at[:3, 3] for solid, at in moved_by(rig, solids, joint)]
         if corners:
             change = poses.world[:, joint] - reference.world[:, joint]
@@ -137,13 +137,13 @@ def colour_tracks(rig: Rig, solids: Sequence[Solid], motion: Frames, root: str) 
     found: Tracks = {}
     if motion.colour is None:
         return found
-    for joint, path in enumerate(paths(rig, root)[1:], start=1):
+    for joint, path in enumerate(list_scene_paths(rig, root)[1:], start=1):
         first: dict[tuple[float, ...], int] = {}
         for k, (solid, _) in enumerate(moved_by(rig, solids, joint)):
             first.setdefault((*solid.rgba, float(solid.facets)), k)  # equal looks share one material
         share = motion.colour[:, joint - 1, None]
         found[path] = [
-            three.track(
+            three.animate_property(
                 f"{prefix(joint)}{k}.material.color",
                 "color",
                 motion.clock,

@@ -21,15 +21,15 @@ from gimbal_pin.report.html import template
 if TYPE_CHECKING:
     from gimbal_pin.report.view.outlook import Outlook, Shot
 
-WIDE = tan(radians(45.0))
+WIDE_TANGENT = tan(radians(45.0))
 """Tangent of half the angle that a wide picture holds across."""
-ASPECT = 1.5
+PICTURE_ASPECT = 1.5
 """Width over height of every picture."""
 RINGS = (radians(2.0), radians(4.0))
 """Rings of the target in a wide picture, rad."""
-NEAR = 0.02
+NEAREST_DRAWN = 0.02
 """What is no further ahead than this is not drawn."""
-AHEAD, BESIDE = 14.0, 9.0
+GRID_AHEAD, GRID_ASIDE = 14.0, 9.0
 """How far the grid on the ground reaches, in heights of the camera over it."""
 SKYLINE = np.array([(1.1, 9.0, 0.4), (0.8, 23.0, 1.9), (0.5, 41.0, 4.0)])
 """Hills: size, °, waves per turn, phase."""
@@ -82,17 +82,17 @@ def scenery(wanted: Array) -> Scenery:
     size, waves, phase = SKYLINE.T
     elevation = np.deg2rad(1.6 + np.sin(np.outer(azimuth, waves) + phase) @ size)
     hills = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.tan(np.maximum(elevation, 0.0))])
-    return Scenery(own[:, 2], grid() @ own.T, hills @ own.T)
+    return Scenery(own[:, 2], build_ground_grid() @ own.T, hills @ own.T)
 
 
-def grid() -> Array:
+def build_ground_grid() -> Array:
     """Return a grid on the ground, one camera's height under it, ahead and to both sides, (K, 2, 3)."""
-    along = [[(-2.0, y, -1.0), (AHEAD, y, -1.0)] for y in np.arange(-BESIDE, BESIDE + 0.1)]
-    across = [[(x, -BESIDE, -1.0), (x, BESIDE, -1.0)] for x in np.arange(-2.0, AHEAD + 0.1)]
+    along = [[(-2.0, y, -1.0), (GRID_AHEAD, y, -1.0)] for y in np.arange(-GRID_ASIDE, GRID_ASIDE + 0.1)]
+    across = [[(x, -GRID_ASIDE, -1.0), (x, GRID_ASIDE, -1.0)] for x in np.arange(-2.0, GRID_AHEAD + 0.1)]
     return np.array([*along, *across])
 
 
-def pictures(seen: Outlook) -> tuple[Picture, ...]:
+def build_pictures(seen: Outlook) -> tuple[Picture, ...]:
     """Return the bolted camera and ours through a wide lens, then all that were held through one long lens."""
     ours, step = seen.held[-1], scale(seen)
     wide = [wide_picture("Bolted to the platform", seen.bolted), wide_picture(f"Held by {called(ours)}", ours)]
@@ -120,7 +120,9 @@ def wide_picture(title: str, one: Shot) -> Picture:
     """Return a wide picture; below it, how far the line of sight strays, drift and roll included."""
     away = float(np.degrees(np.hypot(*one.turned[:, 1:].T).max()))
     note = f"the line of sight strays up to {away:.{1 if away > 1 else 3}f}°"
-    return Picture(title, note if one.controller is None else f"{note}, drift included", WIDE, one.turned, RINGS, False)
+    return Picture(
+        title, note if one.controller is None else f"{note}, drift included", WIDE_TANGENT, one.turned, RINGS, False
+    )
 
 
 def scale(seen: Outlook) -> float:
@@ -138,7 +140,7 @@ def data(seen: Outlook, wanted: Array, several: Sequence[Picture]) -> Json:
         "up": world.up.tolist(),
         "lines": np.round(world.lines, 4).reshape(-1, 6).tolist(),
         "hills": np.round(world.hills, 4).tolist(),
-        "near": NEAR,
+        "near": NEAREST_DRAWN,
         "pictures": [
             {
                 "half": one.half,
@@ -157,11 +159,11 @@ def script() -> str:
     return files("gimbal_pin.report.view").joinpath("gaze.js").read_text(encoding="utf-8")
 
 
-def page(seen: Outlook, wanted: Array) -> str:
+def render_gaze(seen: Outlook, wanted: Array) -> str:
     """Return a page that plays what the cameras saw, with a control, and needs nothing but a browser.
 
     `wanted`: R_d, (3, 3).
     """
-    several = pictures(seen)
+    several = build_pictures(seen)
     drawn = data(seen, wanted, several)
     return template("gimbal_pin.report.view", "gaze.html.j2", pictures=several, script=script(), data=drawn)

@@ -11,8 +11,8 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report.view import figure
 from gimbal_pin.report.view.motion import Frames, motion, poses
-from gimbal_pin.report.view.page import packed, page
-from gimbal_pin.report.view.scene import GHOST, RIG, scene
+from gimbal_pin.report.view.page import packed, render_scene
+from gimbal_pin.report.view.scene import GHOST_ROOT, RIG_ROOT, scene
 from gimbal_pin.report.view.server import Server
 from gimbal_pin.rig.rig import Rig
 
@@ -42,7 +42,7 @@ class Live(contextlib.AbstractContextManager["Live"]):
 
     def pose(self, q: Array, q_ref: Array | None = None) -> None:
         """Show the joint positions q, rad or m, (n,), and those of the ghost if given."""
-        for values, root in ((q, RIG), (q_ref, GHOST)):
+        for values, root in ((q, RIG_ROOT), (q_ref, GHOST_ROOT)):
             if values is not None:
                 at = poses(self.rig.model, np.reshape(np.asarray(values, dtype=float), (1, self.rig.n)))
                 self._posed |= {c["path"]: packed(c) for c in figure.pose_commands(self.rig, at, root)}
@@ -85,7 +85,7 @@ class Live(contextlib.AbstractContextManager["Live"]):
         """Replace what is shown."""
         self._posed: dict[str, str] = {}
         drawn = scene(self.rig, shown, room)
-        self._server.show(page(self.rig, name, shown, drawn, live=self._server.number + 1))
+        self._server.show(render_scene(self.rig, name, shown, drawn, live=self._server.number + 1))
 
 
 def show(rig: Rig, log: Log | None = None, *, speed: float = 1.0, browser: bool = True) -> Live:

@@ -140,7 +140,7 @@ def poses(model: pin.Model, q: Array, base: Array | None = None, pivot: Array | 
     position, quaternion = np.empty((frames, joints, 3)), np.empty((frames, joints, 4))
     world = np.tile(np.eye(4), (frames, joints + 1, 1, 1))
     for i in range(1, joints + 1):
-        local, quaternion[:, i - 1] = placed(model, i, q[:, i - 1])
+        local, quaternion[:, i - 1] = pose_joint(model, i, q[:, i - 1])
         position[:, i - 1] = local[:, :3, 3]
         world[:, i] = world[:, model.parents[i]] @ local
     if base is None:
@@ -152,7 +152,7 @@ def poses(model: pin.Model, q: Array, base: Array | None = None, pivot: Array | 
     return Poses(position, quaternion, base, turn[:, 0, :3, 3], turn @ world)
 
 
-def placed(model: pin.Model, i: int, q: Array) -> tuple[Array, Array]:
+def pose_joint(model: pin.Model, i: int, q: Array) -> tuple[Array, Array]:
     """Return the pose of joint `i` in its parent's frame at its positions q, (F,): (F, 4, 4), and (x, y, z, w), (F, 4).
 
     All frames at one go, as a log of hours has a million.

@@ -12,11 +12,11 @@ from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.report.view import gaze
 from gimbal_pin.report.view.motion import motion
 from gimbal_pin.report.view.outlook import Outlook
-from gimbal_pin.report.view.page import page
+from gimbal_pin.report.view.page import render_scene
 from gimbal_pin.report.view.scene import scene
 from gimbal_pin.rig.rig import Rig
 
-FPS = 30.0
+ONBOARD_FPS = 30.0
 
 
 def onboard(rig: Rig, run: Pointing, seen: Outlook, wanted: Array) -> str:
@@ -27,9 +27,9 @@ def onboard(rig: Rig, run: Pointing, seen: Outlook, wanted: Array) -> str:
     The stretch of `seen` is played; `wanted`: R_d, (3, 3).
     """
     log = shown(rig, run, seen, wanted)
-    moved = replace(motion(rig, log, FPS, 1.0, True, None), pivot=Sight(rig).centre, wanted=wanted)
-    several = gaze.pictures(seen)[:2]
-    return page(rig, log.name, moved, scene(rig, moved), (several, gaze.data(seen, wanted, several)))
+    moved = replace(motion(rig, log, ONBOARD_FPS, 1.0, True, None), pivot=Sight(rig).centre, wanted=wanted)
+    several = gaze.build_pictures(seen)[:2]
+    return render_scene(rig, log.name, moved, scene(rig, moved), (several, gaze.data(seen, wanted, several)))
 
 
 def shown(rig: Rig, run: Pointing, seen: Outlook, wanted: Array) -> Log:

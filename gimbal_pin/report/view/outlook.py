@@ -12,7 +12,7 @@ from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.result import Pointing, Verified, split
 
-SECONDS, RATE = 6.0, 60.0
+SHOWN_SECONDS, RATE = 6.0, 60.0
 """Length of the stretch that is shown, s, and its frames per second: a few hundred of them."""
 
 
@@ -49,7 +49,7 @@ class Outlook:
     held: tuple[Shot, ...]
 
 
-def outlook(found: Verified, wanted: Array, seconds: float = SECONDS, rate: float = RATE) -> Outlook:
+def outlook(found: Verified, wanted: Array, seconds: float = SHOWN_SECONDS, rate: float = RATE) -> Outlook:
     """Return what the cameras of the first seed saw, where the platform swings most.
 
     Args:

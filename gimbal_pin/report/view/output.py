@@ -14,9 +14,9 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io.files import atomic_write, open_replacement
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report import VIEWS
-from gimbal_pin.report.view.browser import pictures
+from gimbal_pin.report.view.browser import take_pictures
 from gimbal_pin.report.view.motion import Frames, frame_times, motion
-from gimbal_pin.report.view.page import page
+from gimbal_pin.report.view.page import render_scene
 from gimbal_pin.report.view.scene import scene
 from gimbal_pin.rig.rig import Rig
 
@@ -29,7 +29,7 @@ ENCODERS: Mapping[str, str] = {
 }
 """Suffix → what ffmpeg is told."""
 
-FPS: Mapping[str, float] = {".html": 30.0, ".gif": 20.0, ".webp": 25.0, ".mp4": 30.0, ".png": 30.0}
+FRAME_RATES: Mapping[str, float] = {".html": 30.0, ".gif": 20.0, ".webp": 25.0, ".mp4": 30.0, ".png": 30.0}
 """Suffix → frames per second; a GIF counts hundredths of a second, so that 20 is exact and 30 is not."""
 
 
@@ -77,12 +77,12 @@ def animate(
         LogError: The log is empty or lacks a joint of the rig.
     """
     suffix = Path(path).suffix.lower()
-    if suffix not in FPS:
-        raise UsageError(str(path), f"has the suffix '{suffix}'", f"use one of {', '.join(FPS)}")
+    if suffix not in FRAME_RATES:
+        raise UsageError(str(path), f"has the suffix '{suffix}'", f"use one of {', '.join(FRAME_RATES)}")
     if len(log) == 1 and suffix != ".png":
         raise LogError(log.name, "has one sample, which does not move", "write a picture: .png")
     check_size(size)
-    rate = FPS[suffix] if fps is None else fps
+    rate = FRAME_RATES[suffix] if fps is None else fps
     if camera is not None and camera not in VIEWS:
         raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
     shown, other, name = replace(motion(rig, log, rate, speed, ghost, colour), scale=scale), None, Path(log.name).name
@@ -92,13 +92,13 @@ def animate(
         shown, other = shown.first(both), other.first(both)
         name = f"left {name}, right {Path(beside.name).name}"
     drawn = scene(rig, shown, camera=camera, beside=other)
-    recorded = page(rig, name, shown, drawn, written=written, beside=other)
+    recorded = render_scene(rig, name, shown, drawn, written=written, beside=other)
     if suffix == ".html":
         atomic_write(path, recorded)
     elif suffix == ".png":
         instant = (moment(rig, log) if at is None else within(at, log)) - log.t[0]
         found: list[bytes] = []
-        pictures(recorded, [float(instant / speed)], size, found.append)
+        take_pictures(recorded, [float(instant / speed)], size, found.append)
         atomic_write(path, found[0])
     else:
         film(recorded, shown, rate, size, Path(path))
@@ -140,7 +140,7 @@ def film(recorded: str, shown: Frames, fps: float, size: tuple[int, int], path: 
             assert process.stdin is not None and process.stderr is not None  # both were asked for
             cut_off.callback(process.kill)
             with suppress(BrokenPipeError):  # ffmpeg ended early: its own words follow
-                pictures(recorded, times, size, process.stdin.write)
+                take_pictures(recorded, times, size, process.stdin.write)
             cut_off.pop_all()
             reason = process.communicate()[1].decode(errors="replace").strip()
         if process.returncode:

@@ -37,7 +37,7 @@ def record(
         LogError: The log is empty or lacks a joint of the rig.
     """
     shown = motion(rig, log, fps, speed, ghost, colour)
-    return page(rig, log.name, shown, scene(rig, shown))
+    return render_scene(rig, log.name, shown, scene(rig, shown))
 
 
 FADE = 2.0
@@ -46,7 +46,7 @@ Inset = tuple[Sequence[gaze.Picture], gaze.Json]
 """What cameras see, to be shown in a corner, and the numbers that it is drawn from."""
 
 
-def page(
+def render_scene(
     rig: Rig,
     name: str,
     shown: Frames,
@@ -79,7 +79,7 @@ def page(
         views=list(drawn.views),
         ghost=shown.q_ref is not None,
         bundle=bundle(),
-        scene=data(rig, shown, drawn, written, beside),
+        scene=list_scene_data(rig, shown, drawn, written, beside),
         gaze=gaze.script() if inset else "",
         pictures=pictures,
         seen=seen,
@@ -104,7 +104,7 @@ def readings(rig: Rig, runs: Sequence[Frames]) -> list[three.Json]:
     return found
 
 
-def data(rig: Rig, shown: Frames, drawn: Scene, written: bool, beside: Frames | None) -> three.Json:
+def list_scene_data(rig: Rig, shown: Frames, drawn: Scene, written: bool, beside: Frames | None) -> three.Json:
     """Return the commands and the times that the page's script plays."""
     commands = drawn.commands if drawn.animation is None else (*drawn.commands, drawn.animation)
     return {
@@ -114,7 +114,7 @@ def data(rig: Rig, shown: Frames, drawn: Scene, written: bool, beside: Frames | 
         "duration": float(shown.clock[-1]),
         "speed": shown.speed,
         "fov": stage.FOV,
-        "aspect": stage.ASPECT,
+        "aspect": stage.STAGE_ASPECT,
         "sky": stage.SKY,
         "views": {name: [packed(command) for command in view] for name, view in drawn.views.items()},
         "frames": len(shown.t),

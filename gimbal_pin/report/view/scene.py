@@ -10,14 +10,14 @@ import numpy as np
 from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view import afar, figure, sight, stage, three
 from gimbal_pin.report.view.motion import Frames, Poses, poses
-from gimbal_pin.report.view.solid import Solid, rounded
+from gimbal_pin.report.view.solid import Solid, refine_solid
 from gimbal_pin.report.view.stand_in import stand_ins
 from gimbal_pin.report.view.visuals import visuals
 from gimbal_pin.rig.rig import Rig
 
-HOMES = ("/meshcat", "/meshcat/beside")
+RUN_ROOTS = ("/meshcat", "/meshcat/beside")
 """Where the first and the second run are drawn."""
-RIG, GHOST, MOTION = "/meshcat/rig", "/meshcat/ghost", "/motion"
+RIG_ROOT, GHOST_ROOT, MOTION_PATH = "/meshcat/rig", "/meshcat/ghost", "/motion"
 APART = 4e-3
 """Distance from the reference, in radii of the rig, from which on the ghost of a link is drawn: a pixel where the rig
 fills 540 of them. Nearer, the two would be drawn into each other."""
@@ -70,13 +70,13 @@ def scene(
     moved = [poses(rig.model, run.q, run.base, run.pivot) for run in runs]
     points = np.vstack([figure.hull(rig, solids, one.world) for one in moved])
     size = max(float(np.linalg.norm(np.ptp(points, axis=0))) / 2, 1e-3)
-    solids = tuple(rounded(solid, ROUND * size) for solid in solids)
+    solids = tuple(refine_solid(solid, ROUND * size) for solid in solids)
     reach = size * (BEAM if motion.wanted is None else afar.REACH)
     tips = np.vstack([sight.tips(rig, one, reach) for one in moved])
     marks, around = (
         ([], points[:0]) if motion.wanted is None else afar.marks(rig, solids, moved[0], motion.wanted, size)
     )
-    seen, heading = np.vstack([points, tips, around]), sight.heading(rig, moved[0])
+    seen, heading = np.vstack([points, tips, around]), sight.compute_heading(rig, moved[0])
     if camera is None:
         camera = stage.USUAL if motion.wanted is None else stage.AIMING
     shift = stage.to_the_right(seen, heading, camera) if len(runs) > 1 else np.zeros(3)
@@ -84,11 +84,11 @@ def scene(
     views = {name: stage.camera(seen, heading, name, room) for name in VIEWS}
     commands = [*stage.commands(views[camera], np.vstack([points, around]), size), *marks]
     clips: figure.Tracks = {}
-    for run, shown, home, place in zip(runs, moved, HOMES, (np.zeros(3), shift)):
+    for run, shown, home, place in zip(runs, moved, RUN_ROOTS, (np.zeros(3), shift)):
         drawn, tracks = one_run(rig, solids, run, shown, home, reach, size)
-        commands += [three.place(home, three.pose(place)), *drawn] if home != HOMES[0] else drawn
+        commands += [three.place(home, three.pose(place)), *drawn] if home != RUN_ROOTS[0] else drawn
         clips |= tracks
-    animation = three.animate(clips, MOTION) if len(motion.t) > 1 else None
+    animation = three.play_tracks(clips, MOTION_PATH) if len(motion.t) > 1 else None
     placed = {name: stage.look(view) for name, view in views.items()}
     first = {camera: placed.pop(camera)}  # the list of views begins with what is shown
     return Scene(tuple(commands), animation, events, first | placed)

@@ -6,7 +6,7 @@ import numpy as np
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.report.view import three
-from gimbal_pin.report.view.figure import frame, paths
+from gimbal_pin.report.view.figure import frame, list_scene_paths
 from gimbal_pin.report.view.motion import Poses
 from gimbal_pin.rig.rig import Rig
 
@@ -20,15 +20,19 @@ ALONG_X = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 def beam(rig: Rig, root: str, length: float, colour: tuple[float, ...]) -> list[three.Json]:
     """Return the commands that draw a beam of `length`, m, from the camera's frame along its +x, a dot at its end."""
     fixed = frame(rig, rig.camera_frame)
-    path = f"{paths(rig, root)[fixed.parentJoint]}/line of sight"
+    path = f"{list_scene_paths(rig, root)[fixed.parentJoint]}/line of sight"
     thin = 0.004 * length
     parts = [
-        three.Part(rod(length, thin, thin), along(length / 2), three.flat(colour, 0.9), order=4),
-        three.Part(rod(length, 0.09 * length, 2 * thin), along(length / 2), three.flat(colour, 0.10, side=2), order=3),
-        three.Part({"type": "SphereGeometry", "radius": 4 * thin}, along(length), three.flat(colour, 0.95), order=5),
+        three.Drawable(rod(length, thin, thin), along(length / 2), three.flat(colour, 0.9), order=4),
+        three.Drawable(
+            rod(length, 0.09 * length, 2 * thin), along(length / 2), three.flat(colour, 0.10, side=2), order=3
+        ),
+        three.Drawable(
+            {"type": "SphereGeometry", "radius": 4 * thin}, along(length), three.flat(colour, 0.95), order=5
+        ),
     ]
     return [
-        three.draw(path, three.group(parts, f"sight-{root.rpartition('/')[2]}-")),
+        three.draw_object(path, three.group(parts, f"sight-{root.rpartition('/')[2]}-")),
         three.place(path, fixed.placement.homogeneous),
     ]
 
@@ -61,11 +65,11 @@ def trail(path: str, points: Array, colour: tuple[float, ...]) -> three.Json:
     """Return the command that draws the path of the beam's end; the page lets it fade by the points' opacities."""
     material = three.flat(colour, 0.75, kind="LineBasicMaterial", vertexColors=2)
     path_of_it = three.buffer(points, colours=np.ones((len(points), 4)))
-    part = three.Part(path_of_it, three.IDENTITY, material, kind="Line", order=3)
-    return three.draw(path, three.group([part], path.rpartition("/")[2].replace(" ", "-")))
+    part = three.Drawable(path_of_it, three.IDENTITY, material, kind="Line", order=3)
+    return three.draw_object(path, three.group([part], path.rpartition("/")[2].replace(" ", "-")))
 
 
-def heading(rig: Rig, poses: Poses) -> float:
+def compute_heading(rig: Rig, poses: Poses) -> float:
     """Return the mean compass direction of the line of sight, rad from the world's x; 0 where it is upright."""
     direction = rays(rig, poses)[1].mean(axis=0)
     return float(np.arctan2(direction[1], direction[0])) if np.hypot(direction[0], direction[1]) > 1e-6 else 0.0

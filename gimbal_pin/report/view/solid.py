@@ -43,7 +43,7 @@ class Solid:
         return points @ self.placement[:3, :3].T + self.placement[:3, 3]
 
 
-def rounded(solid: Solid, error: float) -> Solid:
+def refine_solid(solid: Solid, error: float) -> Solid:
     """Return a cylinder or sphere in as many segments as keep its chords within `error`, m, of its circle.
 
     A chord lies r (1 - cos π/n) inside. Software renderers spend their time on triangles.

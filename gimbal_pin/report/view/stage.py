@@ -13,10 +13,10 @@ from gimbal_pin.report.view import three
 FOV = 32.0
 """Vertical angle of view, degrees: narrow enough not to distort."""
 
-ASPECT = 16 / 9
+STAGE_ASPECT = 16 / 9
 USUAL, AIMING = "three-quarter", "over-the-shoulder"
 
-LINE = (0.36, 0.42, 0.50)
+GRID_COLOUR = (0.36, 0.42, 0.50)
 SKY = ("#f4f6fa", "#b3bfcf")
 """Background at the top and at the bottom: the page draws it, which costs nothing, where WebGL would shade each pixel.
 """
@@ -50,9 +50,9 @@ def camera(points: Array, heading: float, view: str, room: float = 1.0) -> Camer
     axes = np.array([right, np.cross(back, right), back])
     seen = points @ axes.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    half = np.tan(np.deg2rad(FOV) / 2) * 0.86 * np.array([ASPECT * (1 - aside), 1.0])
+    half = np.tan(np.deg2rad(FOV) / 2) * 0.86 * np.array([STAGE_ASPECT * (1 - aside), 1.0])
     distance = float(np.max(np.abs(seen[:, :2] - middle[:2]) / half + (seen[:, 2:] - middle[2])))
-    middle[0] += aside * ASPECT * np.tan(np.deg2rad(FOV) / 2) * distance
+    middle[0] += aside * STAGE_ASPECT * np.tan(np.deg2rad(FOV) / 2) * distance
     return Camera(target=middle @ axes, offset=room * distance * back)
 
 
@@ -70,7 +70,7 @@ def commands(view: Camera, points: Array, size: float) -> list[three.Json]:
     return [
         *(three.let(path, "visible", False) for path in ("/Background", "/Grid", "/Axes", "/Lights")),
         *lights(view, size, float(np.linalg.norm(points - view.target, axis=1).max())),
-        three.draw("/meshcat/ground", ground(centre[:2], floor, size, shaded(points, floor, key_light(view)))),
+        three.draw_object("/meshcat/ground", ground(centre[:2], floor, size, shaded(points, floor, key_light(view)))),
         *look(view),
     ]
 
@@ -99,13 +99,13 @@ def lights(view: Camera, size: float, reach: float) -> list[three.Json]:
     rim = np.append(-toward - 0.6 * left, 0.8)
     sky = {"type": "HemisphereLight", "color": 0xFFFFFF, "groundColor": 0xA8ADB5, "intensity": 0.40}
     return [
-        three.draw("/Studio/sky", light("sky", sky, np.array([0.0, 0.0, 1.0]))),
-        three.draw(
+        three.draw_object("/Studio/sky", light("sky", sky, np.array([0.0, 0.0, 1.0]))),
+        three.draw_object(
             "/Studio/key",
             light("key", {**directional(0.40), "shadow": shadow(size, reach)}, 5 * size * key_light(view)),
         ),
-        three.draw("/Studio/fill", light("fill", directional(0.30), view.offset)),
-        three.draw("/Studio/rim", light("rim", directional(0.20), 5 * size * rim)),
+        three.draw_object("/Studio/fill", light("fill", directional(0.30), view.offset)),
+        three.draw_object("/Studio/rim", light("rim", directional(0.20), 5 * size * rim)),
         *(three.let(f"/Studio/{name}/<object>", "castShadow", False) for name in ("fill", "rim")),
     ]
 
@@ -164,12 +164,12 @@ def ground(centre: Array, height: float, size: float, dark: Array) -> three.Json
     radius = 5.0 * size
     width, depth = map(float, 1.05 * np.ptp(dark, axis=0) + 0.02 * size)
     catcher = {"type": "ShadowMaterial", "color": 0x10161F, "opacity": 0.2, "transparent": True, "depthWrite": False}
-    plane = three.Part({"type": "PlaneGeometry", "width": width, "height": depth}, pose, catcher, receives=True)
-    points, alpha = grid(centre, radius, spacing(size))
+    plane = three.Drawable({"type": "PlaneGeometry", "width": width, "height": depth}, pose, catcher, receives=True)
+    points, alpha = build_grid(centre, radius, spacing(size))
     points = np.column_stack([points, np.full(len(points), height)])
     colours = np.column_stack([np.ones((len(points), 3)), alpha])
-    look_of_it = three.flat(LINE, kind="LineBasicMaterial", vertexColors=2, transparent=True, depthWrite=False)
-    lines = three.Part(three.buffer(points, colours=colours), three.IDENTITY, look_of_it, kind="LineSegments")
+    look_of_it = three.flat(GRID_COLOUR, kind="LineBasicMaterial", vertexColors=2, transparent=True, depthWrite=False)
+    lines = three.Drawable(three.buffer(points, colours=colours), three.IDENTITY, look_of_it, kind="LineSegments")
     return three.group([plane, lines], "ground")
 
 
@@ -179,7 +179,7 @@ def spacing(size: float) -> float:
     return float(decade * max(step for step in (1, 2, 5) if step * decade <= size / 2 * (1 + 1e-9)))
 
 
-def grid(centre: Array, radius: float, step: float) -> tuple[Array, Array]:
+def build_grid(centre: Array, radius: float, step: float) -> tuple[Array, Array]:
     """Return the ends of the grid's segments, m, (K, 2), and their opacity, (K,).
 
     Lines lie on the world's round coordinates and fade out towards the rim of the disc; they are cut into short pieces,

@@ -10,7 +10,7 @@ from gimbal_pin.report.view.solid import Solid, box, cylinder, sphere
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
-PALETTE = ((0.23, 0.45, 0.80, 1.0), (0.85, 0.35, 0.25, 1.0), (0.20, 0.62, 0.40, 1.0), (0.60, 0.40, 0.72, 1.0))
+STAND_IN_COLOURS = ((0.23, 0.45, 0.80, 1.0), (0.85, 0.35, 0.25, 1.0), (0.20, 0.62, 0.40, 1.0), (0.60, 0.40, 0.72, 1.0))
 BONE = (0.45, 0.50, 0.58, 0.6)
 
 
@@ -25,7 +25,15 @@ def stand_ins(rig: Rig) -> tuple[Solid, ...]:
     drawn = [bone(rig.base, end, 0.5 * radius) for end in ends(rig, 0) if np.linalg.norm(end) > radius]
     for i, (joint, link) in enumerate(zip(rig.joints, rig.links), start=1):
         axis = np.array([1.0, 0.0, 0.0]) if axes[joint] is None else np.asarray(axes[joint], dtype=float)
-        drawn.append(cylinder(link, aligned(axis, np.zeros(3)), radius, 2.6 * radius, PALETTE[(i - 1) % len(PALETTE)]))
+        drawn.append(
+            cylinder(
+                link,
+                aligned(axis, np.zeros(3)),
+                radius,
+                2.6 * radius,
+                STAND_IN_COLOURS[(i - 1) % len(STAND_IN_COLOURS)],
+            )
+        )
         drawn += [bone(link, end, 0.5 * radius) for end in ends(rig, i) if np.linalg.norm(end) > radius]
         drawn.append(sphere(link, three.pose(rig.model.inertias[i].lever), 0.7 * radius, BONE))
     return tuple(drawn)

@@ -22,7 +22,7 @@ IDENTITY = np.eye(4)
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Drawable:
     """One drawable: a geometry at a place in its link, with a material.
 
     Attributes:
@@ -103,7 +103,7 @@ def flat(rgb: Sequence[float], opacity: float = 1.0, kind: str = "MeshBasicMater
     return {**look, "transparent": opacity < 1, "depthWrite": opacity >= 1, **more}
 
 
-def group(parts: Sequence[Part], prefix: str) -> Json:
+def group(parts: Sequence[Drawable], prefix: str) -> Json:
     """Return the parts as one three.js object; equal materials are shared, part k is named `<prefix>k`."""
     materials: list[Json] = []
     children = []
@@ -131,7 +131,7 @@ def group(parts: Sequence[Part], prefix: str) -> Json:
     }
 
 
-def draw(path: str, scene_object: Json) -> Json:
+def draw_object(path: str, scene_object: Json) -> Json:
     """Return the command that puts an object at a path of the scene tree."""
     return {"type": "set_object", "path": path, "object": scene_object}
 
@@ -146,7 +146,7 @@ def let(path: str, key: str, value: Any) -> Json:
     return {"type": "set_property", "path": path, "property": key, "value": value}
 
 
-def track(name: str, kind: str, times: Array, values: Array) -> Json:
+def animate_property(name: str, kind: str, times: Array, values: Array) -> Json:
     """Return one animated property: times (F,), s, values (F, width)."""
     return {"name": name, "type": kind, "times": floats(times), "values": floats(values)}
 
@@ -156,7 +156,7 @@ def switch(name: str, times: Array, values: Array) -> Json:
     return {"name": name, "type": "bool", "times": floats(times), "values": [bool(x) for x in values]}
 
 
-def animate(clips: Mapping[str, Sequence[Json]], path: str) -> Json:
+def play_tracks(clips: Mapping[str, Sequence[Json]], path: str) -> Json:
     """Return the command that plays the tracks of each scene path, for ever.
 
     `path`: where the server keeps the command: it replays its tree in order, so a path made last is sent last.
