@@ -46,10 +46,10 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 37,
+    "names at the top of more than one module": 34,
     "percent of functions that are one word": 27,
-    "upper-case constants": 917,
-    "distinct deep names imported by the tests": 120,
+    "upper-case constants": 913,
+    "distinct deep names imported by the tests": 116,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 

@@ -11,7 +11,6 @@ from gimbal_pin.cli.cameras import read_known_gimbal
 from gimbal_pin.cli.inputs import choose_filter, describe_run, load_logs
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import play, present, tell
-from gimbal_pin.report import text
 
 
 def auto(
@@ -45,6 +44,7 @@ def auto(
     from gimbal_pin.identification import ESTIMATORS
     from gimbal_pin.log.log import find_interval
     from gimbal_pin.regression import Method
+    from gimbal_pin.report.pages import describe_outcome
     from gimbal_pin.report.pipeline import auto as run
 
     loaded, read = load_logs(rig, payload, logs, map, moving=known is None)
@@ -55,6 +55,6 @@ def auto(
         filtering=choose_filter(cutoff, alignment), wish=wish, run=asked, mass=mass, plants=plants, known=first,
     )  # fmt: skip
     tell(found.notes)
-    present(text.auto(found, verbose), found.to_dict(), json)
+    present(describe_outcome(found, verbose), found.to_dict(), json)
     if live:
         play(loaded, found.animated)

@@ -9,7 +9,6 @@ from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import describe_run, load_rig
 from gimbal_pin.cli.present import present, tell
 from gimbal_pin.cli.work import check_cost
-from gimbal_pin.report import text
 
 
 def demo(
@@ -33,10 +32,11 @@ def demo(
     asked = describe_run("demo", locals())
     import numpy as np
 
+    from gimbal_pin.report.pages import describe_outcome
     from gimbal_pin.report.pipeline import demo as run
 
     loaded = load_rig(rig, payload)
     check_cost(yes, second_of_a_joint_in_a_demo=seconds * loaded.n)
     found = run(loaded, output, rng=np.random.default_rng(seed), seconds=seconds, run=asked, plants=plants)
     tell(found.notes)
-    present(text.auto(found, verbose), found.to_dict(), json)
+    present(describe_outcome(found, verbose), found.to_dict(), json)

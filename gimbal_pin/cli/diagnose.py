@@ -11,7 +11,6 @@ from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import choose_filter, describe_run, load_logs
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import present, tell
-from gimbal_pin.report import text
 
 
 def list_diagnosis_files(given: Mapping[str, Any]) -> list[str]:
@@ -58,6 +57,7 @@ def diagnose(
     from gimbal_pin.identification import identify, refittable_effects
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.report import pages
+    from gimbal_pin.report.sections.diagnosis import show_diagnosis
 
     loaded, read = load_logs(rig, payload, logs, map, moving=True)
     band = usual(loaded, read) if cutoff is None else replace(DIAGNOSIS_BAND, cutoff=cutoff)
@@ -69,6 +69,7 @@ def diagnose(
     files: Mapping[str, Path] = {}
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
-        files, notes = write_diagnosis(found, output, pages.diagnosed(loaded, read, found), asked)
+        files, notes = write_diagnosis(found, output, pages.describe_diagnosis(loaded, read, found).to_html(), asked)
         tell(notes)
-    present(text.diagnosis(found, files), found.to_dict(), json)
+    lie = "\n".join(f"{what}: {path}" for what, path in files.items())
+    present(f"{show_diagnosis(found).to_text()}\n\n{lie}".rstrip("\n"), found.to_dict(), json)

@@ -38,7 +38,7 @@ def inspect(
     from gimbal_pin.log.io.files import atomic_write, open_replacement
     from gimbal_pin.log.io.inspection import inspect as run
     from gimbal_pin.report.html import Document
-    from gimbal_pin.report.sections.data import inspection, write_picture
+    from gimbal_pin.report.sections.data import show_file, write_picture
 
     if not files:
         raise UsageError("LOG", "none was given", "name at least one file")
@@ -49,7 +49,7 @@ def inspect(
     if yaml is not None:
         atomic_write(yaml, found[0].yaml)
     if output is not None and output.suffix.lower() == ".html":
-        atomic_write(output, Document("What the logs hold", "", [inspection(one) for one in found]).to_html())
+        atomic_write(output, Document("What the logs hold", "", [show_file(one) for one in found]).to_html())
     elif output is not None:
         with open_replacement(output) as temporary:
             write_picture(found[0], temporary)

@@ -12,7 +12,6 @@ from gimbal_pin.cli.inputs import load_logs, load_rig, read_controller, read_pay
 from gimbal_pin.cli.present import present, tell, write_figure
 from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
-from gimbal_pin.report import text
 
 if TYPE_CHECKING:
     from gimbal_pin.control.judging import Judgement
@@ -72,7 +71,7 @@ def track(
     from gimbal_pin.pointing import parse_fault, verify
     from gimbal_pin.report import pages
     from gimbal_pin.report.camera_chart import draw_camera_chart
-    from gimbal_pin.report.sections.control import show_tracking
+    from gimbal_pin.report.html import join_text
 
     moving, motions = platform != "none" or platform_log is not None, "--platform S, --platform-log FILE"
     if controller is None and not moving:
@@ -106,15 +105,14 @@ def track(
         )  # fmt: skip
         write_figure(partial(draw_camera_chart, held), plot)
     stood = "the controller's own model" if model is None else f"the model in {model}"
+    told = pages.describe_tracking(loaded, held, steps, stood, judged)
     if report is not None:
-        atomic_write(report, pages.carried(loaded, held, steps, stood, judged))
+        atomic_write(report, told.to_html())
     if animation is not None and held is not None:
         atomic_write(animation, pages.moving(loaded, held))
-    told = [] if judged is None else [show_tracking(judged, loaded, steps, stood).to_text(verbose)]
-    told += [] if held is None else [text.verified(held, verbose)]
     own_rows, more = ({} if one is None else one.to_dict() for one in (steps, held))
     own_rows |= {} if judged is None else {"judged": judged.to_dict()}
-    present("\n\n".join(told), {"schema": 1, "experiments": [], **own_rows, **more}, json)
+    present(join_text(told.sections[:-1], verbose), {"schema": 1, "experiments": [], **own_rows, **more}, json)
 
 
 def step_controllers(

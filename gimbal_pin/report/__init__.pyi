@@ -16,8 +16,12 @@ from .pipeline import FILES as FILES
 from .pipeline import Auto as Auto
 from .pipeline import auto as auto
 from .pipeline import demo as demo
+from .sections.camera import show_camera as show_camera
 from .sections.control import show_controller as show_controller
 from .sections.control import show_tracking as show_tracking
+from .sections.data import show_logs as show_logs
+from .sections.data import show_rig as show_rig
+from .sections.diagnosis import show_diagnosis as show_diagnosis
 from .sections.model import show_cameras as show_cameras
 from .sections.model import show_parameters as show_parameters
 from .sections.model import show_torque as show_torque

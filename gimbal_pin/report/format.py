@@ -107,6 +107,11 @@ def unit(text: str) -> str:
     return text.replace("^2", "²").replace("^3", "³").replace(" ", "\u00a0")
 
 
+def to_sentence(text: str) -> str:
+    """Return a text with a capital first letter and a full stop."""
+    return f"{text[:1].upper()}{text[1:]}."
+
+
 def file_name(path: str) -> str:
     """Return the last part of a log's name, which may be a path."""
     return re.split(r"[/\\]", path.rstrip("/\\"))[-1] or path

@@ -153,12 +153,16 @@ def bar(share: float, text: str) -> Markup:
     return Markup('<span class="bar"><i style="width:{:.1f}%"></i><b>{}</b></span>').format(width, text)
 
 
-def cards(several: Sequence[Card]) -> Element:
-    """Return headline numbers side by side, in rows of equal length."""
+def cards(several: Sequence[Card], *, is_detail: bool = True) -> Element:
+    """Return headline numbers side by side, in rows of equal length; in a terminal below each other."""
     one = Markup('<div class="card {}"><span>{}</span><strong>{}</strong><small>{}</small></div>')
     inside = join(one.format(card.tone, card.label, card.value, card.note) for card in several)
+    labels, values = (max(map(len, column)) for column in zip(*((card.label, card.value) for card in several)))
+    lines = "\n".join(f"{one.label:<{labels}}  {one.value:<{values}}  {one.note}" for one in several)
     columns = min(range(2, 5), key=lambda k: (-len(several) % k, -k))
-    return Element(Markup('<div class="cards" style="--columns:{}">{}</div>').format(columns, inside))
+    return Element(
+        Markup('<div class="cards" style="--columns:{}">{}</div>').format(columns, inside), f"\n{lines}", is_detail
+    )
 
 
 def figure(svg: Markup, caption: Content) -> Markup:

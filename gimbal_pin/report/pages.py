@@ -14,13 +14,13 @@ from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Verified
-from gimbal_pin.report.evaluation import evaluate
-from gimbal_pin.report.format import controller_name
-from gimbal_pin.report.html import Document, Section, join, paragraph
-from gimbal_pin.report.sections.camera import pointing
+from gimbal_pin.report.evaluation import Evaluated, evaluate
+from gimbal_pin.report.format import controller_name, listed
+from gimbal_pin.report.html import Document, Section, join, join_text, paragraph
+from gimbal_pin.report.sections.camera import show_camera
 from gimbal_pin.report.sections.control import show_controller, show_tracking
-from gimbal_pin.report.sections.data import data, rig_section
-from gimbal_pin.report.sections.diagnosis import WRONG, diagnosis
+from gimbal_pin.report.sections.data import show_logs, show_rig
+from gimbal_pin.report.sections.diagnosis import WRONG, show_diagnosis
 from gimbal_pin.report.sections.model import show_parameters, show_torque
 from gimbal_pin.report.view.onboard import onboard
 from gimbal_pin.report.view.outlook import outlook
@@ -32,50 +32,63 @@ if TYPE_CHECKING:
 STEPS_CAPTION = "All axes to and fro under {}; the ghost is the reference."
 HELD_CAPTION = "The plant is {}; the controllers know the model and no more."
 NOT_DIAGNOSED = "These logs could not be diagnosed. {}."
-NOT_HELD = "It was not held still on a platform that moves: {}."
 SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
 
 
-def full(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> str:
-    """Return the report of a whole run, from logs to a tuned controller, as HTML.
+def list_sections(found: Auto, evaluated: Evaluated | None = None, recording: str = "") -> list[Section]:
+    """Return what every step of a run found.
 
-    `recording`: the page of the animation, which shows the controller that was asked for.
+    Args:
+        found: The run.
+        evaluated: The rows that the model is judged by; None: a terminal shows no pictures of them.
+        recording: The page of the animation, which shows the controller that was asked for.
     """
-    own, law = found.identified, controller_name(found.tuning.wish.kind)
-    evaluated, wrong, held = evaluate(own, logs), found.diagnosis, found.held
-    sections = [
+    wrong, held, law = found.diagnosis, found.held, controller_name(found.tuning.wish.kind)
+    return [
         found.summary.section,
-        *([] if wrong is None else [diagnosis(wrong)]),
+        *([] if wrong is None else [show_diagnosis(wrong)]),
         *([Section(WRONG, [paragraph(NOT_DIAGNOSED.format(found.undiagnosed))])] if found.undiagnosed else []),
-        animation(recording, STEPS_CAPTION.format(law)),
-        show_parameters(own, found.payload, evaluated),
-        show_torque(own, evaluated),
+        *([animation(recording, STEPS_CAPTION.format(law))] if recording else []),
+        show_parameters(found.identified, found.payload, evaluated),
+        show_torque(found.identified, evaluated),
         show_controller(found.tuning),
-        show_tracking(found.judged, rig, found.tracking, found.plant),
-        *([] if held is None else [pointing(held, HELD_CAPTION.format(found.held_on))]),
-        *([Section("Camera", [paragraph(NOT_HELD.format(found.why))])] if found.why and rig.aims else []),
-        data(rig, logs),
-        rig_section(rig, found.payload.weighed),
+        show_tracking(found.judged, found.model.rig, found.tracking, found.plant),
+        *([] if held is None else [show_camera(held, HELD_CAPTION.format(found.held_on))]),
     ]
-    return Document(rig.title, rig.config.description, sections).to_html()
 
 
-def diagnosed(rig: Rig, logs: Sequence[Log], found: Diagnosis) -> str:
-    """Return the report of a diagnosis alone as HTML."""
-    parts = [diagnosis(found), data(rig, logs), rig_section(rig, found.given.weighed)]
-    return Document(rig.title, rig.config.description, parts).to_html()
+def describe_auto(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> Document:
+    """Return the report of a whole run, from logs to a tuned controller; `recording`: see `list_sections`."""
+    sections = list_sections(found, evaluate(found.identified, logs), recording)
+    sections += [show_logs(rig, logs), show_rig(rig, found.payload.weighed)]
+    return Document(rig.title, rig.config.description, sections)
 
 
-def carried(
+def describe_outcome(found: Auto, verbose: bool = False) -> str:
+    """Return what `auto` prints: the report's head, with `verbose` all that needs no picture; and where files lie."""
+    sections = list_sections(found)
+    names = listed(path.name for what, path in found.files.items() if what != "report")
+    path = found.files["report"]
+    lie = f"open {path}; beside it in {path.parent}: {names}"
+    return f"{join_text(sections if verbose else sections[:1], verbose)}\n\n{lie}"
+
+
+def describe_diagnosis(rig: Rig, logs: Sequence[Log], found: Diagnosis) -> Document:
+    """Return the report of a diagnosis alone."""
+    sections = [show_diagnosis(found), show_logs(rig, logs), show_rig(rig, found.given.weighed)]
+    return Document(rig.title, rig.config.description, sections)
+
+
+def describe_tracking(
     rig: Rig, held: Verified | None, steps: Tracking | None, plant: str, judged: Judgement | None = None
-) -> str:
-    """Return the report of a tracking as HTML; `plant`: what the steps were simulated on, within a sentence."""
+) -> Document:
+    """Return the report of a tracking; `plant`: what the steps were simulated on, within a sentence."""
     parts: list[Section] = []
-    if held is not None:
-        parts += [pointing(held), animation(moving(rig, held), SCENE)]
     if judged is not None:
         parts.append(show_tracking(judged, rig, steps, plant))
-    return Document(rig.title, rig.config.description, [*parts, rig_section(rig)]).to_html()
+    if held is not None:
+        parts += [show_camera(held), animation(moving(rig, held), SCENE)]
+    return Document(rig.title, rig.config.description, [*parts, show_rig(rig)])
 
 
 def moving(rig: Rig, held: Verified) -> str:

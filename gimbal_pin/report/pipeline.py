@@ -42,6 +42,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.regression import Estimator, Filtering, fit_weighted
 from gimbal_pin.report import pages, view
+from gimbal_pin.report.format import to_sentence
 from gimbal_pin.report.summary import Summary, summary
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -204,9 +205,9 @@ def auto(
     payload = compare_payload(identified, mass) if wrong is None else wrong.given
     if camera is not None and (wrong is None or not wrong.spoiling):
         (payload,) = camera.payloads.values()
-    head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed, judged, payload)
+    head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed, judged, payload, held, why)
     if camera is not None:
-        head = replace(head, doubts=(*(f"{said[:1].upper()}{said[1:]}." for said in identified.faults), *head.doubts))
+        head = replace(head, doubts=(*(to_sentence(said) for said in identified.faults), *head.doubts))
     found = Auto(*steps, files, stood, head, payload, held, why, undiagnosed, beside=beside, camera=camera, seed=seed)
     return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
 
@@ -266,7 +267,7 @@ def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping
         "controller": partial(write_controller, found.tuning, folder=folder),
         "motion": partial(write_log, found.animated),
         "animation": partial(atomic_write, content=animation),
-        "report": partial(atomic_write, content=pages.full(rig, logs, found, animation)),
+        "report": partial(atomic_write, content=pages.describe_auto(rig, logs, found, animation).to_html()),
         "results": partial(write_json, found.to_dict()),
     }
     if found.held is not None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.control.laws.reasons import ReasonKind, list_compensated
 from gimbal_pin.control.tuning import RIVAL
 from gimbal_pin.diagnosis.result import MEASURED_CAUSE
@@ -16,6 +17,7 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD
 from gimbal_pin.report.format import (
+    angle,
     controller_name,
     figures,
     file_name,
@@ -24,6 +26,7 @@ from gimbal_pin.report.format import (
     listed,
     percent,
     rows_named,
+    to_sentence,
     torque_text,
 )
 from gimbal_pin.report.html import Card, Section, bullets, cards, notice, paragraph
@@ -37,6 +40,7 @@ if TYPE_CHECKING:
     from gimbal_pin.diagnosis import Diagnosis, Finding
     from gimbal_pin.identification import Identified, PayloadStatement
     from gimbal_pin.log.log import Log
+    from gimbal_pin.pointing import Verified
     from gimbal_pin.rig.rig import Rig
 
 EXPORT = "Put the controller on the gimbal: 'gimbal-pin export controller.yaml --c DIR' writes it as C99."
@@ -71,7 +75,7 @@ class Summary:
         """The head of a page."""
         parts = [paragraph(self.found, f"headline {self.tone}"), notice("What to do", bullets(self.to_do))]
         parts += [notice("Take care", bullets(self.doubts))] if self.doubts else []
-        parts += [paragraph(" ".join(self.details), "verdict"), cards(self.numbers)]
+        parts += [paragraph(" ".join(self.details), "verdict"), cards(self.numbers, is_detail=False)]
         return Section("Summary", parts)
 
 
@@ -86,16 +90,19 @@ def summary(
     undiagnosed: str = "",
     judged: Judgement | None = None,
     payload: PayloadStatement | None = None,
+    held: Verified | None = None,
+    not_held: str = "",
 ) -> Summary:
     """Return the verdict on a rig's identification, controller and tracking.
 
-    `plant`: what the steps were simulated on, within a sentence; `undiagnosed`: why there is no diagnosis.
+    `plant`: what the steps were simulated on, within a sentence; `undiagnosed`: why there is no diagnosis; `not_held`:
+    why no camera was held on a platform.
     """
     barred, spoilt = tuning is not None and bool(tuning.doubts), wrong is not None and wrong.verdict == "data"
-    held, band = found.held_out or found.train, f"to {found.filtering.cutoff:g} Hz"
-    joint, fit = min(held.fit_percent.items(), key=lambda pair: pair[1])
+    tested, band = found.held_out or found.train, f"to {found.filtering.cutoff:g} Hz"
+    joint, fit = min(tested.fit_percent.items(), key=lambda pair: pair[1])
     units = {joint.name: joint.force for joint in list_shown_joints(rig)}
-    worst, rmse = max(held.torque_rmse.items(), key=lambda pair: pair[1])
+    worst, rmse = max(tested.torque_rmse.items(), key=lambda pair: pair[1])
     where = "held out" if found.held_out else "training data"
     details, numbers = [about_fit(rig, found, logs)], []
     numbers.append(Card("Fit of the torque", percent(fit), f"{band}, worst joint: {joint}, {where}", grade(fit)))
@@ -108,7 +115,7 @@ def summary(
         numbers.append(Card("With what was found", percent(fit), note, grade(fit)))
     details.append(about_parameters(found))
     numbers.append(
-        Card("Torque error", torque_text(rmse, force=units[worst]), f"rms {band}, largest: {worst}, {held.how}")
+        Card("Torque error", torque_text(rmse, force=units[worst]), f"rms {band}, largest: {worst}, {tested.how}")
     )
     deviation = 100 * float(np.median(found.estimate.std / np.maximum(np.abs(found.estimate.theta), 1e-300)))
     numbers.append(Card("Parameters", str(len(found.names)), f"median deviation {figures(deviation, 2)} %"))
@@ -125,11 +132,15 @@ def summary(
         ratios = judged.compute_ratios(next(iter(judged.errors)))[:, -1]
         note = f"median; worst {figures(ratios.min(), 2)}, of {judged.plants} perturbed plants, all joints"
         numbers.append(Card("Error of a PID over the controller's", figures(float(np.median(ratios)), 2), note))
+    if held is not None:
+        ours, pid = (angle(held.jitter[name]) for name in (OURS, BASELINE))
+        numbers.append(Card("Jitter on a platform that moves", f"{ours} rms", f"a PID's: {pid}"))
     unknown = [f"Not diagnosed: {undiagnosed}."] if undiagnosed else []
+    unknown += [f"No camera was held on a platform that moves: {not_held}."] if not_held and rig.aims else []
     simulated = [] if result is None else [SIMULATED.format(plant)]
     doubts = (*cautions(tuning, result, judged), *unexplained(wrong), *unknown, *simulated)
     if payload is not None and rig.aims:
-        details += [f"{line[:1].upper()}{line[1:]}." for line in payload.lines[:1]]
+        details += [to_sentence(line) for line in payload.lines[:1]]
     steps = to_do(wrong, tuning, payload if rig.aims else None)
     return Summary(verdict(fit, missing, barred), tone, steps, doubts, tuple(details), tuple(numbers))
 
@@ -179,9 +190,9 @@ def verdict(fit: float, missing: str = "", barred: bool = False) -> str:
 def to_do(wrong: Diagnosis | None, tuning: Tuning | None, payload: PayloadStatement | None = None) -> tuple[str, ...]:
     """Return what to do about what was found, the most urgent first."""
     if wrong is not None and wrong.spoiling:
-        return tuple(f"{fault.next_experiment[:1].upper()}{fault.next_experiment[1:]}." for fault in wrong.spoiling)
+        return tuple(to_sentence(fault.next_experiment) for fault in wrong.spoiling)
     open_, known = [], []
-    slid = () if payload is None else tuple(f"{one[:1].upper()}{one[1:]}." for one in payload.advice[:1])
+    slid = () if payload is None else tuple(to_sentence(one) for one in payload.advice[:1])
     compensated = [] if tuning is None else list_compensated(tuning.model, tuning.wish.kind)
     for finding in [] if wrong is None else wrong.lacking:
         if finding.open:
@@ -200,18 +211,14 @@ def unexplained(wrong: Diagnosis | None) -> list[str]:
         return []
     rest = structured(wrong)
     found = [f"More than noise is left at {listed(rest)}, and no known cause explains it."] if rest else []
-    return [*found, f"{wrong.hidden[:1].upper()}{wrong.hidden[1:]}."] if wrong.hidden else found
+    return [*found, to_sentence(wrong.hidden)] if wrong.hidden else found
 
 
 def cautions(tuning: Tuning | None, result: Tracking | None, judged: Judgement | None = None) -> list[str]:
     """Return what speaks against taking the headline at its word."""
     found = []
     if tuning is not None:  # where the controller is not to be run, a PID for the same model is no safer
-        safer = [
-            f"{why.sentence[:1].upper()}{why.sentence[1:]}."
-            for why in tuning.reasons
-            if why.kind is ReasonKind.PID_SAFER
-        ]
+        safer = [to_sentence(why.sentence) for why in tuning.reasons if why.kind is ReasonKind.PID_SAFER]
         found = [f"{doubt}." for doubt in tuning.doubts] or safer
     if judged is not None and (worse := outdone(judged)):
         found.append(f"On {listed(worse)}, a {controller_name(RIVAL)} follows at least as closely.")

@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from gimbal_pin.pointing.result import Verified
     from gimbal_pin.report.evaluation import Evaluated, KnownParameter
     from gimbal_pin.report.format import ShownJoint
-    from gimbal_pin.report.pipeline import Auto
 
 TOGETHER = "all-axes"
 """The experiment in which all axes move."""
@@ -385,41 +384,6 @@ def judgement(found: Judgement, joints: Sequence[ShownJoint]) -> Table:
     others = [controller_name(name) for name in names[1:-1]]
     head = ["Joint", *(f"{who} error" for who in ("Tuned", *others, "PID")), "Ratio", *(f"Ratio, {x}" for x in others)]
     return Table(head, rows, caption=JUDGED.format(found.plants))
-
-
-def overview(found: Auto, most: int) -> Table:
-    """A line per joint, of the first so many: torque error, loop, and how steps of all axes are followed.
-
-    Beside the extended model's stands the error of the rigid one in the diagnosis's band: the two compare.
-    """
-    own, wrong = found.identified, found.diagnosis
-    band, models = own.filtering.cutoff, [vars(own.held_out or own.train)]
-    if wrong is not None and wrong.is_extended and wrong.held is not None:
-        band, models = wrong.held.band, [dict(wrong.baseline), dict(wrong.extended)]
-    biggest = max(models[0]["torque_rmse"].values())
-    head: list[Content] = [
-        "Joint",
-        f"Torque error to {band:g} Hz",
-        "Fit",
-        *["Extended model", "Fit"] * (len(models) - 1),
-        "Bandwidth",
-    ]
-    judged = judgement(found.judged, list_shown_joints(found.model.rig))
-    head += ["Phase margin", *judged.head[1:]]
-    rows: list[list[Content | None]] = []
-    for j, joint in enumerate(list_shown_joints(found.model.rig)[:most]):
-        row: list[Content | None] = [joint.name]
-        for part in models:
-            row += [
-                torque_text(part["torque_rmse"][joint.name], biggest, joint.force),
-                percent(part["fit_percent"][joint.name]),
-            ]
-        row += [
-            f"{figures(found.tuning.bandwidth_hz[j])} Hz",
-            f"{figures(found.tuning.margins[j].phase_margin_deg, 2)}°",
-        ]
-        rows.append([*row, *judged.rows[j][1:]])
-    return Table(head, rows)
 
 
 # -- the camera --------------------------------------------------------------------------------------------------------

@@ -10,26 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 from gimbal_pin.errors import NORMAL_95, digits
 from gimbal_pin.report import tables
-from gimbal_pin.report.format import angle, controller_name, figures, joint_shown, listed
-from gimbal_pin.report.html import join_text
+from gimbal_pin.report.format import figures, joint_shown
 from gimbal_pin.report.table import Table
 
 if TYPE_CHECKING:
     from gimbal_pin.checks import Alteration
-    from gimbal_pin.diagnosis import Diagnosis, Rehearsal, Rehearsed
+    from gimbal_pin.diagnosis import Rehearsal, Rehearsed
     from gimbal_pin.dynamics.base_parameters import Base
     from gimbal_pin.dynamics.checking import Checked
     from gimbal_pin.excitation import AssumedLimit, Excitation, ExpectedEstimate
     from gimbal_pin.export import Exported
     from gimbal_pin.identification import Progress
     from gimbal_pin.log.io.inspection import Inspected
-    from gimbal_pin.pointing.result import Verified
-    from gimbal_pin.report.pipeline import Auto
 
-SEVERAL = 3
-"""Most things to do, and most doubts, that `auto` prints; all are in the report."""
-MOST_LINES = 15
-"""Most lines that `auto` prints; joints beyond them are in the report."""
 
 # -- rigs and motions --------------------------------------------------------------------------------------------------
 
@@ -189,15 +182,7 @@ def following(found: Progress, said: int) -> str:
     return "\n".join([*events, "  ".join(parts)])
 
 
-# -- diagnosis ---------------------------------------------------------------------------------------------------------
-
-
-def diagnosis(found: Diagnosis, files: Mapping[str, Any]) -> str:
-    """Verdict, findings, what is left at each joint, and where the files lie."""
-    from gimbal_pin.report.sections.diagnosis import diagnosis as show
-
-    lines = [f"verdict: {found.verdict}", show(found).to_text(), ""]
-    return "\n".join(lines + [f"{what}: {path}" for what, path in files.items()])
+# -- diagnosis
 
 
 def rehearsal(found: Rehearsal) -> str:
@@ -239,59 +224,3 @@ def exported(found: Exported, folder: Path) -> str:
         f"build: cmake -S {folder} -B {folder / 'build'} && cmake --build {folder / 'build'}",
     ]
     return "\n".join(lines)
-
-
-# -- the camera --------------------------------------------------------------------------------------------------------
-
-
-def verified(found: Verified, verbose: bool = True) -> str:
-    """Both controllers on a platform that moves, a line each; with `verbose` the margins of their loops."""
-    from gimbal_pin.log.limited import PUSHED, describe_limits
-
-    run, count = found.rows[0].runs[0], len(found.rows[0].runs)
-    mounted = f" with {found.payload}" if found.payload else ""
-    least = min(own.disk_margin for loops in found.loops.values() for own in loops)
-    motion = f"{found.rig}{mounted} on platform {run.platform}, {count} × {run.t[-1]:.3g} s"
-    lines = [f"{motion}; least disk margin of a loop {digits(least)}", str(tables.contest(found))]
-    lines += [PUSHED] if any(describe_limits(row.at_limit) for row in found.rows) else []
-    lines += ["", str(tables.held_margins(found))] if verbose else []
-    events = [f"{controller_name(row.controller)}: {event}" for row in found.rows for event in row.happened]
-    shown = events if verbose else events[:SEVERAL]
-    rest = [f"and {len(events) - len(shown)} more events, see --verbose"] if len(events) > len(shown) else []
-    return "\n".join([*lines, *shown, *rest])
-
-
-# -- all of it ---------------------------------------------------------------------------------------------------------
-
-
-def auto(found: Auto, verbose: bool = False) -> str:
-    """What `auto` found in at most 15 lines, and where its files lie; with `verbose` every step's own text.
-
-    What was found, where the payload is and how to balance it, what to do, what not to trust; then a line per joint.
-    """
-    from gimbal_pin.report.sections.control import show_controller, show_tracking
-    from gimbal_pin.report.sections.model import show_parameters, show_torque
-
-    head, payload = found.summary, found.payload
-    todo, doubts = (" ".join(lines[:SEVERAL]) for lines in (head.to_do, head.doubts))
-    place = [f"against the URDF (± 95 %): {line}" for line in payload.lines[:1]]
-    lines = [f"found: {head.found}", *place, f"to do: {todo}", f"take care: {doubts}", ""]
-    lines.append(str(tables.overview(found, MOST_LINES - len(lines) - 4)))
-    if found.held is None:
-        lines += [] if not found.model.rig.aims else [f"no camera held on a platform: {found.why}"]
-    else:
-        still = {controller_name(row.controller): angle(row.jitter_rms) for row in found.held.rows}
-        each = ", ".join(f"{name} {size}" for name, size in still.items())
-        lines.append(f"camera on a platform that moves, jitter rms, on {found.held_on}: {each}")
-    if verbose:
-        parts = [
-            join_text([show_parameters(found.identified, found.payload), show_torque(found.identified)]),
-            *([] if found.diagnosis is None else [diagnosis(found.diagnosis, {})]),
-            show_controller(found.tuning).to_text(verbose),
-            show_tracking(found.judged, found.model.rig, found.tracking).to_text(verbose),
-            *([] if found.held is None else [verified(found.held, verbose)]),
-        ]
-        lines += [line for part in parts for line in ("", part)]
-    folder = found.files["report"].parent
-    names = listed(path.name for what, path in found.files.items() if what != "report")
-    return "\n".join([*lines, "", f"open {found.files['report']}; beside it in {folder}: {names}"])

@@ -16,8 +16,7 @@ from gimbal_pin.diagnosis import LISTED, Diagnosis, Residual, Rival, describe_mo
 from gimbal_pin.effects import CAUSES, Backlash
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Log, write_log
-from gimbal_pin.report import list_shown_joints, tables, text, verdict
-from gimbal_pin.report.sections import diagnosis as sections
+from gimbal_pin.report import list_shown_joints, show_diagnosis, tables, verdict
 from gimbal_pin.report.summary import about_gain, missed, to_do
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
@@ -55,10 +54,10 @@ def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
 
 
 def test_nothing_is_promised_of_findings_that_a_spoilt_log_shows(found: Diagnosis) -> None:
-    assert "What to do about it" in sections.diagnosis(found).html
+    assert "What to do about it" in show_diagnosis(found).html
     fault = Fault("acceleration-noise", "tilt", "tilt: noise", (), 2.0, True, "record again")
     spoilt = replace(found, faults=(fault,))
-    shown = sections.diagnosis(spoilt).html
+    shown = show_diagnosis(spoilt).html
     assert "not to be acted on" in shown and "What to do about it" not in shown
 
 
@@ -66,15 +65,15 @@ def test_the_gain_in_closed_loop_says_of_which_motion_and_controller_it_is(found
     """A log's own tracking error is of another motion, and hardly the same: here next to nothing."""
     said = describe_motion(found.after.rig)
     assert "4 Hz" in said and "20°" in said
-    assert said in text.diagnosis(found, {}) and escape(said) in sections.diagnosis(found).html
+    assert said in show_diagnosis(found).to_text() and escape(said) in show_diagnosis(found).html
 
 
 def test_a_joint_that_is_followed_worse_is_spoken_of(found: Diagnosis) -> None:
     rows = {joint: {"rms_before": 1e-3, "rms_after": 2e-3 if joint == "tilt" else 1.05e-3} for joint in found.tracking}
     worse = replace(found, tracking=rows)
-    for page in (text.diagnosis(worse, {}), sections.diagnosis(worse).html):
+    for page in (show_diagnosis(worse).to_text(), show_diagnosis(worse).html):
         assert "tilt: followed no closer" in page and "pan: followed" not in page
-    assert "followed no closer" not in text.diagnosis(found, {})
+    assert "followed no closer" not in show_diagnosis(found).to_text()
 
 
 def test_what_only_fits_together_says_so_on_every_page(found: Diagnosis) -> None:
@@ -83,9 +82,9 @@ def test_what_only_fits_together_says_so_on_every_page(found: Diagnosis) -> None
     loose = replace(finding, parameters=tuple(replace(p, std=float("nan")) for p in finding.parameters))
     open_ = replace(found, findings=(loose,))
     assert finding.sized and not finding.unsized and loose.unsized == loose.parameters and not loose.sized
-    for page, one in ((text.diagnosis(open_, {}), True), (text.diagnosis(found, {}), False)):
+    for page, one in ((show_diagnosis(open_).to_text(), True), (show_diagnosis(found).to_text(), False)):
         assert (TOGETHER in page) == one
-    assert TOGETHER in sections.diagnosis(open_).html and TOGETHER not in sections.diagnosis(found).html
+    assert TOGETHER in show_diagnosis(open_).html and TOGETHER not in show_diagnosis(found).html
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
@@ -102,7 +101,7 @@ def test_a_loop_that_is_not_stable_has_no_figure(found: Diagnosis) -> None:
     rows = {joint: {"rms_before": float("nan"), "rms_after": 1e-4} for joint in found.tracking}
     broken = replace(found, tracking=rows)
     assert broken.to_dict()["tracking"]["pan"] == {"rms_before": None, "rms_after": 1e-4}
-    assert "not stable" in sections.diagnosis(broken).html
+    assert "not stable" in show_diagnosis(broken).html
 
 
 def test_the_map_of_look_alikes_is_a_matrix_of_cosines(found: Diagnosis) -> None:
@@ -115,7 +114,7 @@ def test_the_map_of_look_alikes_is_a_matrix_of_cosines(found: Diagnosis) -> None
 
 
 def test_the_page_holds_rivals_map_residual_and_gain(found: Diagnosis) -> None:
-    page = lxml.html.fromstring(f"<div>{sections.diagnosis(found).html}</div>")
+    page = lxml.html.fromstring(f"<div>{show_diagnosis(found).html}</div>")
     labels = [svg.get("aria-label") for svg in page.iter("svg")]
     assert [label.split()[0] for label in labels] == ["Correlation", "Held-out"]
     (table,) = [t for t in page.iter("table") if "in the place of cogging" in t.getparent().get("aria-label")]
@@ -148,7 +147,7 @@ def test_every_finding_states_its_probability(found: Diagnosis) -> None:
     either = replace(finding, p_value=0.0, rivals=(Rival("delay", np.log(4.0), 1e6, "tilt"),))
     likely = replace(found, findings=(either,))
     assert [round(one["probability"], 3) for one in likely.to_dict()["causes"]] == [0.64, 0.16]
-    for page in (text.diagnosis(likely, {}), sections.diagnosis(likely).html):
+    for page in (show_diagnosis(likely).to_text(), show_diagnosis(likely).html):
         assert "robability 64 %" in page
 
 
@@ -157,7 +156,7 @@ def test_the_page_holds_no_figure_that_is_none(found: Diagnosis) -> None:
     lost = replace(finding, gain={**finding.gain, "rollout_rmse_after": float("nan")})
     extended = {**found.extended, "rollout_rmse": dict.fromkeys(found.residual, float("nan"))}
     still = replace(found, findings=(lost,), extended=extended, tracking={})
-    page = lxml.html.fromstring(f"<div>{sections.diagnosis(still).html}</div>").text_content()
+    page = lxml.html.fromstring(f"<div>{show_diagnosis(still).html}</div>").text_content()
     assert not re.search(r"\bnan\b", page) and "not stable" not in page and "cannot be simulated" in page
     assert "tracking error" not in page  # none was simulated
 
@@ -212,11 +211,10 @@ def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis)
     finding = found.findings[0]
     either = replace(finding, joint="roll", blurred=("cable-spring",), experiment="it")
     mixed = replace(found, findings=(finding, either))
-    assert "It leaves open whether it is cogging or cable-spring at roll." in text.diagnosis(mixed, {}).splitlines()[1]
-    sure = replace(found, findings=(finding,))
-    assert text.diagnosis(sure, {}).startswith("verdict: named\n") and text.diagnosis(sure, {}).splitlines()[
-        1
-    ].endswith("says what.")
+    first, sure = (
+        show_diagnosis(one).to_text().splitlines()[0] for one in (mixed, replace(found, findings=(finding,)))
+    )
+    assert "It leaves open whether it is cogging or cable-spring at roll." in first and sure.endswith("says what.")
 
 
 def test_a_diagnosis_has_a_page_of_its_own(

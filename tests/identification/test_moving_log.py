@@ -28,8 +28,7 @@ from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.identification import given_beta, greatest_base_motion, identify
 from gimbal_pin.log import BASE_MOTIONS, Array, BaseMotion, Imu, Log, Platform, profile_s, read_log, write_motion
 from gimbal_pin.regression import classify_base_motion
-from gimbal_pin.report import text
-from gimbal_pin.report.sections.diagnosis import diagnosis as page
+from gimbal_pin.report import show_diagnosis
 from gimbal_pin.report.summary import missed
 from gimbal_pin.rig import GRAVITY, bundled_rigs
 from tests.bench_logs import EXACT, fourier, rows_of, true_theta
@@ -186,9 +185,9 @@ def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth() -> None:
     assert one.parameters[0].value == pytest.approx(rate, rel=0.05)
     # The model has it from the IMU: nobody is told that it is missing, and nothing is compensated for it.
     assert (found.verdict, found.lacking, found.beside) == ("named", (), "nothing")
-    assert "by the platform's motion alone" in text.diagnosis(found, {})
+    assert "by the platform's motion alone" in show_diagnosis(found).to_text()
     assert missed(found) == ""
-    assert "nothing more can be found" in page(found).html and "missing" not in page(found).html
+    assert "nothing more can be found" in show_diagnosis(found).html and "missing" not in show_diagnosis(found).html
 
 
 def test_without_a_cause_to_look_for_nothing_is_found() -> None:

@@ -27,9 +27,8 @@ from gimbal_pin.pointing import (
     unable,
     verify,
 )
-from gimbal_pin.report import Document, figures, outlook
-from gimbal_pin.report import text as terminal
-from gimbal_pin.report.sections.camera import headline, numbers, pointing
+from gimbal_pin.report import Document, figures, outlook, show_camera
+from gimbal_pin.report.sections.camera import headline, numbers
 from gimbal_pin.report.view import afar, gaze
 from gimbal_pin.report.view.motion import poses
 from gimbal_pin.report.view.onboard import onboard
@@ -64,7 +63,7 @@ def verified() -> Verified:
 
 @cache
 def page() -> str:
-    return Document("thesis", "", [pointing(verified(), "A note.")]).to_html()
+    return Document("thesis", "", [show_camera(verified(), "A note.")]).to_html()
 
 
 def placed(points: Array, turned: Array) -> Array:
@@ -143,11 +142,11 @@ def test_who_is_long_at_the_torque_limit_of_which_joints_is_told() -> None:
     tau = run.tau.copy()
     tau[run.counted] = np.where(counted[:, None] < shares, limit, 0.1 * limit)
     pushed = replace(verified(), rows=(replace(pid, runs=(replace(run, tau=tau),)), *rest))
-    said = terminal.verified(pushed)
+    said = show_camera(pushed).to_text()
     (line,) = [line for line in said.splitlines() if line.startswith("PID ")]
     assert line.endswith("yaw 60 %, roll 20 %") and said.count("yaw 60 %") == 1
-    assert PUSHED not in terminal.verified(verified())
-    page = parsed(Document("", "", [pointing(pushed)]).to_html()).text_content()
+    assert PUSHED not in show_camera(verified()).to_text()
+    page = parsed(Document("", "", [show_camera(pushed)]).to_html()).text_content()
     assert PUSHED in said and PUSHED in page and "yaw 60 %, roll 20 %" in page
 
 

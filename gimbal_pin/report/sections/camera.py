@@ -13,8 +13,8 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Row, Verified
 from gimbal_pin.report import camera_chart as chart
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import angle, controller_name, figures, listed
-from gimbal_pin.report.html import Card, Section, bullets, cards, heading, notice, paragraph
+from gimbal_pin.report.format import angle, controller_name, figures, listed, to_sentence
+from gimbal_pin.report.html import Card, Section, bullets, cards, folded, heading, notice, paragraph
 from gimbal_pin.report.view import gaze
 from gimbal_pin.report.view.outlook import outlook
 
@@ -23,7 +23,7 @@ EVENTS = 12
 """Most events that are listed."""
 
 
-def pointing(found: Verified, note: str = "") -> Section:
+def show_camera(found: Verified, note: str = "") -> Section:
     """Return what the camera sees on a platform that moves, the error, torque and margins.
 
     `note`: what the plant and the model were, as sentences.
@@ -35,14 +35,14 @@ def pointing(found: Verified, note: str = "") -> Section:
         paragraph(headline(found), f"headline {'good' if found.gain > 1 else 'fair'}"),
         paragraph(f"{circumstances(found)} {note}".strip()),
         cards(numbers(found)),
-        heading("What the camera sees"),
+        heading("What the camera sees").html,
         Markup(frame).format("What the cameras see", seen),
-        heading("The line of sight, and its price"),
+        heading("The line of sight, and its price").html,
         curves(found),
-        heading("The controllers"),
+        heading("The controllers").html,
         tables.contest(found),
         *([paragraph(f"At the torque limit for long: {PUSHED}.", "side")] if weak else []),
-        *[heading("Margins"), tables.held_margins(found)],
+        folded("Margins", tables.held_margins(found)),
         *happened(found),
     ]
     return Section("Camera", parts, "The platform moves; the camera should not.")
@@ -55,7 +55,7 @@ def headline(found: Verified) -> str:
     times = f": {figures(found.gain, 2)} times as much" if found.gain > 1 else ""
     margins = "" if found.is_equal else ", each with margins of its own"
     failed = " Sensors were failed on purpose while it ran." if found.failed else ""
-    return f"{said[:1].upper()}{said[1:]}{times}{margins}.{failed}"
+    return to_sentence(f"{said}{times}{margins}") + failed
 
 
 def circumstances(found: Verified) -> str:

@@ -21,8 +21,6 @@ from gimbal_pin.rig.rig import Rig
 
 RIVAL_COLOURS = (plots.PLAIN, plots.MUTED, "#8a4fd0", "#0b96a8")
 """Colours of the controllers that stand beside the one in the joint's colour."""
-CROWDED = 3
-"""Controllers from which their names do not fit above one column."""
 
 
 def show_controller(tuning: Tuning) -> Section:
@@ -112,9 +110,7 @@ def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
             middle.set_ylabel(f"error, {joint.unit}")
             below.set_ylabel("torque, % of limit" if isfinite(limit) else f"torque, {joint.force}")
         below.set(xlabel="time, s", xlim=(t[0], t[-1]))
-        if count < CROWDED:
-            plots.named(middle, list(zip(names, shades)))
-        elif j == 0:  # one legend for all columns: each has its own colour for the last
+        if j == 0:  # one legend for all columns: each has its own colour for the last
             plots.named(middle, list(zip([*names[:-1], f"in colour: {names[-1]}"], shades)))
     figure.align_ylabels()
     return figure

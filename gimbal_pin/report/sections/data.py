@@ -39,7 +39,7 @@ MOST_CURVES = 8
 """Most curves in a panel: so many colours are told apart."""
 
 
-def rig_section(rig: Rig, weighed: float | None = None) -> Section:
+def show_rig(rig: Rig, weighed: float | None = None) -> Section:
     """Return a rig's joints, motors, limits and moved masses as its URDF and YAML state them.
 
     `weighed`: mass of the payload, kg, where it was given beside the log.
@@ -88,7 +88,7 @@ def describe_rig_and_payload(rig: Rig, weighed: float | None) -> Markup:
     return Markup(" ").join(parts)
 
 
-def data(rig: Rig, logs: Sequence[Log]) -> Section:
+def show_logs(rig: Rig, logs: Sequence[Log]) -> Section:
     """Return the logs' size, the range they cover, and their angles and torques over time."""
     head = ["Log", "Payload", "Length, s", "Rate, Hz", "Samples", "Joint rates"]
     rows: list[list[Content]] = [
@@ -145,7 +145,7 @@ def draw_overview(rig: Rig, log: Log) -> plots.Figure:
     return figure
 
 
-def inspection(found: Inspected) -> Section:
+def show_file(found: Inspected) -> Section:
     """Return the picture of a file's channels, their table, and the mapping that is proposed."""
     parts: list[object] = [
         bullets([line for stream in found.streams for line in summarize_stream(stream)] + list(found.notes))

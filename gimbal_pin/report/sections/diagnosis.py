@@ -17,7 +17,7 @@ from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.format import ShownJoint, list_altered, list_shown_joints, listed, torque_unit
+from gimbal_pin.report.format import ShownJoint, list_altered, list_shown_joints, listed, to_sentence, torque_unit
 from gimbal_pin.report.html import Element, Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.sections.model import show_payload
 from gimbal_pin.report.table import Content
@@ -45,7 +45,7 @@ OPEN = 0.5
 GAINS = "Simulated: the position after 0.2 s of simulation from the held-out torque, off by so much, rms."
 
 
-def diagnosis(found: Diagnosis) -> Section:
+def show_diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
     parts: list[object] = [paragraph(toned(state_verdict(found), "good" if found.beside == "nothing" else "fair"))]
     if found.spoiling:
@@ -62,7 +62,7 @@ def diagnosis(found: Diagnosis) -> Section:
     if found.held is not None:
         parts += [heading("What is left"), tables.residual(found)]
         parts += [paragraph(f"{tables.ALONE}.", "side")] if len(found.findings) > 1 else []
-        parts += [paragraph(f"{found.hidden[0].upper()}{found.hidden[1:]}.", "side")] if found.hidden else []
+        parts += [paragraph(to_sentence(found.hidden), "side")] if found.hidden else []
         parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
         parts.append(residuals(found, joints, found.held))
     if found.held is not None and (found.findings or found.is_extended):
@@ -101,10 +101,10 @@ def show_finding(
 ) -> list[object]:
     """A finding: its sentence, its figures, what it could be instead, and which causes look like it."""
     chance, sizes = tables.state_probability(finding), tables.state_sizes(finding)
-    lines: list[Content] = [f"{chance[0].upper()}{chance[1:]}."]
+    lines: list[Content] = [to_sentence(chance)]
     lines += [f"{sizes}{' (± 95 %)' if finding.sized else ''}."] if sizes else []
     if finding.open:
-        lines.append(f"{finding.open[0].upper()}{finding.open[1:]}. Try {finding.experiment}.")
+        lines.append(f"{to_sentence(finding.open)} Try {finding.experiment}.")
     cause = CAUSES.get(finding.cause)
     if believed:
         lines.append(f"What to do about it: {COMPENSATION if cause is None else cause.compensation}.")
@@ -114,7 +114,7 @@ def show_finding(
         lines.append(f"Simulated from the same torque, the angle is off by {share} times what it was without it.")
     said = finding.sentence.removeprefix(f"{finding.joint or 'rig'}: {finding.cause}, ")
     parts: list[object] = [heading(f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}")]
-    parts += [paragraph(f"{said[:1].upper()}{said[1:]}."), bullets(lines)]
+    parts += [paragraph(to_sentence(said)), bullets(lines)]
     parts += [tables.rivals(finding)] if finding.rivals else []
     for known in likest if likest and len(likest[0].causes) > 1 else ():
         where = known.joint or "the rig"

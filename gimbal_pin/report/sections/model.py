@@ -27,6 +27,7 @@ from gimbal_pin.report.format import (
     list_shown_joints,
     listed,
     rows_named,
+    to_sentence,
     torque_text,
     torque_unit,
 )
@@ -145,7 +146,7 @@ def describe_estimate(found: Identified, every: Sequence[KnownParameter]) -> str
     text = f"{method}{doubt}; condition number {condition} (columns of unit size)."
     text += "" if found.estimate.std.all() else f" {DASH}: not estimated here, but taken as it was known."
     if found.bias is not None and not found.is_of_two_rigs:
-        text = f"{text} {found.bias.sentence[0].upper()}{found.bias.sentence[1:]}."
+        text = f"{text} {to_sentence(found.bias.sentence)}"
     if found.physical:
         return f"{text} Bodies exist that have these parameters."
     change = torque_text(max(found.torque_change.values()), force=forces(list_shown_joints(found.model.rig)))
