@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from math import exp
 from operator import lt
 from typing import NamedTuple
@@ -66,22 +66,19 @@ class Spectrum:
             raise LogError(name, f"holds {len(imu.gyro) * dt:.3g} s of the platform", f"give {2 / RESOLUTION:g} s")
         f, rate = welch(imu.gyro, 1 / dt, nperseg=width, axis=0, detrend=False)
         _, force = welch(imu.accel, 1 / dt, nperseg=width, axis=0, detrend=False)
-        return Spectrum.of_powers(f, rate.mean(axis=1), force.mean(axis=1))
+        return Spectrum.of_powers(f, np.stack([rate.mean(axis=1), force.mean(axis=1)]))
 
     @staticmethod
-    def of_powers(f: Array, rate: Array, force: Array) -> Spectrum:
-        """Take the sensors' noise off measured power densities, and leave room for surprise."""
-        parted = [without_noise(f, smeared(f, power)) for power in (rate, force)]
-        (rate, rate_noise), (force, force_noise) = parted
-        surprise = SURPRISE * assumed(f)
-        rate = rate + rate.sum() * f[1] * surprise
-        force = force + force[MEAN:].sum() * f[1] * surprise
-        return Spectrum(f, rate, force, rate_noise, force_noise)
+    def of_powers(f: Array, powers: Array) -> Spectrum:
+        """Take the sensors' noise off measured power densities of rate and force, (2, K); leave room for surprise."""
+        parts, noise = without_noise(f, smeared(f, powers))
+        total = np.array([parts[0].sum(), parts[1, MEAN:].sum()]) * f[1]
+        rate, force = parts + SURPRISE * total[:, None] * assumed(f)
+        return Spectrum(f, rate, force, *noise.tolist())
 
     def until(self, top: float) -> Spectrum:
         """Return it up to another highest frequency, Hz: no motion above what was seen, but the sensor's noise."""
-        step = float(self.f[1] - self.f[0])
-        f = step * np.arange(round(top / step) + 1)
+        f = np.linspace(0.0, top, round(top / float(self.f[1])) + 1)
         rate, force = (np.interp(f, self.f, power, right=0.0) for power in (self.rate, self.force))
         return Spectrum(f, rate, force, self.rate_noise, self.force_noise)
 
@@ -92,19 +89,19 @@ def assumed(f: Array) -> Array:
     return np.asarray(shape / (shape.sum() * f[1]))
 
 
-def smeared(f: Array, power: Array) -> Array:
-    """Mean of a spectrum over `SMEARED` of each frequency to both sides."""
-    total = np.concatenate([[0.0], np.cumsum(power)])
-    low = np.searchsorted(f, f * (1 - SMEARED), side="left")
-    high = np.searchsorted(f, f * (1 + SMEARED), side="right")
-    return np.asarray((total[high] - total[low]) / (high - low))
+def smeared(f: Array, powers: Array) -> Array:
+    """Mean of spectra, (…, K), over `SMEARED` of each frequency to both sides."""
+    total = np.insert(np.cumsum(powers, axis=-1), 0, 0.0, axis=-1)
+    low, high = np.searchsorted(f, f * (1 - SMEARED), side="left"), np.searchsorted(f, f * (1 + SMEARED), side="right")
+    return np.asarray((total.take(high, axis=-1) - total.take(low, axis=-1)) / (high - low))
 
 
-def without_noise(f: Array, power: Array) -> tuple[Array, float]:
-    """Take the sensor's noise, which is white, off a spectrum; return both."""
+def without_noise(f: Array, powers: Array) -> tuple[Array, Array]:
+    """Take the sensors' noise, which is white, off spectra, (…, K); return both."""
     quiet = (f > QUIET[0] * f[-1]) & (f < QUIET[1] * f[-1])
-    noise = max(float(np.median(power[quiet])), 1e-12 * float(power.max(initial=0.0)), 1e-30)
-    return np.maximum(power - noise, 0.0), noise
+    least = np.maximum(1e-12 * powers.max(axis=-1, initial=0.0), 1e-30)
+    noise = np.maximum(np.median(powers[..., quiet], axis=-1), least)
+    return np.maximum(powers - noise[..., None], 0.0), noise
 
 
 TAPS = 128
@@ -135,7 +132,7 @@ class Past(NamedTuple):
 
     Attributes:
         taps: Last samples of the platform's IMU, rate and force, newest first, (TAPS, 6).
-        weights: The filters in use, one per lead, see `Forecast.solved`.
+        weights: The filters in use, one per lead, see `Forecast.weights`.
         found: Motion at every lead, rate, angular acceleration and force, (9,) each.
         due: What was foreseen and what was held for the last lead, dw and f, oldest first, (2, 6) each.
         smooth: The errors of both behind a low-pass of the loop's crossover, (2, 6).
@@ -145,6 +142,8 @@ class Past(NamedTuple):
         samples: Samples so far.
         blocks: Blocks of samples that the next spectrum is measured in.
         power: Mean power densities in flight, rate and force, (2, K), and of how many spectra; None: no flight yet.
+        spectrum: What they show, while its filters are worked out; None: nothing is.
+        rows: As many rows of its filters as are ready.
         events: What happened, in sentences.
     """
 
@@ -159,6 +158,8 @@ class Past(NamedTuple):
     samples: int = 0
     blocks: tuple[Array, ...] = ()
     power: tuple[Array, int] | None = None
+    spectrum: Spectrum | None = None
+    rows: tuple[Array, ...] = ()
     events: tuple[str, ...] = ()
 
 
@@ -201,22 +202,23 @@ class Forecast:
 
     @cached_property
     def weights(self) -> tuple[Array, ...]:
-        """The filters before the flight, one per lead."""
-        return self.solved(self.spectrum)
+        """The filters before the flight, one per lead: rate, angular acceleration, and force, (3, TAPS) each."""
+        known = self.spectrum.until(0.5 / self.dt)
+        return self.filters([self.row(known, i) for i in range(3 * len(self.leads))])
 
-    def solved(self, spectrum: Spectrum) -> tuple[Array, ...]:
-        """Per lead, what gives rate, angular acceleration and, in the last row, the force, (3, TAPS)."""
-        known = spectrum.until(0.5 / self.dt)
-        rows = [(passing(gains, known.f), self.dt, lead) for gains, lead in zip(self.gains, self.leads)]
-        return tuple(
-            np.vstack(
-                [
-                    solved(known.f, known.rate, known.rate_noise, *row, (0, 1)),
-                    solved(known.f, known.force, known.force_noise, *row, (0,)),
-                ]
-            )
-            for row in rows
-        )
+    def filters(self, rows: Sequence[Array]) -> tuple[Array, ...]:
+        """Rows of all filters, lead by lead."""
+        return tuple(np.reshape(rows, (-1, 3, TAPS)))
+
+    def row(self, known: Spectrum, i: int) -> Array:
+        """Row i of the filters for a spectrum up to half the sampling rate, (TAPS,)."""
+        lead, which = divmod(i, 3)
+        power, noise = (known.force, known.force_noise) if which == 2 else (known.rate, known.rate_noise)
+        weight, s = passing(self.gains[lead], known.f), 2j * np.pi * known.f
+        column = waves(weight * (power + noise))
+        column[0] *= 1 + 1e-9
+        ahead = np.exp(s * self.leads[lead]) * (s if which == 1 else 1.0)
+        return np.asarray(solve_toeplitz(column, waves(weight * power * ahead), check_finite=False))
 
     def held(self, taps: Array) -> Array:
         """What was measured last, half a sample ago: rate, angular acceleration, force, (9,)."""
@@ -240,9 +242,6 @@ class Forecast:
 
     def start(self, w: Array, f: Array) -> Past:
         """Memory for a platform that has always moved as in the first sample."""
-        if self.foresees and self.learns:  # these tables take longer than a sample lasts: not in flight
-            for lead in (0.0, *self.leads):
-                waves(len(self.flown), float(self.flown[1]), self.dt, lead)
         taps = np.tile(np.concatenate([w, f]), (TAPS, 1))
         none, weights = self.held(taps), self.weights if self.foresees else ()
         due = (np.stack([none[3:], none[3:]]),) * self.due
@@ -264,21 +263,11 @@ class Forecast:
                 "the forecast errs less than none again" if used else "the forecast errs more than none: none is used"
             )
             events = (*events, f"{t:.3f} s: {said}")[:MOST]
-        after = Past(
-            taps,
-            past.weights,
-            found,
-            due,
-            smooth,
-            scores,
-            trust,
-            used,
-            past.samples + 1,
-            past.blocks,
-            past.power,
-            events,
-        )
-        return self.learned(after) if self.learns and after.samples % TAPS == 0 else after
+        after = past._replace(
+            taps=taps, found=found, due=due, smooth=smooth, scores=scores, trust=trust, used=used, events=events,
+            samples=past.samples + 1,
+        )  # fmt: skip
+        return self.learned(after) if self.learns else after
 
     def compared(self, past: Past, none: Array, far: Array) -> tuple[tuple[Array, ...], Array, Array, float]:
         """Judge what comes due; return what is to come, slow errors, mean squares, and trust."""
@@ -293,21 +282,31 @@ class Forecast:
         return (*past.due[1:], np.array([far, none])), smooth, scores, trust
 
     def learned(self, past: Past) -> Past:
-        """Memory after a block of samples: a spectrum every `EVERY` of them, its filters one block later."""
-        blocks, number = (*past.blocks, past.taps[::-1])[-BLOCKS:], past.samples // TAPS
-        if number >= BLOCKS and number % EVERY == 0:
-            before, seen = (0.0, 0) if past.power is None else past.power
-            power = before + (powers(np.concatenate(blocks), self.dt) - before) / min(seen + 1, SPECTRA)
-            return past._replace(blocks=blocks, power=(power, seen + 1))
-        if past.power is not None and number % EVERY == 1:
-            return past._replace(blocks=blocks, weights=self.solved(self.known(past)))
-        return past._replace(blocks=blocks)
+        """Memory after a sample: a spectrum every `EVERY` blocks, and its filters, a row a sample, in force together.
+
+        All at one sample would take longer than a sample lasts.
+        """
+        if past.spectrum is not None:
+            rows = (*past.rows, self.row(past.spectrum, len(past.rows)))
+            if len(rows) < 3 * len(self.leads):
+                return past._replace(rows=rows)
+            return past._replace(weights=self.filters(rows), spectrum=None, rows=())
+        number, sample = divmod(past.samples, TAPS)
+        if sample == 0:
+            past = past._replace(blocks=(*past.blocks, past.taps[::-1])[-BLOCKS:])
+        if number < BLOCKS or number % EVERY or sample > 1:
+            return past
+        if sample == 1:
+            return past._replace(spectrum=self.known(past))
+        before, seen = (0.0, 0) if past.power is None else past.power
+        power = before + (measure_powers(np.concatenate(past.blocks), self.dt) - before) / min(seen + 1, SPECTRA)
+        return past._replace(power=(power, seen + 1))
 
     def known(self, past: Past) -> Spectrum:
         """The spectrum that the flight has shown, or that from before it."""
         if past.power is None:
             return self.spectrum
-        return Spectrum.of_powers(self.flown, *past.power[0])
+        return Spectrum.of_powers(self.flown, past.power[0])
 
     @cached_property
     def flown(self) -> Array:
@@ -321,17 +320,12 @@ def filtered(weights: Array, taps: Array) -> Array:
     return np.concatenate([rows[0, :3], rows[1, :3], rows[2, 3:]])
 
 
-def powers(samples: Array, dt: float) -> Array:
+def measure_powers(samples: Array, dt: float) -> Array:
     """One-sided power densities of rate and force, mean of their axes, behind Hann's window, (2, K)."""
-    window = hann(len(samples))
-    parts = np.abs(np.fft.rfft(samples * window[:, None], axis=0)) ** 2 * (2 * dt / np.sum(window**2))
-    return np.stack([parts[:, :3].mean(axis=1), parts[:, 3:].mean(axis=1)])
-
-
-@lru_cache(maxsize=1)
-def hann(samples: int) -> Array:
-    """Hann's window, periodic."""
-    return np.asarray(np.sin(np.pi * np.arange(samples) / samples) ** 2)
+    window = np.sin(np.pi * np.arange(len(samples)) / len(samples)) ** 2
+    found = np.fft.rfft(samples.T * window)
+    parts = (found.real**2 + found.imag**2) * (2 * dt / np.sum(window**2))
+    return np.asarray(parts.reshape(2, 3, -1).mean(axis=1))
 
 
 def passing(gains: Pid, f: Array) -> Array:
@@ -341,20 +335,9 @@ def passing(gains: Pid, f: Array) -> Array:
     return np.asarray(power / power.max() + FLOOR)
 
 
-def solved(
-    f: Array, power: Array, noise: float, weight: Array, dt: float, lead: float, derivatives: Sequence[int]
-) -> Array:
-    """Filters, (len(derivatives), TAPS), that give derivatives (0 or 1) of a signal `lead` s ahead."""
-    signal, omega = weight * power, 2 * np.pi * f
-    column = waves(len(f), float(f[1]), dt, 0.0)[0] @ (signal + weight * noise)
-    column[0] *= 1 + 1e-9
-    cosines, sines = waves(len(f), float(f[1]), dt, lead)
-    right = {0: lambda: cosines @ signal, 1: lambda: -sines @ (signal * omega)}
-    return np.asarray(solve_toeplitz(column, np.stack([right[k]() for k in derivatives], axis=1)).T)
-
-
-@lru_cache(maxsize=16)
-def waves(count: int, step: float, dt: float, lead: float) -> tuple[Array, Array]:
-    """Cosines and sines of every tap's age plus a lead, at frequencies ``step·k``, (TAPS, count) each."""
-    angles = np.outer(dt * np.arange(TAPS) + lead, 2 * np.pi * step * np.arange(count))
-    return np.cos(angles), np.sin(angles)
+def waves(amplitudes: Array) -> Array:
+    """``Σ Re(a_k exp(2πi k n / N))`` of N/2 + 1 amplitudes, for every tap n, (TAPS,)."""
+    halved = amplitudes.copy()
+    halved[1:-1] /= 2
+    size = 2 * (len(amplitudes) - 1)
+    return np.asarray(size * np.fft.irfft(halved, size)[:TAPS])

@@ -226,6 +226,19 @@ def test_a_forecast_is_used_while_it_errs_less_than_none() -> None:
     assert memory[100].trust == 0.0 and "none is used" in memory[-1].events[-1]
 
 
+def test_filters_learned_in_flight_are_those_of_what_was_seen() -> None:
+    """Those of the spectrum at once, some samples later, and all of them together."""
+    rng, forecast = np.random.default_rng(6), Forecast(spectrum(), (PID, PID), DT, (0.0015, 0.004))
+    w, f = 0.1 * rng.standard_normal((3100, 3)).cumsum(axis=0), 9.81 + rng.standard_normal((3100, 3))
+    memory = flown(forecast, w, f)
+    changed = [k for k in range(1, 3100) if memory[k].weights is not memory[k - 1].weights]
+    assert len(changed) == 2 and all(memory[k].weights is memory[k - 1].weights for k in (2048, 3072))
+    for k in changed:
+        seen = Forecast(forecast.known(memory[k]), forecast.gains, DT, forecast.leads)
+        for found, wanted in zip(memory[k].weights, seen.weights):
+            np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-6 * np.abs(wanted).max())
+
+
 def test_none_has_one_gain_and_one_phase() -> None:
     """A line of any frequency as it was half a sample ago, of rate, acceleration and force: nothing is amplified."""
     forecast = Forecast(spectrum(), (PID,), DT, (0.0,))
