@@ -20,6 +20,7 @@ from gimbal_pin.pointing.bench import learn_recipe
 from gimbal_pin.pointing.forecast import Spectrum
 from gimbal_pin.pointing.level import Level, leveled
 from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Measurement, Station
+from gimbal_pin.pointing.navigator import Known
 from gimbal_pin.pointing.pointer import Held
 from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.sight import Sight, unable
@@ -126,7 +127,16 @@ class Controller:
         camera = base @ self.pointer.navigator.sight.attitude(q)
         begun, upright = self.pointer.start(measurement, camera, base), Level(self.dt).start(sure=platform is not None)
         self.memory = begun._replace(known=begun.known._replace(upright=upright))
-        return self.hold(camera) if self.keeps else self.memory
+        if self.keeps:
+            return self.hold()
+        if why := self.obstacle(begun.known, base):
+            self.memory = self.hold()._replace(noted=(f"{measurement.t:.3f} s: held where it looks: {why}",))
+        return self.memory
+
+    def obstacle(self, known: Known, base: Array) -> str | None:
+        """Return what keeps the camera from getting where it turns to, or None."""
+        sight = self.pointer.navigator.sight
+        return sight.obstacle(known.turns[-1].goal, base, known.wanted) if known.turns else None
 
     def attitude(self) -> Array:
         """Return where the camera looks by the controller's own estimate: its attitude in the world, (3, 3).
@@ -140,13 +150,18 @@ class Controller:
     def hold(self, wanted: Array | None = None) -> Held:
         """Turn the camera to an attitude in the world, (3, 3), and keep it; None: where it looks now.
 
+        A turn that is on comes to rest first.
+
         Raises:
-            UsageError: There was no measurement yet, or it is no rotation matrix.
+            UsageError: There was no measurement yet, it is no rotation matrix, or the joints' limits are before it.
         """
         memory, camera, navigator = self.begun(), self.attitude(), self.pointer.navigator
         goal = camera if wanted is None else rotation(wanted, "wanted", UsageError)
         q = memory.watch.good.q
-        known = navigator.aimed(memory.known, q, camera @ navigator.sight.attitude(q).T, goal)
+        base = camera @ navigator.sight.attitude(q).T
+        known = navigator.hold(memory.known, q, base, goal)
+        if wanted is not None and (why := self.obstacle(known, base)):
+            raise UsageError("wanted", why, "name an attitude within the joints' reach")
         self.memory = memory._replace(known=known)
         return self.memory
 

@@ -135,7 +135,7 @@ class Known(NamedTuple):
         v: Joint rates, rad/s, (n,).
         wanted: The attitude that is kept, or turned to, in the world, (3, 3).
         fused: What fusion remembers; None without it.
-        turn: The way to that attitude; None: it is kept.
+        turns: The ways to that attitude, one after the other; none: it is kept.
         upright: What levelling remembers; None without it.
     """
 
@@ -146,7 +146,7 @@ class Known(NamedTuple):
     v: Array
     wanted: Array
     fused: Fused | None = None
-    turn: Turn | None = None
+    turns: tuple[Turn, ...] = ()
     upright: Upright | None = None
 
     @property
@@ -206,21 +206,28 @@ class Navigator:
         fused = None if self.fusion is None else begun(base, self.sight.between(seen.q), seen)
         past = self.forecast.start(seen.w, seen.f)
         upright = None if self.level is None else self.level.start(sure=True)
-        known = Known(camera, seen.gyro, past, seen.t, np.zeros(len(seen.q)), self.wanted, fused, None, upright)
-        return self.aimed(known, seen.q, base, self.wanted)
+        known = Known(camera, seen.gyro, past, seen.t, np.zeros(len(seen.q)), self.wanted, fused, (), upright)
+        return self.hold(known, seen.q, base, self.wanted)
 
     def camera(self, known: Known, q: Array) -> Array:
         """Attitude of the camera in the world at the last sample, whose angles are q, (3, 3)."""
         own = known.R if known.fused is None else known.R.dot(exp3(known.fused.turn))
         return np.asarray(own if known.upright is None else known.upright.turn.dot(own))
 
-    def aimed(self, known: Known, q: Array, base: Array, wanted: Array) -> Known:
-        """Memory with another wanted attitude, turned to from the angles q on a base of that attitude, (3, 3)."""
-        return known._replace(wanted=wanted, turn=self.pace.turn(self.sight, base, q, wanted, known.t))
+    def hold(self, known: Known, q: Array, base: Array, wanted: Array) -> Known:
+        """Memory in which a turn that is on comes to rest, and the camera then turns to a wanted attitude, (3, 3).
+
+        q are the angles at the last sample, rad, (n,), and base the base link's attitude in the world, (3, 3).
+        """
+        turns, t = tuple([turn.stopped(known.t) for turn in known.turns if turn.begun <= known.t < turn.end]), known.t
+        for turn in turns:
+            q, t = self.sight.reached(base, turn.base @ self.sight.attitude(turn.goal), q), turn.end
+        way = self.pace.turn(self.sight, base, q, wanted, t)
+        return known._replace(wanted=wanted, turns=turns if way is None else (*turns, way))
 
     def gaze(self, known: Known, t: float) -> Gaze | None:
         """Where the camera should look at a time while it turns; None while it is kept as wanted."""
-        return None if known.turn is None or t >= known.turn.end else known.turn.gaze(t, self.sight)
+        return next((turn.gaze(t, self.sight) for turn in known.turns if t < turn.end), None)
 
     def fix(self, seen: Measurement, known: Known, doubtful: frozenset[str] = frozenset()) -> tuple[Fix, Known]:
         """Return where the joints are and should be, and the next memory; `doubtful` sensors are not fused.
@@ -239,7 +246,7 @@ class Navigator:
             actual = upright.turn.dot(actual)
         gaze = self.gaze(known, seen.t)
         past = self.forecast.step(known.past, seen.t, seen.w, seen.f)
-        after = Known(R, seen.gyro, past, seen.t, v, known.wanted, fused, gaze and known.turn, upright)
+        after = Known(R, seen.gyro, past, seen.t, v, known.wanted, fused, known.turns if gaze else (), upright)
         error = against.dot(log3((known.wanted if gaze is None else gaze.R).T.dot(actual)))
         ahead = self.ahead(seen, view, after)
         wished = carries + rate if gaze is None else carries + rate - gaze.w

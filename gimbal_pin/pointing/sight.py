@@ -125,6 +125,18 @@ class Sight:
             q = q + step * min(1.0, STRIDE / max(float(np.abs(step).max()), 1e-12))
         return q
 
+    def obstacle(self, q: Array, base: Array, wanted: Array) -> str | None:
+        """Return what keeps the camera from looking as wanted, (3, 3), at the angles that `reached` found, or None."""
+        view, camera = self.view(q), self.rig.camera_frame
+        if np.abs(self.error(base @ view.R, wanted)).max() > 1e-6:
+            return f"its joints cannot turn {camera} to where it should look"
+        if view.steep:
+            return "it is near a singular pose where the camera looks as wanted"
+        for joint, limit, angle in zip(self.rig.joints, self.rig.limits, q.tolist()):
+            if not limit.lower <= angle <= limit.upper:
+                return f"{joint} reaches its limit before the camera looks as wanted"
+        return None
+
     @cached_property
     def centre(self) -> Array:
         """The point in the base link that is nearest to all axes at home, m, (3,): where they meet, if they do."""
@@ -191,16 +203,7 @@ def unable(rig: Rig, wanted: Array) -> str | None:
     if not np.isfinite(rig.tau_max).all():
         return "its torque limits are not stated"
     sight = Sight(rig)
-    q = sight.reached(np.eye(3), wanted, sight.home)
-    view = sight.view(q)
-    if np.abs(sight.error(view.R, wanted)).max() > 1e-6:
-        return f"its joints cannot turn {rig.camera_frame} to where it should look"
-    if view.steep:
-        return "it is near a singular pose where the camera looks as wanted"
-    for joint, limit, angle in zip(rig.joints, rig.limits, q.tolist()):
-        if not limit.lower <= angle <= limit.upper:
-            return f"{joint} reaches its limit before the camera looks as wanted"
-    return None
+    return sight.obstacle(sight.reached(np.eye(3), wanted, sight.home), np.eye(3), wanted)
 
 
 AXES = ("x, its line of sight", "y", "z")

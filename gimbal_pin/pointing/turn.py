@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import NamedTuple
 
@@ -71,6 +71,12 @@ class Turn:
         way = self.rate * (self.ramp * x**3 * (1 - x / 2) + max(near - self.ramp, 0.0))
         speed, swing = self.rate * x**2 * (3 - 2 * x), self.rate / self.ramp * 6 * x * (1 - x)
         return (way - 1, speed, swing) if since < left else (-way, speed, -swing)
+
+    def stopped(self, t: float) -> Turn:
+        """Return the way that comes to rest from a time on, as it would at its end."""
+        x = min(max(t - self.begun, 0.0) / self.ramp, (self.end - t) / self.ramp, 1.0)
+        left = self.progress(t)[0] + self.rate * self.ramp * x**3 * (1 - x / 2)
+        return replace(self, goal=self.goal + left * self.way, begun=self.begun + t + self.ramp * x - self.end)
 
     def gaze(self, t: float, sight: Sight) -> Gaze:
         """Return where the camera should look at a time."""

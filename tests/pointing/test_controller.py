@@ -260,6 +260,37 @@ def test_the_camera_is_held_where_it_looks() -> None:
         controller.hold(np.ones((3, 3)))
 
 
+@pytest.mark.parametrize("seconds", [0.05, 0.12, 0.3, 0.5])
+@pytest.mark.parametrize("other", [None, attitude(-0.3, 0.1)])
+def test_in_the_midst_of_a_fast_turn_the_camera_comes_to_rest(seconds: float, other: Array | None) -> None:
+    """Within rates and torques; then it turns to where it shall look, and is there for good."""
+    controller, rig, sight = exact("thesis"), bundled("thesis"), Sight(bundled("thesis"))
+    bench = Bench(controller, controller.recipe.looking + np.array([1.2, -0.4, 0.4]), 4.0)
+    before = bench.run(seconds)[1][-1]
+    goal = controller.attitude() if other is None else other
+    controller.hold(other)
+    _, rates, torques = bench.run(2.5)
+    assert np.degrees(np.abs(sight.error(sight.attitude(bench.state.q), goal))).max() < 0.02
+    assert (np.abs(torques) < rig.tau_max).all() and (np.abs(rates) < [x.velocity for x in rig.limits]).all()
+    along = rates @ before / (before @ before)
+    at_rest = int(np.argmax(along < 0.02))
+    assert 0 < at_rest * DT < 0.5 and along[:at_rest].max() < 1.2
+
+
+def test_an_attitude_out_of_reach_is_refused_and_at_the_start_said() -> None:
+    """On a base that leans so far that the wanted attitude is beyond a limit; what is held stays as it is."""
+    controller, rig = made(), bundled("thesis")
+    far, still = max(x.upper for x in rig.limits[-1:]) + 0.2, measured(0.001)[0]
+    controller.start(still)
+    before = controller.memory
+    with pytest.raises(UsageError, match="wanted"):
+        controller.hold(attitude(0.0, far))
+    assert controller.memory is before
+    controller.start(still, WANTED @ attitude(0.0, -far))
+    assert "held where it looks" in controller.events[0]
+    np.testing.assert_allclose(controller.attitude(), controller.memory.known.wanted)  # type: ignore[union-attr]
+
+
 def test_a_camera_may_look_along_any_axis(tmp_path: Path) -> None:
     """The same rig whose camera looks backwards is held with the same torques."""
     torques = []

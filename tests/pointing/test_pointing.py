@@ -334,7 +334,7 @@ def test_the_aim_is_the_plain_formula(name: str) -> None:
     seen = Measurement(0.0, q, gyro, w, rng.standard_normal(3), np.zeros(0))
     camera = pin.exp3(rng.standard_normal(3) / 4) @ WANTED
     known = navigator.start(seen, camera, np.eye(3))
-    fix, _ = navigator.fix(seen, known._replace(turn=None))
+    fix, _ = navigator.fix(seen, known._replace(turns=()))
     view, rows = navigator.sight.view(q), navigator.sight.rows
     inverse = np.linalg.inv(view.J)
     v = inverse @ (gyro - view.R.T @ w)[rows]
