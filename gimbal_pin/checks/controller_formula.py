@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.checks.series import Indices
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea, name_columns
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, classify_base_motion
+from gimbal_pin.regression import Filtering, Indices, classify_base_motion
 from gimbal_pin.rig.rig import Rig
 
 LEFT, WORSE = 0.01, 2.0

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from math import log2, pi
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
@@ -15,9 +13,6 @@ from gimbal_pin.regression import Flags
 JOINT_CHANNELS = ("q", "v", "tau")
 """The measured channels of the joints, by their names in `Log`."""
 WORDS = {"q": "angle", "v": "rate", "tau": "torque"}
-
-
-Indices = NDArray[np.integer[Any]]
 
 
 def get_channels(log: Log) -> dict[str, Array]:

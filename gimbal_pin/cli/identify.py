@@ -108,7 +108,7 @@ def identify(
         estimate = partial(read_cameras(rig, payload, logs, map, known, extended), estimator=chosen, filtering=filters)
         several = estimate(holdout=holdout or "last-third" if refit else holdout)
         several = replace(several.refitted(estimate(holdout="none")) if refit else several, mass=mass)
-        write(several.first, output, urdf, several.identified)
+        write_models(several.first, output, urdf, several.identified)
         return present(join_text([show_cameras(several)]), several.to_dict(), json)
     if follow:
         if len(logs) != 1:
@@ -128,7 +128,7 @@ def identify(
         if refit:
             kept = tuple(term.effect for term in found.model.terms if term.effect in causes)
             found = keep_held_out_accuracy(found, fit(kept, holdout="none"))
-    write(found, output, urdf)
+    write_models(found, output, urdf)
     about = compare_payload(found, mass)
     result = report_with_payload(found, about)
     if as_lines:
@@ -136,7 +136,7 @@ def identify(
     present(join_text([show_parameters(found, about), show_torque(found)]), result, json)
 
 
-def write(
+def write_models(
     found: Identified, output: Path | None, urdf: Path | None, each: Mapping[str, Identified] | None = None
 ) -> None:
     """Write the model, of every payload where there are several, and the URDF, each if it is asked for."""

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import chdtri, fdtri
 
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Block, compute_residuals
+from gimbal_pin.regression import Block, Indices, compute_residuals
 from gimbal_pin.rig.brief import brief
 
 SWAP_WINDOWS = (4, 8, 16)
@@ -36,9 +35,6 @@ SILENT = 1e-9
 """No torque is known better than this, N m."""
 ADDED_WHITE_NOISE = 0.01
 """White noise that is added to the noise's autocovariance, in shares of its power."""
-
-
-Indices = NDArray[np.integer[Any]]
 
 
 class Score(NamedTuple):

@@ -3,6 +3,7 @@
 log → uniform grid → smoothed q, v, a, tau → decimated → columns → low-pass → one row every half period of the cutoff
 """
 
+from gimbal_pin.effects.signal import Flags as Flags
 from gimbal_pin.regression.consistency import BARRIER_WEIGHTS as BARRIER_WEIGHTS
 from gimbal_pin.regression.consistency import LEANT_WEIGHTS as LEANT_WEIGHTS
 from gimbal_pin.regression.consistency import PSEUDO_INERTIA_BASIS as PSEUDO_INERTIA_BASIS
@@ -52,6 +53,7 @@ from gimbal_pin.regression.instrumental import fit_instrumental as fit_instrumen
 from gimbal_pin.regression.instrumental import fit_repeated as fit_repeated
 from gimbal_pin.regression.instrumental import solve_moments as solve_moments
 from gimbal_pin.regression.missing_samples import Filled as Filled
+from gimbal_pin.regression.missing_samples import Indices as Indices
 from gimbal_pin.regression.missing_samples import fill_gaps as fill_gaps
 from gimbal_pin.regression.missing_samples import holes as holes
 from gimbal_pin.regression.missing_samples import inside as inside
@@ -73,7 +75,6 @@ from gimbal_pin.regression.recursive import TRUSTED as TRUSTED
 from gimbal_pin.regression.recursive import PastRows as PastRows
 from gimbal_pin.regression.recursive import loosen_prior as loosen_prior
 from gimbal_pin.regression.samples import Filtering as Filtering
-from gimbal_pin.regression.samples import Flags as Flags
 from gimbal_pin.regression.samples import Samples as Samples
 from gimbal_pin.regression.samples import Segment as Segment
 from gimbal_pin.regression.samples import UnfilteredTorque as UnfilteredTorque

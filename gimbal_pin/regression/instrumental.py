@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
+from gimbal_pin.effects.signal import Flags
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.covariance import compute_coloured_covariance
 from gimbal_pin.regression.design import Block
-from gimbal_pin.regression.samples import Flags
 from gimbal_pin.regression.solve import (
     RANK,
     Estimate,

@@ -9,9 +9,9 @@ from functools import partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from gimbal_pin.effects.signal import Flags
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
@@ -153,9 +153,6 @@ def split_segments(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Seg
             count = int(span / dt * (1 + 1e-9)) + 1
             # The grid's own interval makes it end on the last sample: an interval rounded from jitter would drift.
             yield Segment(log, slice(first, last), float(log.t[first]), float(span / (count - 1)), count, closed)
-
-
-Flags = NDArray[np.bool_]
 
 
 class Samples(NamedTuple):

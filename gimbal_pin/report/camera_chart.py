@@ -25,7 +25,7 @@ def draw_camera_chart(found: Verified) -> plots.Figure:
     draw_line_of_sight(panels[0, 0], runs)
     draw_spectra(panels[0, 1], runs)
     draw_torques(figure.add_subplot(grid[1, :]), runs)
-    plots.named(panels[0, 0], [(controller_name(run.controller), COLOURS[run.controller]) for run in runs])
+    plots.put_legend(panels[0, 0], [(controller_name(run.controller), COLOURS[run.controller]) for run in runs])
     plots.plain_powers(figure)
     return figure
 

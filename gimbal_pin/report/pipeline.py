@@ -196,7 +196,7 @@ def auto(
     tracking = track(plant or model, laws, rng=generator, delay=late)
     judged = judge_controllers(model, laws, rng=generator, plants=plants, delay=asked.delay)
     animated = simulate(model, law, tour(model, law.dt), rng=generator, name="all axes to and fro", delay=late)
-    held, why = (None, BARRED) if first.doubts else carried(rig, logs[0], model, law, plant, asked.holding_samples)
+    held, why = (None, BARRED) if first.doubts else hold_camera(rig, logs[0], model, law, plant, asked.holding_samples)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
     files = paths(rig, Path(folder), wrong, held)
     causes = refittable_effects(model) if extended else ()
@@ -209,7 +209,7 @@ def auto(
     if camera is not None:
         head = replace(head, doubts=(*(to_sentence(said) for said in identified.faults), *head.doubts))
     found = Auto(*steps, files, stood, head, payload, held, why, undiagnosed, beside=beside, camera=camera, seed=seed)
-    return replace(found, notes=write(rig, logs, found, Path(folder), run or {}))
+    return replace(found, notes=write_results(rig, logs, found, Path(folder), run or {}))
 
 
 def finds_more(wrong: Diagnosis, known: Model | None) -> bool:
@@ -234,7 +234,7 @@ def examined(
     return planned(found, rng=rng), ""
 
 
-def carried(
+def hold_camera(
     rig: Rig, log: Log, model: Model, law: TunedLaw, plant: Model | None, late: int
 ) -> tuple[Verified | None, str]:
     """Hold the camera on profile S, briefly; return what came of it, or why it cannot be.
@@ -250,14 +250,16 @@ def carried(
 
 
 def paths(rig: Rig, folder: Path, wrong: Diagnosis | None, held: Verified | None) -> Mapping[str, Path]:
-    """Return what `write` leaves in a folder, and where."""
+    """Return what `write_results` leaves in a folder, and where."""
     found = {} if wrong is None or wrong.held is None else list_writers(wrong)
     kept = {name: name in found for name in ("extended model", "next experiment")} | {"camera": held is not None}
     names = {"urdf": f"{rig.name}.urdf", **FILES}
     return {what: folder / name for what, name in names.items() if kept.get(what, True)}
 
 
-def write(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping[str, object]) -> tuple[str, ...]:
+def write_results(
+    rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping[str, object]
+) -> tuple[str, ...]:
     """Write every file; return the notes of `write_run`."""
     identified, wrong = found.identified, found.diagnosis
     animation = view.record(rig, found.animated)

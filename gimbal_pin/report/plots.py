@@ -227,7 +227,7 @@ def zero_line(axes: Axes) -> None:
     axes.axhline(0.0, color=MUTED, lw=0.7, zorder=1)
 
 
-def named(axes: Axes, entries: Sequence[tuple[str, str]], dashed: Sequence[str] = ()) -> None:
+def put_legend(axes: Axes, entries: Sequence[tuple[str, str]], dashed: Sequence[str] = ()) -> None:
     """Put a legend of names and colours above the axes, in one line; unlike Matplotlib's own it shows any name."""
     from matplotlib.lines import Line2D
 

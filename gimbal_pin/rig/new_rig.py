@@ -65,7 +65,7 @@ limits:
 
 def propose_config(rig: Rig, folder: Path) -> str:
     """Return a YAML for a rig, to stand in a folder: what the rig's own files state, and what may be added."""
-    links = urdf.list_names(element := urdf.parse_robot(rig.urdf, str(rig.path)), "link")
+    links = urdf.list_element_names(element := urdf.parse_robot(rig.urdf, str(rig.path)), "link")
     camera, axis, why = _find_camera(rig, links, urdf.find_sensor_links(element, "camera"))
     tagged = urdf.find_sensor_links(element, "imu")
     imus = tuple(dict.fromkeys((*rig.config.imus, *tagged, *_select_by_words(links, _IMU_WORDS))))

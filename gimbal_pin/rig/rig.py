@@ -204,7 +204,7 @@ def build_rig(
     model = to_pinocchio(text, str(path))
     sound, notes = mend_inertias(text, model, str(path), mend)
     element = urdf.parse_robot(sound, str(path))
-    joints, links = tuple(model.names[1:]), urdf.list_names(element, "link")
+    joints, links = tuple(model.names[1:]), urdf.list_element_names(element, "link")
     for key in (*config.motors, *config.limits):
         if key not in joints and key not in config.fixed:
             raise RigError(stated, f"speaks of joint '{key}', which the rig has not", f"joints: {', '.join(joints)}")

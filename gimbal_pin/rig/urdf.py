@@ -18,7 +18,7 @@ from gimbal_pin.rig.urdf_checks import (
     check_numbers,
     check_references,
     find_repeated,
-    list_names,
+    list_element_names,
     read_inertia,
 )
 
@@ -66,7 +66,7 @@ def parse_checked(text: str, place: str, fixed: Collection[str] = ()) -> etree._
         RigError: The first thing that is not, with the line of the file where it has one.
     """
     robot = parse_robot(text, place)
-    if robot.xpath("joint/parent[@link='world']") and "world" not in list_names(robot, "link"):
+    if robot.xpath("joint/parent[@link='world']") and "world" not in list_element_names(robot, "link"):
         robot.insert(0, etree.Element("link", name="world"))  # simulators know it without being told
     check_names(robot, place, fixed)
     check_references(robot, place)
@@ -86,13 +86,13 @@ def mount(rig: etree._Element, payload: etree._Element, at: str, place: str) -> 
     Raises:
         RigError: The rig has no such link, or both carry a link or joint of the same name.
     """
-    if at not in list_names(rig, "link"):
+    if at not in list_element_names(rig, "link"):
         raise RigError(place, f"has no link '{at}' to mount the payload on", "name it with 'mount:' in the rig's YAML")
     for tag in ("link", "joint"):
-        if twice := set(list_names(rig, tag)) & set(list_names(payload, tag)):
+        if twice := set(list_element_names(rig, tag)) & set(list_element_names(payload, tag)):
             raise RigError(place, f"rig and payload both have a {tag} '{min(twice)}'", "rename it in the payload")
     root = find_root_link(payload, place)
-    materials = set(list_names(rig, "material"))
+    materials = set(list_element_names(rig, "material"))
     for element in payload:
         if not (element.tag == "material" and element.get("name") in materials):
             rig.append(element)
@@ -101,7 +101,7 @@ def mount(rig: etree._Element, payload: etree._Element, at: str, place: str) -> 
 
 def find_root_link(robot: etree._Element, place: str) -> str:
     """Return the one link that is no joint's child; `RigError` on none or several, or if a loop is anywhere."""
-    links = list_names(robot, "link")
+    links = list_element_names(robot, "link")
     children = [child.get("link", "") for child in robot.iterfind("joint/child")]
     if twice := find_repeated(children):
         raise RigError(place, f"link '{twice[0]}' has two parent joints: the rig is a loop, not a tree", "cut the loop")
@@ -130,7 +130,7 @@ def find_reached_links(robot: etree._Element, root: str) -> set[str]:
 def find_sensor_links(robot: etree._Element, kind: str) -> list[str]:
     """Return the links on which Gazebo's tags (``<gazebo reference="LINK"><sensor type="KIND">``) put a sensor."""
     found = [tag.get("reference", "") for tag in robot.findall("gazebo") if tag.xpath("sensor[@type=$k]", k=kind)]
-    return [link for link in list_names(robot, "link") if link in found]
+    return [link for link in list_element_names(robot, "link") if link in found]
 
 
 def strip_to_skeleton(robot: etree._Element, *more: str) -> str:
@@ -260,7 +260,7 @@ def add_joint(
 
 def add_sensor(out: etree._Element, name: str, kind: str, link: str, at: pin.SE3) -> None:
     """Add a link without mass where a sensor sits, its x forward, and the tag that says so, as Gazebo writes it."""
-    taken = {*list_names(out, "link"), *list_names(out, "joint")}
+    taken = {*list_element_names(out, "link"), *list_element_names(out, "joint")}
     free = next(word for word in (name, f"{link}_{name}", f"{link}_{name}_{kind}") if word not in taken)
     etree.SubElement(out, "link", name=free)
     add_joint(out, f"{free}_on_{link}", "fixed", link, free, at)

@@ -52,7 +52,7 @@ _REQUIRED: Mapping[str, Sequence[str]] = {
 """Required attributes: readers differ in their defaults for a missing one, and some drop the whole tag."""
 
 
-def list_names(robot: etree._Element, tag: str) -> list[str]:
+def list_element_names(robot: etree._Element, tag: str) -> list[str]:
     """Return the names of the robot's links, joints or materials, in the file's order."""
     return [element.get("name", "") for element in robot.findall(tag)]
 
@@ -92,7 +92,7 @@ def find_repeated(names: Iterable[str]) -> list[str]:
 
 def check_references(robot: etree._Element, place: str) -> None:
     """Raise `RigError` if a joint's parent or child is missing or no link."""
-    links = set(list_names(robot, "link"))
+    links = set(list_element_names(robot, "link"))
     for joint in robot.findall("joint"):
         for role in ("parent", "child"):
             element = joint.find(role)

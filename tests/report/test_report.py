@@ -281,7 +281,7 @@ def test_drawing_leaves_matplotlib_as_it_was_and_gives_the_same_picture_again() 
         plots.curve(axes[0, 0], np.arange(5.0), np.array([1.0, 2.0, np.nan, 1.0, 0.5]))
         axes[0, 1].plot([1, 1000], [1, 1000])
         axes[0, 1].set(xscale="log", yscale="log")
-        plots.named(axes[0, 0], [("_hidden $x$", "red"), (EVIL, "blue")])
+        plots.put_legend(axes[0, 0], [("_hidden $x$", "red"), (EVIL, "blue")])
         return figure
 
     before = dict(matplotlib.rcParams)

@@ -120,7 +120,7 @@ def test_every_bundled_combination_is_sound(name: str, payload: str) -> None:
         assert motor.slots and motor.poles and motor.encoder_step > 0
     for body in rig.model.inertias[1:]:
         assert np.linalg.eigvalsh(pseudo_inertia(body)).min() > 0
-    links = urdf.list_names(urdf.parse_robot(rig.urdf, "rig"), "link")
+    links = urdf.list_element_names(urdf.parse_robot(rig.urdf, "rig"), "link")
     assert {rig.camera_frame, rig.base, rig.payload_link, *rig.links, *rig.config.imus} <= set(links)
 
 
@@ -693,7 +693,7 @@ def test_a_link_without_inertial_is_given_one() -> None:
     assert mass == 2.0
     np.testing.assert_array_equal(com, body[1])
     np.testing.assert_array_equal(inertia, body[2])
-    assert urdf.list_names(urdf.parse_robot(text, "x"), "link") == ["base", "arm", "head"]
+    assert urdf.list_element_names(urdf.parse_robot(text, "x"), "link") == ["base", "arm", "head"]
 
 
 @given(st.lists(bodies(), min_size=3, max_size=3))

@@ -77,7 +77,7 @@ def log_columns(log: Log) -> dict[str, Array]:
 
 def list_links(rig: Rig) -> list[str]:
     """Return the names of all links of a rig, which an IMU may be fixed to."""
-    return urdf.list_names(urdf.parse_robot(rig.urdf, str(rig.path)), "link")
+    return urdf.list_element_names(urdf.parse_robot(rig.urdf, str(rig.path)), "link")
 
 
 def find_unrecorded_joints(rig: Rig, tables: Iterable[ColumnTable], mapping: Entries) -> dict[str, float]:

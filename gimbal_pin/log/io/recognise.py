@@ -454,7 +454,7 @@ def assign_columns(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[
                     remark = f"a current{unit}: multiply it by the motor's torque constant, N m per A, too"
             channel.joint = joint
             found[f"{prefix}_{joint}"] = (column, factor, remark)
-    links = urdf.list_names(urdf.parse_robot(rig.urdf, str(rig.path)), "link")
+    links = urdf.list_element_names(urdf.parse_robot(rig.urdf, str(rig.path)), "link")
     for kind, prefix, axes in (("gyro", "gyro", "xyz"), ("accel", "accel", "xyz"), ("quaternion", "quat", "wxyz")):
         sensors = [channel for channel in channels.values() if channel.quantity == kind]
         found |= _assign_imu_columns(sensors, rig.base, links, prefix, axes)

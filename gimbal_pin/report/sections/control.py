@@ -111,6 +111,6 @@ def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
             below.set_ylabel("torque, % of limit" if isfinite(limit) else f"torque, {joint.force}")
         below.set(xlabel="time, s", xlim=(t[0], t[-1]))
         if j == 0:  # one legend for all columns: each has its own colour for the last
-            plots.named(middle, list(zip([*names[:-1], f"in colour: {names[-1]}"], shades)))
+            plots.put_legend(middle, list(zip([*names[:-1], f"in colour: {names[-1]}"], shades)))
     figure.align_ylabels()
     return figure

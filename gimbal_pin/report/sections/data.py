@@ -138,7 +138,7 @@ def draw_overview(rig: Rig, log: Log) -> plots.Figure:
         plots.curve(angle, log.t, joint.scale * log.q[:, j], lw=1.2)
         if log.tau is not None:
             plots.curve(torque, log.t, log.tau[:, j], lw=0.8)
-    plots.named(angle, [(joint.name, joint.colour) for joint in looks])
+    plots.put_legend(angle, [(joint.name, joint.colour) for joint in looks])
     angle.set(ylabel=f"position, {units(looks)}", xlim=(log.t[0], log.t[-1]))
     torque.set(ylabel=f"torque, {forces(looks)}", xlabel="time, s")
     figure.align_ylabels()
@@ -170,7 +170,7 @@ def draw_channels(found: Inspected) -> plots.Figure:
     for row, (stream, kind, several) in zip(axes[:, 0], panels):
         for channel, colour in zip(several, PALETTE):
             plots.curve(row, stream.t - stream.t[0], stream.data[channel.column], color=colour, lw=1.0)
-        plots.named(row, [(channel.column, colour) for channel, colour in zip(several, PALETTE)])
+        plots.put_legend(row, [(channel.column, colour) for channel, colour in zip(several, PALETTE)])
         units = dict.fromkeys(channel.unit for channel in several)
         row.set_ylabel(f"{kind}, {'/'.join(units)}" if any(units) else kind)
     axes[-1, 0].set_xlabel("time, s")

@@ -8,13 +8,13 @@ from math import degrees, isnan
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gimbal_pin.effects import Sample
 from gimbal_pin.errors import NORMAL_95, digits
 from gimbal_pin.identification import Identified, PayloadStatement, Several
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Flags
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.evaluation import Evaluated, EvaluatedPart, KnownParameter, find_tables, known, list_shown
 from gimbal_pin.report.format import (
@@ -33,8 +33,6 @@ from gimbal_pin.report.format import (
 )
 from gimbal_pin.report.html import Element, Section, bullets, folded, heading, list_warnings, paragraph
 from gimbal_pin.report.table import Table
-
-Flags = NDArray[np.bool_]
 
 STILL_JOINT_RATE = 2.0
 """Rate up to which friction is drawn of a joint that does not move, rad/s."""
@@ -325,7 +323,7 @@ def overlays(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> plots.Figur
         for axes in (above, below):
             shade(axes, part.t, part.share[:, j] < JUDGED_SHARE)
         plots.zero_line(below)
-        plots.named(above, [(f"{joint.name}: measured", plots.PLAIN), ("predicted", joint.colour)])
+        plots.put_legend(above, [(f"{joint.name}: measured", plots.PLAIN), ("predicted", joint.colour)])
         above.set(ylabel=f"torque, {joint.force}")
         below.set(ylabel=f"residual,\n{unit}")
     panels[-1].set(xlabel="time, s", xlim=(part.t[0], part.t[-1]))

@@ -34,7 +34,7 @@ def frame(rig: Rig, link: str) -> pin.Frame:
     return rig.model.frames[rig.model.getFrameId(link, pin.FrameType.BODY)]
 
 
-def figure(rig: Rig, solids: Sequence[Solid], root: str) -> list[three.Json]:
+def build_figure(rig: Rig, solids: Sequence[Solid], root: str) -> list[three.Json]:
     """Return the commands that draw the rig."""
     commands = []
     for joint, path in enumerate(list_scene_paths(rig, root)):
@@ -93,7 +93,7 @@ def pose_commands(rig: Rig, poses: Poses, root: str) -> list[three.Json]:
     positions = (poses.place[0], *poses.position[0])
     attitudes = (poses.base[0], *poses.quaternion[0])
     return [
-        three.place(path, three.pose(position, pin.Quaternion(attitude).matrix()))
+        three.command_pose(path, three.pose(position, pin.Quaternion(attitude).matrix()))
         for path, position, attitude in zip(list_scene_paths(rig, root), positions, attitudes, strict=True)
     ]
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from math import degrees, floor, log10, radians, tan
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from gimbal_pin.report.format import controller_name
 from gimbal_pin.report.html import template
 
 if TYPE_CHECKING:
-    from gimbal_pin.report.view.outlook import Outlook, Shot
+    from gimbal_pin.report.view.three import Json
+from gimbal_pin.report.view.outlook import Outlook, Shot
 
 WIDE_TANGENT = tan(radians(45.0))
 """Tangent of half the angle that a wide picture holds across."""
@@ -33,8 +34,6 @@ GRID_AHEAD, GRID_ASIDE = 14.0, 9.0
 """How far the grid on the ground reaches, in heights of the camera over it."""
 SKYLINE = np.array([(1.1, 9.0, 0.4), (0.8, 23.0, 1.9), (0.5, 41.0, 4.0)])
 """Hills: size, °, waves per turn, phase."""
-
-Json = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +131,7 @@ def scale(seen: Outlook) -> float:
     return radians(min((k * decade for k in (1, 2, 5, 10)), key=lambda step: abs(np.log(2 * step / largest))))
 
 
-def data(seen: Outlook, wanted: Array, several: Sequence[Picture]) -> Json:
+def list_page_data(seen: Outlook, wanted: Array, several: Sequence[Picture]) -> Json:
     """Return what the page's script draws from."""
     world = scenery(wanted)
     return {
@@ -165,5 +164,5 @@ def render_gaze(seen: Outlook, wanted: Array) -> str:
     `wanted`: R_d, (3, 3).
     """
     several = build_pictures(seen)
-    drawn = data(seen, wanted, several)
+    drawn = list_page_data(seen, wanted, several)
     return template("gimbal_pin.report.view", "gaze.html.j2", pictures=several, script=script(), data=drawn)

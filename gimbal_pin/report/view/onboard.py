@@ -29,7 +29,7 @@ def onboard(rig: Rig, run: Pointing, seen: Outlook, wanted: Array) -> str:
     log = shown(rig, run, seen, wanted)
     moved = replace(motion(rig, log, ONBOARD_FPS, 1.0, True, None), pivot=Sight(rig).centre, wanted=wanted)
     several = gaze.build_pictures(seen)[:2]
-    return render_scene(rig, log.name, moved, scene(rig, moved), (several, gaze.data(seen, wanted, several)))
+    return render_scene(rig, log.name, moved, scene(rig, moved), (several, gaze.list_page_data(seen, wanted, several)))
 
 
 def shown(rig: Rig, run: Pointing, seen: Outlook, wanted: Array) -> Log:

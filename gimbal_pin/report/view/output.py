@@ -81,7 +81,7 @@ def animate(
         raise UsageError(str(path), f"has the suffix '{suffix}'", f"use one of {', '.join(FRAME_RATES)}")
     if len(log) == 1 and suffix != ".png":
         raise LogError(log.name, "has one sample, which does not move", "write a picture: .png")
-    check_size(size)
+    check_picture_size(size)
     rate = FRAME_RATES[suffix] if fps is None else fps
     if camera is not None and camera not in VIEWS:
         raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
@@ -105,7 +105,7 @@ def animate(
     return drawn.events
 
 
-def check_size(size: tuple[int, int]) -> None:
+def check_picture_size(size: tuple[int, int]) -> None:
     """Raise `UsageError` unless the size is one that a browser draws."""
     if not all(16 <= side <= 4096 for side in size):
         raise UsageError("size", f"is {size[0]} × {size[1]} pixels", "give 16 to 4096 each way")

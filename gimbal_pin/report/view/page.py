@@ -42,7 +42,7 @@ def record(
 
 FADE = 2.0
 """Time after which the path of a line of sight has faded away, s of playing."""
-Inset = tuple[Sequence[gaze.Picture], gaze.Json]
+Inset = tuple[Sequence[gaze.Picture], three.Json]
 """What cameras see, to be shown in a corner, and the numbers that it is drawn from."""
 
 

@@ -86,7 +86,7 @@ def scene(
     clips: figure.Tracks = {}
     for run, shown, home, place in zip(runs, moved, RUN_ROOTS, (np.zeros(3), shift)):
         drawn, tracks = one_run(rig, solids, run, shown, home, reach, size)
-        commands += [three.place(home, three.pose(place)), *drawn] if home != RUN_ROOTS[0] else drawn
+        commands += [three.command_pose(home, three.pose(place)), *drawn] if home != RUN_ROOTS[0] else drawn
         clips |= tracks
     animation = three.play_tracks(clips, MOTION_PATH) if len(motion.t) > 1 else None
     placed = {name: stage.look(view) for name, view in views.items()}
@@ -100,7 +100,7 @@ def one_run(
     """Return what draws the rig, its line of sight and the ghost of its reference under a path, and what moves them."""
     root, other = f"{home}/rig", f"{home}/ghost"
     commands = [
-        *figure.figure(rig, solids, root),
+        *figure.build_figure(rig, solids, root),
         *figure.pose_commands(rig, shown, root),
         *sight.beam(rig, root, reach, sight.MEASURED),
         sight.trail(f"{home}/trail", sight.tips(rig, shown, reach), sight.MEASURED),

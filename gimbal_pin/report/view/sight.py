@@ -33,7 +33,7 @@ def beam(rig: Rig, root: str, length: float, colour: tuple[float, ...]) -> list[
     ]
     return [
         three.draw_object(path, three.group(parts, f"sight-{root.rpartition('/')[2]}-")),
-        three.place(path, fixed.placement.homogeneous),
+        three.command_pose(path, fixed.placement.homogeneous),
     ]
 
 

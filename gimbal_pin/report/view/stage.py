@@ -81,7 +81,7 @@ def look(view: Camera) -> list[three.Json]:
     distance = float(np.linalg.norm(view.offset))
     path = "/Cameras/default/rotated/<object>"
     return [
-        three.place("/meshcat", three.pose(-view.target)),
+        three.command_pose("/meshcat", three.pose(-view.target)),
         three.let(path, "position", [x, z, -y]),
         three.let(path, "fov", FOV),
         three.let(path, "near", distance / 100),

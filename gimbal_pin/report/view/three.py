@@ -136,7 +136,7 @@ def draw_object(path: str, scene_object: Json) -> Json:
     return {"type": "set_object", "path": path, "object": scene_object}
 
 
-def place(path: str, pose: Array) -> Json:
+def command_pose(path: str, pose: Array) -> Json:
     """Return the command that sets the pose of everything at and under a path."""
     return {"type": "set_transform", "path": path, "matrix": matrix(pose)}
 
