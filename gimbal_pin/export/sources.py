@@ -191,7 +191,7 @@ def state_bytes(n: int, links: int, due: int) -> int:
     `due`: samples after which a forecast comes due.
     """
     sensors = 10 + n + 3 * max(links, 1)
-    guarded, gyros = 2 * sensors + 20 + 4 * n, links + 1
+    guarded, gyros = 3 * sensors + 20 + 4 * n, links + 1
     after = 22 + 4 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 5
     return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
 

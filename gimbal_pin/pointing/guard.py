@@ -53,6 +53,7 @@ class Watch(NamedTuple):
     Attributes:
         raw: The readings of the last sample, as they came.
         good: The same, checked.
+        before: That of the sample before it.
         failing: Failing samples in a row, per channel.
         repeating: Equal samples in a row, per channel.
         healthy: Good samples in a row since it was lost, per channel; None for a channel that is not lost.
@@ -65,6 +66,7 @@ class Watch(NamedTuple):
 
     raw: Measurement
     good: Measurement
+    before: Measurement
     failing: tuple[int, ...]
     repeating: tuple[int, ...]
     healthy: tuple[int | None, ...]
@@ -101,8 +103,9 @@ class Guard:
     A reading that fails is replaced by the last good one, for at most `HELD` samples (encoders go on with the joint
     rates); then the sensor counts as lost, until `BACK` samples were good in a row.
 
-    A spike is a change `times` as large as any of late. The sample after one is believed whatever it says: a blow to
-    the platform is held up by a sample, and from then on its changes are those of late.
+    A spike is a change `times` as large as any of late, from both samples before it: where a smaller wrong reading
+    went through, the next right one does. The sample after a spike is believed whatever it says: a blow to the
+    platform is held up by a sample, and from then on its changes are those of late.
 
     Attributes:
         dt: Sampling interval, s.
@@ -124,7 +127,9 @@ class Guard:
         """Memory at the first sample; readings that fail there count as zero."""
         zero = {name: np.zeros_like(getattr(seen, name)) for name in CHANNELS if not self.plausible(name, seen)}
         good, still = seen._replace(t=seen.t - self.dt, **zero), np.zeros(len(seen.q))
-        return Watch(seen, good, NONE, NONE, KEPT, still, still, tuple([self.first * most for most in self.least]))
+        return Watch(
+            seen, good, good, NONE, NONE, KEPT, still, still, tuple([self.first * most for most in self.least])
+        )
 
     def step(self, seen: Measurement, watch: Watch, v: Array, steep: bool = False) -> tuple[Measurement, Watch]:
         """Return the sample as it may be used, and the next memory.
@@ -143,7 +148,7 @@ class Guard:
         if watch.calm and all(steady) and self.sound(seen, watch.raw, moved):
             good = seen if t == seen.t else Measurement(t, *seen[1:])
             swings = self.swung(watch.swings, changes)
-            return good, Watch(seen, good, NONE, NONE, KEPT, moved, v, swings, watch.clock, watch.events)
+            return good, Watch(seen, good, watch.good, NONE, NONE, KEPT, moved, v, swings, watch.clock, watch.events)
         return self.sifted(t, seen, watch, v, moved)
 
     def changes(self, t: float, seen: Measurement, good: Measurement) -> list[float]:
@@ -190,7 +195,9 @@ class Guard:
         elapsed = t - watch.good.t
         replaced = {}
         failing, repeating, healthy = list(watch.failing), list(watch.repeating), list(watch.healthy)
-        changes, bounds = self.changes(t, seen, watch.good), self.bounds(watch)
+        bounds, before = self.bounds(watch), watch.before._replace(t=watch.good.t)
+        rows = zip(self.changes(t, seen, watch.good), self.changes(t, seen, before), bounds)
+        changes = [back if change > most >= back else change for change, back, most in rows]
         for i, name in enumerate(CHANNELS):
             fine = self.plausible(name, seen) and (failing[i] > 0 or changes[i] <= bounds[i])
             if name == "q":
@@ -203,15 +210,14 @@ class Guard:
             failing[i] = 0 if fine else failing[i] + 1
             if not fine:
                 changes[i] = 0.0
-                held = getattr(watch.good, name)
-                replaced[name] = (
-                    held if name != "q" else held + (moved if failing[i] == 1 and moved.any() else elapsed * v)
-                )
+                replaced[name] = getattr(watch.good, name)
+                if name == "q":
+                    replaced[name] = replaced[name] + np.where((moved != 0) & (failing[i] == 1), moved, elapsed * v)
             healthy[i], watch = self.judged(t, name, failing[i], healthy[i], watch)
         good = seen._replace(t=t, **replaced)
         rates = self.smoothed(good, watch)
         counts, swings = (tuple(failing), tuple(repeating), tuple(healthy)), self.swung(watch.swings, changes)
-        return good, Watch(seen, good, *counts, moved, rates, swings, watch.clock, watch.events)
+        return good, Watch(seen, good, watch.good, *counts, moved, rates, swings, watch.clock, watch.events)
 
     def timed(self, stamp: float, watch: Watch) -> tuple[float, Watch]:
         """Return an even time for a stamp, s: a gap is real, a jump is the clock's."""

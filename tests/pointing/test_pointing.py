@@ -343,6 +343,27 @@ def test_the_aim_is_the_plain_formula(name: str) -> None:
     np.testing.assert_allclose(fix.aim.q, q + inverse @ pin.log3(camera.T @ WANTED)[rows], rtol=1e-12)
 
 
+@pytest.mark.parametrize("channel", range(5))
+@pytest.mark.parametrize("times", [*np.linspace(0.5, 4.0, 15), 1e9])
+@given(st.integers(0, 100), st.integers(0, 2))
+def test_a_wrong_reading_costs_no_right_one(channel: int, times: float, seed: int, axis: int) -> None:
+    """One so many times as large as changes: the next is used as it is; held angles go on with the joints' rates."""
+    rng, guard, v, size = np.random.default_rng(seed), Guard(DT), np.array([0.5, -0.3, 1e-3]), [0, 0.04, 0.04, 3, 0.04]
+    watch = None
+    for k in range(60):
+        noise = [x * rng.uniform(-1, 1, 3) for x in size]
+        noise[0] = k * DT * v * [1, 1, 0]  # the third moves by less than its encoder's step
+        true = Measurement(k * DT, *noise)
+        wrong = {Measurement._fields[channel + 1]: noise[channel] + times * max(size[channel], 0.01) * np.eye(3)[axis]}
+        seen = true._replace(**wrong) if k == 50 else true  # type: ignore[arg-type]
+        watch = guard.start(seen) if watch is None else watch
+        used, watch = guard.step(seen, watch, v)
+        if k != 50:
+            assert all(np.array_equal(a, b) for a, b in zip(true, used))
+        elif channel == 0 and times > 4:
+            np.testing.assert_allclose(used.q, true.q, atol=1e-4)
+
+
 @given(st.lists(st.floats(-120, 120), min_size=9, max_size=9), st.lists(st.floats(-3e-3, 3e-3), min_size=3, max_size=3))
 def test_the_guards_quick_way_passes_nothing_that_sifting_stops(rates: list[float], moved: list[float]) -> None:
     guard, (gyro, w, links) = Guard(DT), np.array(rates).reshape(3, 3)

@@ -190,6 +190,7 @@ struct gimbal_attitudes {
 struct gimbal_guard {
     struct gimbal_sensors raw;       /* last sample as it came */
     struct gimbal_sensors good;      /* the same, checked */
+    struct gimbal_sensors before;    /* that of the sample before it */
     int failing[GIMBAL_CHANNELS];    /* failing samples in a row */
     int repeating[GIMBAL_CHANNELS];  /* equal samples in a row */
     int healthy[GIMBAL_CHANNELS];    /* good samples in a row since a channel was given up; -1: it is not */

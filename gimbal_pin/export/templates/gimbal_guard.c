@@ -56,6 +56,7 @@ void gimbal_guard_start(const struct gimbal_limits *limits, struct gimbal_guard 
         guard->healthy[channel] = -1;
         guard->swings[channel] = limits->first * limits->least[channel];
     }
+    guard->before = guard->good;
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         guard->moved[j] = 0.0f;
         guard->rates[j] = 0.0f;
@@ -152,13 +153,9 @@ static bool encoders_fine(const struct gimbal_limits *limits, const struct gimba
 static void bridged(struct gimbal_guard *guard, const float last[], const float moved[], float elapsed,
                     const float v[], float out[])
 {
-    bool any = false;
+    const bool first = guard->failing[GIMBAL_ENCODERS] == 1;
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
-        any = any || moved[j] != 0.0f;
-    }
-    const bool first = guard->failing[GIMBAL_ENCODERS] == 1 && any;
-    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
-        out[j] = last[j] + (first ? moved[j] : elapsed * v[j]);
+        out[j] = last[j] + (first && moved[j] != 0.0f ? moved[j] : elapsed * v[j]);
     }
 }
 
@@ -179,17 +176,16 @@ static int judged(const struct gimbal_limits *limits, int failing, int healthy)
     return healthy + 1 >= limits->back ? -1 : healthy + 1;
 }
 
-/* Change of a channel since the last sample; none where samples are missing between. */
-static float changed(const struct gimbal_guard *guard, const struct gimbal_sensors *seen, enum gimbal_channel channel,
-                     bool late)
+/* Change of a channel from a sample to another. */
+static float changed(const struct gimbal_sensors *from, const struct gimbal_sensors *to, enum gimbal_channel channel)
 {
-    struct gimbal_sensors now = *seen;
-    struct gimbal_sensors before = guard->good;
+    struct gimbal_sensors now = *to;
+    struct gimbal_sensors then = *from;
     int count;
     const float *x = values(&now, channel, &count);
-    const float *last = values(&before, channel, &count);
+    const float *last = values(&then, channel, &count);
     float sum = 0.0f;
-    for (int i = 0; i < count && !late; ++i) {
+    for (int i = 0; i < count; ++i) {
         sum += (x[i] - last[i]) * (x[i] - last[i]);
     }
     return sqrtf(sum);
@@ -252,7 +248,7 @@ uint32_t gimbal_guard_step(const struct gimbal_limits *limits, struct gimbal_gua
     bool steady = true;
     bool all = true;
     for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
-        changes[channel] = changed(guard, seen, (enum gimbal_channel)channel, late);
+        changes[channel] = late ? 0.0f : changed(&guard->good, seen, (enum gimbal_channel)channel);
         steady = steady && !spikes(limits, guard, (enum gimbal_channel)channel, changes[channel]);
     }
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
@@ -268,6 +264,11 @@ uint32_t gimbal_guard_step(const struct gimbal_limits *limits, struct gimbal_gua
         }
     } else {
         for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
+            const float back = late ? 0.0f : changed(&guard->before, seen, (enum gimbal_channel)channel);
+            if (spikes(limits, guard, (enum gimbal_channel)channel, changes[channel]) &&
+                !spikes(limits, guard, (enum gimbal_channel)channel, back)) {
+                changes[channel] = back; /* a wrong reading went through before: this is its end */
+            }
             sift(limits, guard, &good, (enum gimbal_channel)channel, elapsed, v, guard->moved, &changes[channel]);
         }
         smooth(limits, good.q, guard->good.q, elapsed, guard->rates);
@@ -276,6 +277,7 @@ uint32_t gimbal_guard_step(const struct gimbal_limits *limits, struct gimbal_gua
         guard->swings[channel] = fmaxf(limits->kept * guard->swings[channel], changes[channel]);
     }
     guard->raw = *seen;
+    guard->before = guard->good;
     guard->good = good;
     return elapsed_us;
 }
