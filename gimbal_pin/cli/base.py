@@ -5,7 +5,6 @@ from __future__ import annotations
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_rig
 from gimbal_pin.cli.present import present
-from gimbal_pin.report import text
 
 
 def base(rig: opt.RigName, *, payload: opt.Payload = None, diagonal: bool = False, json: opt.Json = None) -> None:
@@ -15,6 +14,7 @@ def base(rig: opt.RigName, *, payload: opt.Payload = None, diagonal: bool = Fals
         diagonal: diagonal inertias and no masses, as in the thesis
     """
     from gimbal_pin.dynamics.base_parameters import compute_base
+    from gimbal_pin.report.sections.data import show_base
 
     found = compute_base(load_rig(rig, payload), diagonal)
-    present(text.base(found), found.to_dict(), json)
+    present(show_base(found).to_text(), found.to_dict(), json)

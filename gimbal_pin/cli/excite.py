@@ -12,7 +12,6 @@ from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_logs, load_rig, read_payload, read_plant
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import check_cost
-from gimbal_pin.report import text
 
 
 def excite(
@@ -69,6 +68,8 @@ def excite(
     from gimbal_pin.excitation import build_sequential_criterion, count_periods, list_shown_effects, predict_estimate
     from gimbal_pin.excitation import excite as run
     from gimbal_pin.log.io import write_motion
+    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.sections.excitation import show_excitation, show_expectation
     from gimbal_pin.rig.config import read_limits
 
     camera = payload or read_payload(model)
@@ -89,8 +90,9 @@ def excite(
         plant, found.sample(log_rate), effects=shown, torque_noise=torque_noise, form_error=form_error, lag=lag,
         rng=seed,
     )  # fmt: skip
-    said = [text.excitation(found), text.expectation(told), describe_next_step(rig, output, first, bool(read))]
-    present("\n".join(said).rstrip(), {**found.to_dict(), "expected": told.to_dict()}, json)
+    said = join_text([show_excitation(found), show_expectation(told)])
+    said = f"{said}\n{describe_next_step(rig, output, first, bool(read))}".rstrip()
+    present(said, {**found.to_dict(), "expected": told.to_dict()}, json)
 
 
 def describe_next_step(rig: str, output: Path, first: bool, later: bool) -> str:

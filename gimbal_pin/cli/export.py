@@ -14,7 +14,6 @@ from gimbal_pin.cli.inputs import describe_run, load_rig, read_base_motion, read
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import present
 from gimbal_pin.errors import ModelError, UsageError
-from gimbal_pin.report import text
 
 
 def list_c_files(given: Mapping[str, Any]) -> tuple[str, ...]:
@@ -72,6 +71,7 @@ def export(
     from gimbal_pin.export.ros2 import package
     from gimbal_pin.log.io.files import atomic_write, to_json, write_run
     from gimbal_pin.log.io.link import check_answer, read_secret, send_parameters
+    from gimbal_pin.report.sections.control import show_export
 
     if all(target is None for target in (c, ros2, simplefoc, odrive, live)):
         raise UsageError("export", "is not told what to write", "add --c, --ros2, --simplefoc, --odrive or --live")
@@ -102,7 +102,7 @@ def export(
         atomic_write(odrive, table)
     told = [f"{len(content)} files → {folder}" for folder, content in folders]
     told += [] if odrive is None else [f"→ {odrive}"]
-    told += [] if c is None else [text.exported(found, c)]
+    told += [] if c is None else [show_export(found, c).to_text()]
     told += [] if live is None else [f"{live}: gains and feed-forward are in force"]
     present("\n".join(told), {**result, "written": [str(folder) for folder, _ in folders]}, json)
 

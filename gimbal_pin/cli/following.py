@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gimbal_pin.cli.present import say, tell, write_figure
-from gimbal_pin.errors import LogError
-from gimbal_pin.report import text
+from gimbal_pin.errors import NORMAL_95, LogError, digits
 
 if TYPE_CHECKING:
-    from gimbal_pin.identification import Identified, Online
+    from gimbal_pin.identification import Identified, Online, Progress
     from gimbal_pin.log.log import Log
 
 
@@ -39,7 +38,7 @@ def learn(
                 continue
             now = report_progress(online, memory)
             history += [now] if plot is not None else []
-            say(to_json(now.to_dict(), None)[:-1] if as_lines else text.following(now, told))
+            say(to_json(now.to_dict(), None)[:-1] if as_lines else describe_progress(now, told))
             told, spoken = len(memory.events), second
     except KeyboardInterrupt:
         pass
@@ -60,3 +59,16 @@ def tell_events(logs: Iterator[Log]) -> Iterator[Log]:
             said.add(event.split()[0])
             tell([event])
         yield log
+
+
+def describe_progress(found: Progress, said: int) -> str:
+    """Return events after `said`, and a line on an online estimate: time, torque error, the most telling parameters."""
+    error = ", ".join(f"{joint} {digits(value, 2)}" for joint, value in found.torque_error.items())
+    parts = [f"{found.t:8.1f} s", *([f"off by {error} N m;"] if error else [])]
+    if found.hidden:
+        parts.append(f"{len(found.hidden)} of {len(found.names)} parameters do not show yet")
+    else:
+        rows = [(found.names[k], found.value[k], NORMAL_95 * found.std[k], found.units[k]) for k in found.telling[:3]]
+        parts.append(", ".join(f"{name} {digits(x, 4)} ± {digits(half, 1)} {unit}" for name, x, half, unit in rows))
+    events = [f"{event.t:8.1f} s  {event.sentence}" for event in found.events[said:]]
+    return "\n".join([*events, "  ".join(parts)])

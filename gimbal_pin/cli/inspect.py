@@ -11,7 +11,6 @@ from gimbal_pin.cli.inputs import load_rig
 from gimbal_pin.cli.paths import Writes, list_plot_suffixes
 from gimbal_pin.cli.present import present, tell
 from gimbal_pin.errors import GimbalPinError, UsageError
-from gimbal_pin.report import text
 
 if TYPE_CHECKING:
     from gimbal_pin.checks import Alteration
@@ -37,7 +36,7 @@ def inspect(
     from gimbal_pin.log.io import split_payload
     from gimbal_pin.log.io.files import atomic_write, open_replacement
     from gimbal_pin.log.io.inspection import inspect as run
-    from gimbal_pin.report.html import Document
+    from gimbal_pin.report.html import Document, join_text
     from gimbal_pin.report.sections.data import show_file, write_picture
 
     if not files:
@@ -58,7 +57,7 @@ def inspect(
         {**one.to_dict(), "altered": [change.to_dict() for change in each]} for one, each in zip(found, altered)
     ]
     result = {"schema": 1, "rig": None if loaded is None else loaded.name, "files": described}
-    present("\n\n".join(map(text.inspected, found, altered)), result, json)
+    present(join_text(map(show_file, found, altered)), result, json)
 
 
 def find_alterations(rig: Rig, found: Inspected) -> tuple[Alteration, ...]:

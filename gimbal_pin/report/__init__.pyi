@@ -4,7 +4,6 @@ from . import html as html
 from . import pages as pages
 from . import plots as plots
 from . import tables as tables
-from . import text as text
 from . import view as view
 from .evaluation import Evaluated as Evaluated
 from .evaluation import evaluate as evaluate
@@ -19,9 +18,12 @@ from .pipeline import demo as demo
 from .sections.camera import show_camera as show_camera
 from .sections.control import show_controller as show_controller
 from .sections.control import show_tracking as show_tracking
+from .sections.data import show_check as show_check
+from .sections.data import show_file as show_file
 from .sections.data import show_logs as show_logs
 from .sections.data import show_rig as show_rig
 from .sections.diagnosis import show_diagnosis as show_diagnosis
+from .sections.excitation import show_excitation as show_excitation
 from .sections.model import show_cameras as show_cameras
 from .sections.model import show_parameters as show_parameters
 from .sections.model import show_torque as show_torque

@@ -178,15 +178,11 @@ class ShownJoint:
         return f"{text}{space}{self.unit}{per}"
 
 
-def joint_shown(name: str, slides: bool, colour: str = "") -> ShownJoint:
-    """Return a joint as it is shown: in degrees, or in millimetres where it slides."""
-    return ShownJoint(name, colour, 1e3, "mm") if slides else ShownJoint(name, colour, DEGREE, "°")
-
-
 def list_shown_joints(rig: Rig) -> tuple[ShownJoint, ...]:
     """Return the rig's joints as they are shown."""
     colours = joint_colours(rig.joints)
-    return tuple(joint_shown(*each) for each in zip(rig.joints, rig.slides, colours))
+    looks = ((1e3, "mm") if slides else (DEGREE, "°") for slides in rig.slides)
+    return tuple(ShownJoint(name, colour, *look) for name, colour, look in zip(rig.joints, colours, looks))
 
 
 def units(joints: Sequence[ShownJoint]) -> str:

@@ -19,7 +19,7 @@ from gimbal_pin.excitation import (
     enforce_clearance,
     excite,
 )
-from gimbal_pin.report import text
+from gimbal_pin.report import show_excitation
 from gimbal_pin.rig import Rig
 from tests.excitation.designs import RIGS, assert_within, crane, designed, moved, problem
 
@@ -67,7 +67,7 @@ def test_the_arm_does_not_hit_the_frame(tmp_path: Path) -> None:
     assert_within(rig, nominal(rig), found, margin=0.05)
     read = json.loads(json.dumps(found.to_dict()))["clearance"]
     assert read == {"distance": found.clearance.distance, "between": list(found.clearance.between)}
-    assert f"smallest clearance: {1000 * read['distance']:.3g} mm, between" in text.excitation(found)
+    assert f"smallest clearance: {1000 * read['distance']:.3g} mm, between" in show_excitation(found).to_text()
 
 
 def test_what_is_not_watched_is_checked_and_mended(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from real_data.proposed import UNKNOWN, differing, singles
 from gimbal_pin.errors import GimbalPinError
 from gimbal_pin.log import Log, Source, format_expression, inspect, io, parse_expression, read_mapping, to_json
 from gimbal_pin.log.io.recognise import recognise
-from gimbal_pin.report import text
+from gimbal_pin.report import show_file
 from gimbal_pin.rig import Rig, read_yaml
 from tests.command_line import Run, refused, result
 from tests.log.test_formats import TURRET, swing
@@ -271,7 +271,7 @@ def test_any_numbers_are_described_or_refused(heads: list[str], rows: int, data:
         assert "\n" not in str(error)
     else:
         read_mapping([f"{target}={format_expression(*source[:2])}" for target, source in found.mapping.items()])
-        assert to_json(found.to_dict()) and text.inspected(found)
+        assert to_json(found.to_dict()) and show_file(found).to_text()
 
 
 @given(st.text(min_size=1, max_size=30).filter(lambda name: not ("'" in name and '"' in name)),

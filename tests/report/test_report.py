@@ -35,6 +35,7 @@ from gimbal_pin.report import (
     list_shown_joints,
     pages,
     plots,
+    show_check,
     show_controller,
     show_diagnosis,
     show_logs,
@@ -44,7 +45,6 @@ from gimbal_pin.report import (
     show_tracking,
     summary,
     tables,
-    text,
     verdict,
 )
 from gimbal_pin.report import format as numbers
@@ -548,7 +548,7 @@ def test_the_terminal_and_json_have_the_units_of_joints_that_slide(slid: Walk) -
     (spring,) = wrong.findings
     assert spring.cause == "cable-spring" and {p.unit for p in spring.parameters} == {"N/m", "m"}
     shown = (
-        text.check(check(rig)),
+        show_check(rig, check(rig)).to_text(),
         show_parameters(slid.found, compare_payload(slid.found)).to_text(),
         show_diagnosis(wrong).to_text(),
     )
@@ -557,7 +557,12 @@ def test_the_terminal_and_json_have_the_units_of_joints_that_slide(slid: Walk) -
     for said in (*shown, *files):
         assert not re.search(r"\bm?N m\b|\brad\b|/rad|\d kg m²", said), said
         assert all("margin" in line or "Hz" in line for line in said.splitlines() if "°" in line), said
-    assert "−200 … 200 mm" in shown[0] and "30.0 N" in shown[0] and "° to and fro" not in shown[2]
+    assert (
+        "−200 mm … 200 mm" in shown[0]
+        and "Torque limit, N " in shown[0]
+        and " 30.0 " in shown[0]
+        and "° to and fro" not in shown[2]
+    )
 
 
 @pytest.mark.parametrize("cause", CAUSES)

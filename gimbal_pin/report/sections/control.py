@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from math import isfinite
+from pathlib import Path
 
 import numpy as np
 
@@ -12,10 +13,12 @@ from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.laws.reasons import ReasonKind
 from gimbal_pin.control.tracking import Experiment, Tracking
 from gimbal_pin.control.tuning import RIVAL, Tuning
+from gimbal_pin.export import Exported
 from gimbal_pin.log.limited import describe_limits
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import controller_name, list_shown_joints, listed
 from gimbal_pin.report.html import Section, bullets, folded, list_warnings, notice, paragraph
+from gimbal_pin.report.table import Table
 from gimbal_pin.report.tables import TOGETHER
 from gimbal_pin.rig.rig import Rig
 
@@ -114,3 +117,15 @@ def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
             plots.put_legend(middle, list(zip([*names[:-1], f"in colour: {names[-1]}"], shades)))
     figure.align_ylabels()
     return figure
+
+
+def show_export(found: Exported, folder: Path) -> Section:
+    """Return the cost of a step, how the equations agree with Pinocchio, and how to build it."""
+    rows = [[name, str(count)] for name, count in found.operations.items()]
+    lines = [
+        f"memory: {found.memory} bytes",
+        f"equations agree with Pinocchio to {found.difference:.1g} in double precision",
+        f"build: cmake -S {folder} -B {folder / 'build'} && cmake --build {folder / 'build'}",
+    ]
+    head = paragraph(f"begin with {folder / 'README.md'}")
+    return Section("Export", [head, Table(("Of a step", "Operations"), rows), bullets(lines)])

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
+from gimbal_pin.checks import Alteration
+from gimbal_pin.dynamics.base_parameters import Base
+from gimbal_pin.dynamics.checking import Checked
 from gimbal_pin.identification.payloads import get_stated_payload
 from gimbal_pin.log.io.inspection import Inspected, summarize_stream
 from gimbal_pin.log.log import Log
@@ -26,7 +30,7 @@ from gimbal_pin.report.format import (
     listed,
     units,
 )
-from gimbal_pin.report.html import Section, bullets, heading, paragraph
+from gimbal_pin.report.html import Element, Section, bullets, heading, paragraph
 from gimbal_pin.report.plots import style
 from gimbal_pin.report.table import Content, Table
 from gimbal_pin.rig.rig import Rig
@@ -70,6 +74,46 @@ def show_rig(rig: Rig, weighed: float | None = None) -> Section:
         Table(more, motors, caption="Motors, sensors and loads, as given"),
     ]
     return Section("Rig", parts, rig.config.description)
+
+
+def show_check(rig: Rig, found: Checked) -> Section:
+    """Return a checked rig: its joints, what its motors bear, and what a log of it must hold."""
+    looks = list_shown_joints(rig)
+    loads = (f"{figures(round(found.joints[x.name].gravity_torque, 9))} {x.force} at {x.name}" for x in looks)
+    lines = [
+        f"gravity       takes up to {listed(loads)}",
+        f"camera frame  {found.camera_frame} (+x is the line of sight; 'camera_frame:' and 'optical_axis:' in a YAML)",
+        f"payload on    {found.mount or DASH} ('mount:'); IMUs on {', '.join(found.imus) or DASH} ('imus:', 'noise:')",
+        f"identifiable  {found.identifiable} parameters, friction included (gimbal-pin base names them)",
+        f"a log needs   {', '.join(found.columns)}",
+        f"and may hold  {', '.join(found.optional)}",
+        "to state more 'gimbal-pin new-rig' writes a YAML for a rig, with comments",
+        *(f"note          {warning}" for warning in found.warnings),
+    ]
+    sound = Element(Markup(), f"{rig.title}: tree, axes, limits and inertias are sound")
+    return Section("Rig", [sound, *show_rig(rig).parts, Element(Markup(), "\n".join(["", *lines]))])
+
+
+def show_base(found: Base) -> Section:
+    """Return base parameters, and what a base that moves adds to them."""
+    sums = found.parameters - len(found.terms) - len(found.unidentifiable)
+    counts = (
+        f"{found.parameters} parameters: {len(found.terms)} identifiable, {sums} only in sums with these, "
+        f"{len(found.unidentifiable)} without trace"
+    )
+    lists = {"Identifiable": found.names, "Without any trace in the torques": found.unidentifiable}
+    for motion, words in (("tilted", "leans or shifts"), ("rotating", "turns")):
+        names = [entry["name"] for entry in found.to_dict()["moving_base"][motion]["adds"]]
+        lists[f"A base that {words} adds {len(names)}: {len(found.terms) + len(names)} in all"] = tuple(names)
+    parts = (part for title, names in lists.items() for part in (heading(title), bullets(names)))
+    return Section("Base parameters", [paragraph(counts), *parts])
+
+
+def show_bundled(bundled: Mapping[str, Any]) -> Section:
+    """Return the bundled rigs and payloads."""
+    bodies = [(name, rig["payload"] or "", rig["description"]) for name, rig in bundled["rigs"].items()]
+    loads = [(name, payload["description"]) for name, payload in bundled["payloads"].items()]
+    return Section("Bundled", [Table(["Rig", "Payload", ""], bodies, texts=3), Table(["Payload", ""], loads, texts=2)])
 
 
 def describe_rig_and_payload(rig: Rig, weighed: float | None) -> Markup:
@@ -145,17 +189,17 @@ def draw_overview(rig: Rig, log: Log) -> plots.Figure:
     return figure
 
 
-def show_file(found: Inspected) -> Section:
-    """Return the picture of a file's channels, their table, and the mapping that is proposed."""
-    parts: list[object] = [
-        bullets([line for stream in found.streams for line in summarize_stream(stream)] + list(found.notes))
-    ]
-    parts.append(
-        plots.Drawing(partial(draw_channels, found), f"Every channel of {found.name} over time", "As recorded.")
-    )
-    parts.append(tables.channels([channel for stream in found.streams for channel in stream.channels]))
+def show_file(found: Inspected, altered: Sequence[Alteration] = ()) -> Section:
+    """Return the picture of a file's channels, their tables, what the verbs would alter, and the proposed mapping."""
+    picture = plots.Drawing(partial(draw_channels, found), f"Every channel of {found.name} over time", "As recorded.")
+    parts: list[object] = [Element(Markup(), found.name), picture]
+    for stream in found.streams:
+        parts += [bullets(summarize_stream(stream)), tables.channels(stream.channels)]
+    notes = [*found.notes, *(f"would be altered: {one}" for one in altered)]
+    parts += [bullets(notes)] if notes else []
     if found.rig is not None:
-        parts += [heading(f"Mapping for {found.rig}"), Markup("<pre>{}</pre>").format(found.yaml)]
+        mapping = Markup("<h3>Mapping for {}</h3><pre>{}</pre>").format(found.rig, found.yaml)
+        parts.append(Element(mapping, f"\n{found.yaml}".rstrip()))
     return Section(Path(found.name).name, parts)
 
 
