@@ -114,30 +114,16 @@ class PayloadDiscrepancy:
     def _describe_place(self) -> str:
         """Say where it sits, in the camera's own directions."""
         shift, least = self.shift._replace(basis=self.camera.T @ self.shift.basis), FORM_ERROR * self.gyration
-        change, std = shift.change, shift.std
         hidden = [f"{a}/{b}" for (a, b), shown in zip(DIRECTIONS, shift.axes) if not shown]
         closer = ""
-        if np.isfinite(self.std_if_known) and (len(hidden) == 3 or std.max() > DEVIATIONS * self.std_if_known):
+        if np.isfinite(self.std_if_known) and (len(hidden) == 3 or shift.std.max() > DEVIATIONS * self.std_if_known):
             sharp = digits(NORMAL_95 * max(1e3 * self.std_if_known, 0.01), 1)
             closer = f"; to ± {sharp} mm if the gimbal is known: --known, or 'inertia: trusted' in its YAML"
         if len(hidden) == 3:
             return f"the log does not show where the payload sits{closer}"
         unseen = (f" ({' and '.join(hidden)} does not show)" if hidden else "") + closer
-        clear = (np.abs(change) > np.maximum(DEVIATIONS * std, least)) & shift.axes
-        within = np.maximum(np.abs(change) + DEVIATIONS * std, least)
-        if not (shift.is_significant and clear.any()):
-            return f"the payload sits where its URDF says, to {digits(1e3 * float(within.max()), 2)} mm{unseen}"
-        same = [
-            f"{a}/{b} where that says, to {digits(1e3 * x, 2)} mm"
-            for (a, b), x, yes in zip(DIRECTIONS, within.tolist(), shift.axes & ~clear)
-            if yes
-        ]
-        away = [
-            f"{format_estimate(1e3 * abs(x), max(1e3 * s, 0.01))} mm further {names[x < 0]}"
-            for x, s, names, yes in zip(change.tolist(), std.tolist(), DIRECTIONS, clear)
-            if yes
-        ]
-        return f"the payload sits {', '.join(away)} than its URDF says{''.join(f', {one}' for one in same)}{unseen}"
+        way = _describe_direction(shift, least, "where its URDF says", "where that says", " than its URDF says")
+        return f"the payload sits {way}{unseen}"
 
     def _describe_mass(self) -> str:
         """Say what it weighs; of a mass that does not show, how the place changes with it."""
@@ -196,24 +182,128 @@ class PayloadDiscrepancy:
         return {"camera": row, self.body: {**differ, "sentence": said}}
 
 
+def _describe_direction(shift: ShownChange, least: float, place: str, there: str, than: str) -> str:
+    """Say how far from a place something sits, forward, left and up; a way under `least`, m, is none."""
+    change, std = shift.change, shift.std
+    clear = (np.abs(change) > np.maximum(DEVIATIONS * std, least)) & shift.axes
+    within = np.maximum(np.abs(change) + DEVIATIONS * std, least)
+    if not (shift.is_significant and clear.any()):
+        return f"{place}, to {digits(1e3 * float(within.max()), 2)} mm"
+    same = [
+        f", {a}/{b} {there}, to {digits(1e3 * x, 2)} mm"
+        for (a, b), x, yes in zip(DIRECTIONS, within.tolist(), shift.axes & ~clear)
+        if yes
+    ]
+    away = [
+        f"{format_estimate(1e3 * abs(x), max(1e3 * s, 0.01))} mm further {names[x < 0]}"
+        for x, s, names, yes in zip(change.tolist(), std.tolist(), DIRECTIONS, clear)
+        if yes
+    ]
+    return f"{', '.join(away)}{than}{''.join(same)}"
+
+
+@dataclass(frozen=True, eq=False)
+class RelativePlace:
+    """Where a payload's centre of mass sits, relative to that of a known gimbal's as it was found.
+
+    Attributes:
+        name: The known payload.
+        shift: Forward, left and up as the camera sees them, m.
+        masses: Of the payload and of the known one that this stands on, kg.
+    """
+
+    name: str
+    shift: ShownChange
+    masses: tuple[float, float]
+
+    @property
+    def sentence(self) -> str:
+        """How far it is from that."""
+        new, first = (f"{digits(1e3 * mass, 4)} g" for mass in self.masses)
+        way = _describe_direction(self.shift, 0.0, "at the same place", "the same", "")
+        return f"relative to {self.name} as it was found, at {first} of that and {new} of this: {way}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds: millimetres forward, left and up, grams; null where nothing is shown."""
+        columns = zip(self.shift.axes, (1e3 * self.shift.change).tolist(), (1e3 * self.shift.std).tolist())
+        shown = [(x, s) if yes else (None, None) for yes, x, s in columns]
+        return {
+            "payload": self.name,
+            "com_mm": [x for x, _ in shown],
+            "com_std_mm": [s for _, s in shown],
+            "masses": [1e3 * mass for mass in self.masses],
+            "sentence": self.sentence,
+        }
+
+
+def compare_places(
+    own: BaseDifference,
+    first: BaseDifference,
+    apart: PayloadDiscrepancy,
+    name: str,
+    weighed: float | None,
+    trust: float = TRUST,
+) -> RelativePlace | None:
+    """``c - c_1 = (h - h_1)/m + (m_1/m - 1) c_1``: where a payload sits, relative to a known gimbal's as it was found.
+
+    Its first moment h differs from h₁ by what the logs tell; that the known payload and the link that carries it share
+    theirs in doubt matters only as far as the masses differ. None where nothing shows, or `apart` says the same.
+
+    Args:
+        own: What the payload adds to the base parameters in the place of the known one, about the known one's URDF.
+        first: The known gimbal with the known payload against its URDF.
+        apart: What sets the payload apart from its own URDF.
+        name: The known payload.
+        weighed: The payload's mass, kg, where it was weighed.
+        trust: See `explain_by_payload`.
+    """
+    body, inertia, frame = get_payload(own.rig)
+    mine, stated = slice(10 * body, 10 * body + 10), float(inertia.mass)
+    mass = apart.known_mass
+    whole = apart.stated if mass is None else mass.value
+    new = explain_by_payload(own, None if mass is not None and weighed is None else whole, 0.0)
+    if new is None or not (new.is_physical and new.found_mass and any(new.shift.axes)):
+        return None
+    whole, turn = new.found_mass[0], new.camera.T
+    ratio, shift = stated / whole - 1, new.shift._replace(basis=turn @ new.shift.basis)
+    carrier = own.rig.phi[mine] - inertia.toDynamicParameters()
+    columns = first.responses[:, mine]
+    doubt = first.widen(trust * columns @ compute_deformation_root(carrier)) if carrier[0] > 1e-3 * stated else first
+    moments = stated * columns[:, MOMENT_PLACES] @ frame.rotation @ turn.T
+    old = doubt.explain(moments, columns[:, INERTIA_PLACES], 1e3)  # however loosely
+    spread = ratio**2 * shift.basis.T @ old.basis @ old.covariance @ old.basis.T @ shift.basis
+    # Of two deviations whose correlation is not known, the sum is no larger than this.
+    share = np.sqrt(np.trace(spread) / np.trace(shift.covariance))
+    covariance = (1 + share) * shift.covariance + (0 if share == 0 else 1 + 1 / share) * spread
+    shift = shift._replace(value=shift.value + ratio * shift.basis.T @ old.change, covariance=covariance)
+    known = apart.shift._replace(basis=turn @ apart.shift.basis)
+    apart_too = np.abs(shift.change - known.change) > NORMAL_95 * shift.std
+    if known.axes == shift.axes and not (apart_too | (known.std > DEVIATIONS * shift.std))[shift.axes].any():
+        return None
+    return RelativePlace(name, shift, (whole, stated))
+
+
 @dataclass(frozen=True, eq=False)
 class PayloadStatement:
     """All that a log says of the payload: every verb and page prints this.
 
     Attributes:
         apart: What sets it apart from its URDF; None where nothing is mounted that is known.
+        beside: Where it sits relative to the known gimbal's camera; None where no gimbal was known, or `apart` says it.
         balance: How to balance it, by the same mass; None where nothing is mounted, or the log is of two rigs.
     """
 
     apart: PayloadDiscrepancy | None = None
     balance: Balance | None = None
+    beside: RelativePlace | None = None
 
     __repr__ = brief
 
     @property
     def lines(self) -> tuple[str, ...]:
         """Where it sits and what it weighs, in sentences."""
-        return () if self.apart is None else self.apart.lines
+        sentence, *rest = ("",) if self.apart is None else self.apart.lines
+        return tuple(line for line in (sentence, "" if self.beside is None else self.beside.sentence, *rest) if line)
 
     @property
     def weighed(self) -> float | None:
@@ -227,10 +317,14 @@ class PayloadStatement:
         return () if self.balance is None else self.balance.sentences
 
     def to_dict(self) -> dict[str, Any]:
-        """Return `given_model` and `balance` as JSON holds them, null where there is nothing to say."""
+        """Return `given_model` and `balance` as JSON holds them, null where there is nothing to say.
+
+        `relative_to_known` is there only where that is said.
+        """
         return {
             "given_model": None if self.apart is None else self.apart.to_dict(),
             "balance": None if self.balance is None else self.balance.to_dict(),
+            **({} if self.beside is None else {"relative_to_known": self.beside.to_dict()}),
         }
 
 

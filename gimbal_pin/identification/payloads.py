@@ -18,10 +18,16 @@ from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import RigEffect, get_payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification.difference import BaseDifference
-from gimbal_pin.identification.fitting import assemble_result, keep_held_out_accuracy, split_logs
+from gimbal_pin.identification.fitting import assemble_result, given_beta, keep_held_out_accuracy, split_logs
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.known_gimbal import compute_limit, describe_contradiction, update_gimbal
-from gimbal_pin.identification.payload import PayloadStatement, compare_payload, report_with_payload, state_payload
+from gimbal_pin.identification.payload import (
+    PayloadStatement,
+    compare_payload,
+    compare_places,
+    report_with_payload,
+    state_payload,
+)
 from gimbal_pin.identification.requirements import check_enough, check_seen
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
@@ -58,6 +64,7 @@ class CameraEstimate:
         covariance: Its covariance, (r, r); zero where it was not estimated, but taken as its URDF says.
         urdf: What its URDF says, (r,).
         columns: Change of the gimbal's base parameters per parameter of the camera, (b, r).
+        change: Estimate less the reference camera's own, as that is, and the covariance of this, (r,) and (r, r).
     """
 
     names: tuple[str, ...]
@@ -66,6 +73,7 @@ class CameraEstimate:
     covariance: Array
     urdf: Array
     columns: Array
+    change: tuple[Array, Array]
 
     __repr__ = brief
 
@@ -89,12 +97,14 @@ class Several:
         cameras: Payload → its own parameters.
         reference: The payload whose URDF the cameras' parameters stand on: `BARE`, or the first.
         mass: Of the payload, kg, where it is one and was weighed.
+        known: The gimbal with the reference, as it was known before the logs; None where it was not.
     """
 
     identified: Mapping[str, Identified]
     cameras: Mapping[str, CameraEstimate]
     reference: str
     mass: float | None = None
+    known: Model | None = None
 
     __repr__ = brief
 
@@ -110,7 +120,8 @@ class Several:
     @cached_property
     def payloads(self) -> Mapping[str, PayloadStatement]:
         """Payload → where it sits and what it weighs, against its own URDF, and how to balance it."""
-        return {name: compare_camera(one, self.cameras[name], self.mass) for name, one in self.identified.items()}
+        known, mass = self.known, self.mass
+        return {name: compare_camera(one, self.cameras[name], mass, known) for name, one in self.identified.items()}
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -143,21 +154,38 @@ class Several:
         return {**first, **whole, "payloads": each}
 
 
-def compare_camera(found: Identified, camera: CameraEstimate, mass: float | None) -> PayloadStatement:
+def compare_camera(
+    found: Identified, camera: CameraEstimate, mass: float | None, known: Model | None = None
+) -> PayloadStatement:
     """Compare a camera on a known gimbal with its URDF; one that was not estimated is compared with its gimbal.
 
     Args:
         found: The gimbal with it.
         camera: Its own parameters.
         mass: Its mass, kg, where it was weighed.
+        known: The gimbal with another camera, relative to which it is then said where this one sits.
     """
     if not camera.covariance.any():
         return compare_payload(found, mass)
     whole = BaseDifference.of(found)
-    # A millionth of the gimbal's covariance makes it regular in directions that no camera moves.
-    own = camera.columns @ camera.covariance @ camera.columns.T + 1e-6 * whole.covariance
-    change = camera.columns @ (camera.value - camera.urdf)
-    return state_payload(whole, mass, own=replace(whole, change=change, covariance=own, weighting=own))
+
+    def carry(value: Array, covariance: Array) -> BaseDifference:
+        """Return what a change of the camera's parameters makes of the base parameters."""
+        # A millionth of the gimbal's covariance makes it regular in directions that no camera moves.
+        spread = camera.columns @ covariance @ camera.columns.T + 1e-6 * whole.covariance
+        return replace(whole, change=camera.columns @ value, covariance=spread, weighting=spread)
+
+    said = state_payload(whole, mass, own=carry(camera.value - camera.urdf, camera.covariance))
+    if known is None or known.estimated is None or known.rig.payload in (None, BARE) or said.apart is None:
+        return said
+    body = find_camera_body(whole.rig)
+    given = whole.rig.phi.copy()
+    given[10 * body : 10 * body + 10] += get_stated_payload(known.rig) - get_stated_payload(whole.rig)
+    rig, width = known.rig.with_phi(given), len(whole.change)
+    spread, theta = known.estimated.covariance[:width, :width], known.estimated.theta[:width]
+    first = BaseDifference(rig, whole.reduction, theta - given_beta(rig, whole.reduction), spread, spread)
+    own = replace(carry(*camera.change), rig=rig)
+    return replace(said, beside=compare_places(own, first, said.apart, known.rig.payload, mass, found.trust))
 
 
 class _Part(NamedTuple):
@@ -264,8 +292,9 @@ def _conclude_camera(
     one = replace(estimate, theta=whole @ estimate.theta, covariance=whole @ estimate.covariance @ whole.T)
     base, urdf = get_stated_payload(reference[1]), get_stated_payload(design.rig)
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
-    gamma = own.shown(base) + pick @ estimate.theta, pick @ estimate.covariance @ pick.T
-    mounted = CameraEstimate(own.reduction.base_names, list_units(leading), *gamma, own.shown(urdf), own.columns)
+    gamma, spread, units = pick @ estimate.theta, pick @ estimate.covariance @ pick.T, list_units(leading)
+    value, stated = own.shown(base) + gamma, own.shown(urdf)
+    mounted = CameraEstimate(own.reduction.base_names, units, value, spread, stated, own.columns, (gamma, spread))
     given = design.rig.phi.copy()
     given[own.parameters] += base - urdf
     mounted, vague = _hedge_camera(mounted, own, reference[0], given, design.mixing, known)
@@ -436,7 +465,7 @@ def identify_new(
     identified, one = _conclude_camera(part, own, joint, 1, (mounted, known.rig), was, missed)
     check_assignment(blocks, identified.estimate)
     identified = replace(identified, faults=(*describe_contradiction(found, before), *identified.faults))
-    return Several({name: identified}, {name: one}, mounted)
+    return Several({name: identified}, {name: one}, mounted, known=known)
 
 
 def apply_changes(rig: Rig, changes: Sequence[RigEffect]) -> Rig:

@@ -140,7 +140,8 @@ def summary(
     simulated = [] if result is None else [SIMULATED.format(plant)]
     doubts = (*cautions(tuning, result, judged), *unexplained(wrong), *unknown, *simulated)
     if payload is not None and rig.aims:
-        details += [to_sentence(line) for line in payload.lines[:1]]
+        place = () if payload.beside is None else (payload.beside.sentence,)
+        details += [to_sentence(line) for line in (*payload.lines[:1], *place)]
     steps = to_do(wrong, tuning, payload if rig.aims else None)
     return Summary(verdict(fit, missing, barred), tone, steps, doubts, tuple(details), tuple(numbers))
 
