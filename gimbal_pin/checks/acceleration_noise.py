@@ -10,7 +10,7 @@ import numpy as np
 
 from gimbal_pin.checks.harm import MATERIAL, build_design
 from gimbal_pin.checks.record import Examined, Fault
-from gimbal_pin.checks.series import count_bits, estimate_angle_noise, estimate_local_noise, find_step
+from gimbal_pin.checks.series import estimate_angle_noise, estimate_local_noise, find_step
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.log import signals
@@ -64,15 +64,33 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
     wider = (fit_weighted(list(widen_cutoff(made, factor))) for factor in (NEAR_CUTOFF, FAR_CUTOFF))
     pairs = ((crossed, fit_weighted(middle)), *((first, one) for one in wider))
     bias, near, far = (float(compute_change(rows, *pair)[drowned >= DROWNED].max()) for pair in pairs)
+    share, worst, cutoff = float(drowned.max()), int(np.argmax(drowned)), filtering.cutoff
     figures = (
-        Parameter("noise_share", float(drowned.max()), "1"),
+        Parameter("noise_share", share, "1"),
         Parameter("bias", bias, "1"),
         Parameter("walk_near", near, "1"),
         Parameter("walk_far", far, "1"),
-        Parameter("cutoff", filtering.cutoff, "Hz"),
+        Parameter("cutoff", cutoff, "Hz"),
     )
-    found = estimate_answer(log, made, rows, crossed)
-    return Examined(describe_noise(rig, log, int(np.argmax(drowned)), figures, found))
+    answer, step, cause = estimate_answer(log, made, rows, crossed), find_step(log.q[:, worst]), "acceleration-noise"
+    bits = np.log2(2 * np.pi / step) if step else 0.0
+    coarse = f" (encoder steps of {digits(1000 * step, 2)} mrad, {bits:.0f} bits per turn)" if step else ""
+    unreliable = bias > MATERIAL or near > SAFE or far > WALKED
+    end = f"at {cutoff:g} Hz it does no harm"
+    if unreliable:
+        end = (
+            f"parameters walk with the filter: {digits(100 * near, 2)} % of the torque from {cutoff:g} to "
+            f"{NEAR_CUTOFF * cutoff:g} Hz, {digits(100 * far, 2)} % to {FAR_CUTOFF * cutoff:g} Hz; this is noise in "
+            f"the motion, no physics"
+        )
+    joint = rig.joints[worst]
+    sentence = f"{joint}: noise is {digits(share, 2)} times the motion's own acceleration{coarse}; {end}"
+    mend = (
+        "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
+        "variables until then"
+    )
+    strength, slight = share / DROWNED, not unreliable
+    return Examined(Fault(cause, joint, sentence, figures, strength, unreliable, mend, answer, slight=slight))
 
 
 def take_half(segment: Segment, first: int) -> Segment:
@@ -102,14 +120,11 @@ def compute_noise_share(log: Log, filtering: Filtering) -> Array | None:
     a = [signals.zero_phase(smooth_samples(part, filtering, 0, part.length).a, slow) for part in long]
     size = np.maximum(np.std(np.concatenate(a), axis=0), 1e-300)
     sections = signals.lowpass(smoothing, rate)
-    angle = estimate_angle_noise(log, estimate_local_noise(log.t, log.q, JUDGED_PARTS)) * signals.compute_noise_gain(
-        sections, rate, 2
-    )
+    once, twice = (signals.compute_noise_gain(sections, rate, derivatives) for derivatives in (1, 2))
+    noise = twice * estimate_angle_noise(log, estimate_local_noise(log.t, log.q, JUDGED_PARTS))
     if log.v is not None:
-        angle = np.minimum(
-            angle, estimate_local_noise(log.t, log.v, JUDGED_PARTS) * signals.compute_noise_gain(sections, rate, 1)
-        )
-    return np.asarray(np.where(np.ptp(log.q, axis=0) > 0, angle.max(axis=0) / size, 0.0))
+        noise = np.minimum(noise, once * estimate_local_noise(log.t, log.v, JUDGED_PARTS))
+    return np.asarray(np.where(np.ptp(log.q, axis=0) > 0, noise.max(axis=0) / size, 0.0))
 
 
 def compute_change(rows: Sequence[Block], first: Estimate, second: Estimate) -> Array:
@@ -132,7 +147,7 @@ def estimate_answer(log: Log, made: Design, rows: Sequence[Block], crossed: Esti
     nothing of the sensors' noise, coloured or not. Else each half of the samples is the other's: `crossed`.
     """
     found = crossed
-    if log.q_ref is not None and is_following(log.q, log.q_ref):
+    if log.q_ref is not None and np.all(np.std(log.q - log.q_ref, axis=0) <= FOLLOWS * np.std(log.q_ref, axis=0)):
         found = fit_instrumental(rows, [block.A for block in made.iterate_blocks(take_reference)])
     values = zip(made.names, found.theta.tolist(), made.units, found.std.tolist())
     return tuple(Parameter(name, value, unit, std=std) for name, value, unit, std in values)
@@ -142,33 +157,3 @@ def take_reference(segment: Segment) -> Segment:
     """Return a segment with the reference in the place of the motion."""
     log = segment.log
     return segment._replace(log=replace(log, q=np.asarray(log.q_ref), v=None))
-
-
-def is_following(q: Array, reference: Array) -> bool:
-    """Whether every joint follows its reference."""
-    return bool(np.all(np.std(q - reference, axis=0) <= FOLLOWS * np.std(reference, axis=0)))
-
-
-def describe_noise(
-    rig: Rig, log: Log, worst: int, figures: tuple[Parameter, ...], answer: tuple[Parameter, ...]
-) -> Fault:
-    """Return the fault, described."""
-    share, bias, near, far, cutoff = (figure.value for figure in figures)
-    joint, step = rig.joints[worst], find_step(log.q[:, worst])
-    coarse = f" (encoder steps of {digits(1000 * step, 2)} mrad, {count_bits(step):.0f} bits per turn)" if step else ""
-    unreliable = bias > MATERIAL or near > SAFE or far > WALKED
-    end = (
-        f"parameters walk with the filter: {digits(100 * near, 2)} % of the torque from {cutoff:g} to "
-        f"{NEAR_CUTOFF * cutoff:g} Hz, {digits(100 * far, 2)} % to {FAR_CUTOFF * cutoff:g} Hz; this is noise in the "
-        f"motion, no physics"
-        if unreliable
-        else f"at {cutoff:g} Hz it does no harm"
-    )
-    sentence = f"{joint}: noise is {digits(share, 2)} times the motion's own acceleration{coarse}; {end}"
-    mend = (
-        "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
-        "variables until then"
-    )
-    return Fault(
-        "acceleration-noise", joint, sentence, figures, share / DROWNED, unreliable, mend, answer, slight=not unreliable
-    )

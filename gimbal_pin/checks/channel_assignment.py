@@ -168,7 +168,7 @@ def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
         words = f"{first} and {second} hold each other's torque"
         mend = format_remapping(sources, {first: (second, 1.0), second: (first, 1.0)})
         yield AssignmentTrial(
-            compute_bounded_misfit(compute_blocks(reorder_channels(rows, swap_places(range(n), *pair), ("tau",)))),
+            compute_bounded_misfit(compute_blocks(reorder_channels(rows, exchange_places(n, *pair), ("tau",)))),
             words,
             f"exchange them: {mend}",
         )
@@ -211,12 +211,12 @@ def list_orders(n: int) -> list[tuple[int, ...]]:
     """Orders of n joints that are not theirs."""
     if n <= MOST_PERMUTED_JOINTS:
         return list(permutations(range(n)))[1:]
-    return [tuple(swap_places(range(n), *pair)) for pair in combinations(range(n), 2)]
+    return [exchange_places(n, *pair) for pair in combinations(range(n), 2)]
 
 
-def swap_places(order: Sequence[int], i: int, k: int) -> list[int]:
-    """Return an order in which two places are exchanged."""
-    return [order[k] if j == i else order[i] if j == k else order[j] for j in range(len(order))]
+def exchange_places(n: int, i: int, k: int) -> tuple[int, ...]:
+    """Return the order of n joints in which two are exchanged."""
+    return tuple({i: k, k: i}.get(j, j) for j in range(n))
 
 
 def reorder_channels(rows: Design, order: Sequence[int], channels: Sequence[str]) -> Design:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.signal import savgol_filter
 
 from gimbal_pin.checks.harm import spoils_torque
 from gimbal_pin.checks.record import Examined, Fault
@@ -62,7 +62,7 @@ def check_clock(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         Parameter("jitter", seen.jitter, "periods"),
         Parameter("lost", float(lost.sum() / (len(log) + lost.sum())), "1"),
         Parameter("longest_gap", float(lost.max() * log.dt), "s"),
-        Parameter("stale", find_worst_share(old), "1"),
+        Parameter("stale", max(float(part.mean()) for part in np.array_split(old, CLOCK_PARTS)), "1"),
     )
     hole = max(HOLE, HOLE_SAMPLES * log.dt)
     beyond = [figure.value / limit for figure, limit in zip(figures, (JITTER, LOST, hole, STALE))]
@@ -75,7 +75,20 @@ def check_clock(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
         repairs.append((repairs[-1] if repairs else log).part(np.flatnonzero(~old)))
     harmful = bool(repairs) and spoils_torque(rig, log, repairs[-1], filtering)
     sparse = not harmful and is_scattered(log, filtering)
-    return Examined(describe_clock(figures, beyond, harmful, sparse), tuple(repairs))
+    jitter, shed, gap, stale = (figure.value for figure in figures)
+    texts = (
+        f"stamps jitter by {100 * jitter:.0f} % of a period",
+        f"{digits(100 * shed, 2)} % of the samples are lost",
+        f"up to {1000 * gap:.0f} ms are lost in a row",
+        f"{100 * stale:.0f} % of the rows of a stretch repeat the row before",
+    )
+    end = "resampling takes care of it"
+    if harmful or sparse:
+        end = "this alone spoils the torque" if harmful else "what is left in one piece is too short for the filters"
+    sentence = f"clock: {'; '.join(text for text, size in zip(texts, beyond) if size > 1.0)}; {end}"
+    mend = "stamp samples where they are taken (drive or bus time), and log at the bus's rate"
+    fault = Fault("clock", None, sentence, figures, max(beyond), harmful or sparse, mend, sparse=sparse)
+    return Examined(fault, tuple(repairs))
 
 
 def separate_jitter(t: Array) -> Ticks:
@@ -88,19 +101,10 @@ def separate_jitter(t: Array) -> Ticks:
     lost = (gaps > 1.5 * dt + rough) & (gaps + short > 2.5 * dt + rough)
     missing = np.append(0.0, np.where(lost, np.maximum(np.round(gaps / dt) - 1.0, 1.0), 0.0))
     holes = np.cumsum(missing) * dt
-    steady = smooth_stamps(t - holes)
+    steady = savgol_filter(t - holes, CLOCK_WINDOW, 1)
     squares = np.array_split((t - holes - steady) ** 2, CLOCK_PARTS)
     jitter = max(np.sort(part)[: max(1, int(0.98 * len(part)))].mean() for part in squares)
     return Ticks(steady + holes, missing, float(np.sqrt(jitter)) / dt)
-
-
-def smooth_stamps(even: Array) -> Array:
-    """Moving average over `CLOCK_WINDOW`; at the two ends, where it has no window, a straight line."""
-    out, half = uniform_filter1d(even, CLOCK_WINDOW), CLOCK_WINDOW // 2
-    n = np.arange(2 * half)
-    for ends, part in ((n[:half], slice(0, 2 * half)), (n[half:], slice(len(even) - 2 * half, len(even)))):
-        out[part][ends] = np.polyval(np.polyfit(n, even[part], 1), ends)
-    return np.asarray(out)
 
 
 def has_false_stamps(log: Log, steady: Array, certain: float = 4.0) -> bool:
@@ -127,31 +131,9 @@ def find_repeated_rows(log: Log) -> Flags:
     return same & moving
 
 
-def find_worst_share(flags: Flags) -> float:
-    """Largest share of true flags in any part."""
-    return max(float(part.mean()) for part in np.array_split(flags, CLOCK_PARTS))
-
-
 def is_scattered(log: Log, filtering: Filtering) -> bool:
     """Whether gaps leave less than `USABLE` of the time in stretches without any."""
     spans = [s.dt * s.length for s in split_segments(log, filtering.cutoff)]
     covered = sum(span for span in spans if span > 1.0 / filtering.cutoff)
     intervals = np.diff(log.t)
     return bool(covered < USABLE * np.sum(intervals[intervals < PAUSE]))
-
-
-def describe_clock(figures: tuple[Parameter, ...], beyond: list[float], harmful: bool, sparse: bool) -> Fault:
-    """Return the fault, described."""
-    jitter, lost, gap, stale = (figure.value for figure in figures)
-    texts = (
-        f"stamps jitter by {100 * jitter:.0f} % of a period",
-        f"{digits(100 * lost, 2)} % of the samples are lost",
-        f"up to {1000 * gap:.0f} ms are lost in a row",
-        f"{100 * stale:.0f} % of the rows of a stretch repeat the row before",
-    )
-    parts = "; ".join(text for text, size in zip(texts, beyond) if size > 1.0)
-    end = "resampling takes care of it"
-    if harmful or sparse:
-        end = "this alone spoils the torque" if harmful else "what is left in one piece is too short for the filters"
-    mend = "stamp samples where they are taken (drive or bus time), and log at the bus's rate"
-    return Fault("clock", None, f"clock: {parts}; {end}", figures, max(beyond), harmful or sparse, mend, sparse=sparse)

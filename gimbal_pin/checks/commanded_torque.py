@@ -54,11 +54,21 @@ def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined
         Parameter("rough", float(signals.noise_std(log.tau)[worst]), "N m"),
         Parameter("beyond_limit", float(over[worst]), "1"),
     )
+    joint, beyond, strength = (
+        rig.joints[worst],
+        float(over[worst]),
+        LEAST_SENSOR_NOISE / max(float(share[worst]), 1e-12),
+    )
+    never = f"{digits(100 * beyond, 2)} % of it is beyond the motor's limit and never acted"
+    others = f" (and {formula.sum() - 1} more)" if formula.sum() > 1 else ""
+    sentence = (
+        f"{joint}{others}: the torque was commanded, not measured: a formula of the other channels leaves "
+        f"{digits(float(left[worst]), 1)} N m of it; {never if beyond else 'what the drive makes of it does not show'}"
+    )
+    mend = "log the motor's current as well, times its torque constant"
     strength = LEAST_SENSOR_NOISE / max(float(share[worst]), 1e-12)
-    fault = describe_command(rig.joints[worst], int(formula.sum()), figures, strength)
-    if not over.any():
-        return Examined(fault)
-    return Examined(fault, (replace(log, tau=np.clip(log.tau, -rig.tau_max, rig.tau_max)),))
+    fault = Fault("commanded-torque", joint, sentence, figures, strength, bool(beyond), mend)
+    return Examined(fault, (replace(log, tau=np.clip(log.tau, -rig.tau_max, rig.tau_max)),) if beyond else ())
 
 
 def exceeds_limit(rig: Rig, log: Log) -> bool:
@@ -110,16 +120,3 @@ def compute_held_out_error(columns: Array, rough: Array) -> float:
     coefficients = np.linalg.lstsq(columns[::2], rough[::2], rcond=1e-10)[0]
     error = rough[1::2] - columns[1::2] @ coefficients
     return float(np.sqrt(np.mean(error**2) / 20.0))
-
-
-def describe_command(joint: str, count: int, figures: tuple[Parameter, ...], strength: float) -> Fault:
-    """Return the fault, described."""
-    left, _, over = (figure.value for figure in figures)
-    joints = f" (and {count - 1} more)" if count > 1 else ""
-    never = f"{digits(100 * over, 2)} % of it is beyond the motor's limit and never acted"
-    sentence = (
-        f"{joint}{joints}: the torque was commanded, not measured: a formula of the other channels leaves "
-        f"{digits(left, 1)} N m of it; {never if over else 'what the drive makes of it does not show'}"
-    )
-    mend = "log the motor's current as well, times its torque constant"
-    return Fault("commanded-torque", joint, sentence, figures, strength, bool(over), mend)

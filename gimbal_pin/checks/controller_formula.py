@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import orth
 
 from gimbal_pin.checks.record import Examined, Fault
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea, name_columns
@@ -84,7 +85,23 @@ def check_controller_formula(rig: Rig, log: Log, filtering: Filtering) -> Examin
     worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
     if plant[worst] < WORSE * found[worst].left:
         return check_formula_of_angles(rig, log, filtering)
-    return Examined(describe_formula(rig.joints[worst], found[worst], plant[worst], float(power[worst]), log.dt))
+    joint, (gain, delay, left) = rig.joints[worst], found[worst]
+    share, by_plant = left / float(power[worst]), plant[worst] / float(power[worst])
+    figures = (
+        Parameter("gain", gain, "N m s/rad"),
+        Parameter("delay", delay * log.dt, "s"),
+        Parameter("left", share, "1"),
+        Parameter("left_by_a_plant", by_plant, "1"),
+    )
+    late = f"(t - {digits(1e3 * delay * log.dt, 2)} ms)" if delay else ""
+    sentence = (
+        f"{joint}: the torque is the controller's formula of the motion, a - {digits(gain, 2)} N m s/rad · rate"
+        f"{late}, which leaves {digits(100 * share, 1)} % of its power, where bodies with friction "
+        f"leave {digits(100 * by_plant, 2)} %: what is identified as friction and inertia is the controller"
+    )
+    mend = "move the reference (gimbal-pin excite), at speeds that change, and record again"
+    strength = plant[worst] / max(WORSE * left, 1e-300)
+    return Examined(Fault("controller-formula", joint, sentence, figures, strength, False, mend))
 
 
 def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
@@ -113,7 +130,7 @@ def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examine
         G = compute_regressor(rig, late, still, still, places=name_columns(rig)[1])
         for j in range(rig.n):
             own = G[:, j, G[:, j].any(axis=0)]
-            free = orthogonalize(np.column_stack([np.ones(len(kept)), log.t[kept] - log.t[0], late[:, j], own]))
+            free = span_columns(np.column_stack([np.ones(len(kept)), log.t[kept] - log.t[0], late[:, j], own]))
             rest = np.stack([tau[kept, j], asked[:, j]], axis=1)
             left[delay, j], inert[delay, j] = np.mean((rest - free @ (free.T @ rest)) ** 2, axis=0)
     best = np.argmin(left, axis=0)
@@ -168,30 +185,11 @@ def fit_passive_plant(t: Array, q: Array, v: Array, rigid: Array, tau: Array) ->
     from scipy.optimize import nnls
 
     free = np.column_stack([np.ones(len(t)), t - t[0], q, rigid])
-    left = orthogonalize(free)
+    left = span_columns(free)
     friction, rest = (x - left @ (left.T @ x) for x in (np.column_stack([np.sign(v), v]), tau))
     return float(nnls(friction, rest)[1] ** 2 / len(t))
 
 
-def orthogonalize(A: Array) -> Array:
+def span_columns(A: Array) -> Array:
     """Return orthonormal columns that span those of A, (m, r)."""
-    basis, size, _ = np.linalg.svd(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), full_matrices=False)
-    return np.asarray(basis[:, size > 1e-9 * size[0]])
-
-
-def describe_formula(joint: str, found: Formula, plant: float, power: float, dt: float) -> Fault:
-    """Return the fault, described."""
-    figures = (
-        Parameter("gain", found.gain, "N m s/rad"),
-        Parameter("delay", found.delay * dt, "s"),
-        Parameter("left", found.left / power, "1"),
-        Parameter("left_by_a_plant", plant / power, "1"),
-    )
-    late = f"(t - {digits(1e3 * found.delay * dt, 2)} ms)" if found.delay else ""
-    sentence = (
-        f"{joint}: the torque is the controller's formula of the motion, a - {digits(found.gain, 2)} N m s/rad · rate"
-        f"{late}, which leaves {digits(100 * found.left / power, 1)} % of its power, where bodies with friction "
-        f"leave {digits(100 * plant / power, 2)} %: what is identified as friction and inertia is the controller"
-    )
-    mend = "move the reference (gimbal-pin excite), at speeds that change, and record again"
-    return Fault("controller-formula", joint, sentence, figures, plant / max(WORSE * found.left, 1e-300), False, mend)
+    return np.asarray(orth(A / np.maximum(np.linalg.norm(A, axis=0), 1e-300), rcond=1e-9))

@@ -78,8 +78,20 @@ def check_filtered_velocity(rig: Rig, log: Log, filtering: Filtering) -> Examine
     else:
         worst = max(found.keys() - delays.keys(), key=lambda j: found[j].change)
         mended = replace(log, v=None)
-    unreliable = spoils_torque(rig, log, mended, filtering)
-    return Examined(describe_lag(rig.joints[worst], found[worst], len(found), unreliable), (mended,))
+    unreliable, joint, (cause, change) = spoils_torque(rig, log, mended, filtering), rig.joints[worst], found[worst]
+    if isinstance(cause, LowPass):
+        figures = [Parameter("corner", cause.corner, "Hz"), Parameter("order", float(cause.order), "1")]
+        what = f"is the angle behind a low-pass of {digits(cause.corner, 2)} Hz"
+        mend = "leave the rate out: the angle's own derivative is better; or switch the drive's velocity filter off"
+    else:
+        figures = [Parameter("delay", cause, "s")]
+        what = f"is {digits(1e3 * cause, 2)} ms later than the angle"
+        mend = "leave the rate out, or log rates with the time that they are of: drives average over the time before"
+    others = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+    harm = "it spoils the torque" if unreliable else "it does little harm here"
+    sentence = f"{joint}{others}: the rate {what}, which changes it by {digits(100 * change, 2)} %; {harm}"
+    every = (*figures, Parameter("rate_changed", change, "1"))
+    return Examined(Fault("filtered-velocity", joint, sentence, every, change / VISIBLE, unreliable, mend), (mended,))
 
 
 def advance_rates(log: Log, delays: Mapping[int, float]) -> Log:
@@ -222,32 +234,3 @@ def fit_shape(shaped: Array, rate: Array, dt: float, settled: slice) -> Remainde
     gain, slope = np.linalg.lstsq(columns, rate[settled], rcond=None)[0].tolist()
     fit = columns @ np.array([gain, slope])
     return Remainder(float(np.mean((rate[settled] - fit) ** 2)), fit, -slope / gain if gain else 0.0)
-
-
-def describe_lag(joint: str, lag: Lag, count: int, unreliable: bool) -> Fault:
-    """Return the fault, described."""
-    changed = Parameter("rate_changed", lag.change, "1")
-    joints = f" (and {count - 1} more)" if count > 1 else ""
-    harm = (
-        f"which changes it by {digits(100 * lag.change, 2)} %; "
-        f"{'it spoils the torque' if unreliable else 'it does little harm here'}"
-    )
-    figures: tuple[Parameter, ...]
-    if isinstance(lag.cause, LowPass):
-        corner, order = lag.cause
-        figures = (Parameter("corner", corner, "Hz"), Parameter("order", float(order), "1"), changed)
-        what = f"is the angle behind a low-pass of {digits(corner, 2)} Hz"
-        mend = "leave the rate out: the angle's own derivative is better; or switch the drive's velocity filter off"
-    else:
-        figures = (Parameter("delay", lag.cause, "s"), changed)
-        what = f"is {digits(1e3 * lag.cause, 2)} ms later than the angle"
-        mend = "leave the rate out, or log rates with the time that they are of: drives average over the time before"
-    return Fault(
-        "filtered-velocity",
-        joint,
-        f"{joint}{joints}: the rate {what}, {harm}",
-        figures,
-        lag.change / VISIBLE,
-        unreliable,
-        mend,
-    )

@@ -68,7 +68,22 @@ def check_outliers(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     harmful = spoils_torque(rig, log, mended, filtering)
     if not bad and not harmful and max(wild.size for wild in found) < GROSS:
         return None
-    return Examined(describe_outliers(log, found, bad, harmful or bool(bad)), (mended,))
+    worst = max(bad or found, key=lambda wild: wild.size * int(wild.rows.sum()))
+    count, unreliable = sum(int(wild.rows.sum()) for wild in found), harmful or bool(bad)
+    seconds = sum(end - begin for wild in bad for begin, end in find_runs(wild.rows)) * log.dt
+    figures = (
+        Parameter("spikes", float(count), "samples"),
+        Parameter("garbage", float(seconds), "s"),
+        Parameter("size", worst.size, "standard deviations"),
+    )
+    parts = [f"{count} lone wild sample{'s' * (count > 1)}"] if count else []
+    parts += [f"{digits(seconds, 2)} s of garbage"] if bad else []
+    end = "they spoil the torque" if unreliable else "the filter takes care of them"
+    joint = log.joints[worst.joint]
+    sentence = f"{joint}: {' and '.join(parts)}, worst in the {WORDS[worst.channel]}; {end}"
+    mend = "look for bit errors, loose plugs and knocks at those times; record again, or go on without the samples"
+    fault = Fault("outliers", joint, sentence, figures, worst.size / GROSS, unreliable, mend)
+    return Examined(fault, (mended,))
 
 
 def find_spikes(log: Log, left: Mapping[str, Array]) -> list[Wild]:
@@ -125,23 +140,3 @@ def find_garbage(log: Log, left: Mapping[str, Array]) -> list[Wild]:
                 rows = dilate_flags(rows[:, None], length // 2)[:, 0]
                 out.append(Wild(name, j, rows, float(window.max()) / spread))
     return out
-
-
-def describe_outliers(log: Log, found: Sequence[Wild], bad: Sequence[Wild], unreliable: bool) -> Fault:
-    """Return the fault, described."""
-    worst = max(bad or found, key=lambda wild: wild.size * int(wild.rows.sum()))
-    count = sum(int(wild.rows.sum()) for wild in found)
-    seconds = sum(end - begin for wild in bad for begin, end in find_runs(wild.rows)) * log.dt
-    figures = (
-        Parameter("spikes", float(count), "samples"),
-        Parameter("garbage", float(seconds), "s"),
-        Parameter("size", worst.size, "standard deviations"),
-    )
-    parts = ([f"{count} lone wild sample{'s' * (count > 1)}"] if count else []) + (
-        [f"{digits(seconds, 2)} s of garbage"] if bad else []
-    )
-    end = "they spoil the torque" if unreliable else "the filter takes care of them"
-    joint = log.joints[worst.joint]
-    sentence = f"{joint}: {' and '.join(parts)}, worst in the {WORDS[worst.channel]}; {end}"
-    mend = "look for bit errors, loose plugs and knocks at those times; record again, or go on without the samples"
-    return Fault("outliers", joint, sentence, figures, worst.size / GROSS, unreliable, mend)

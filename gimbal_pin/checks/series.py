@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import log2, pi
-
 import numpy as np
 
 from gimbal_pin.log import signals
@@ -82,11 +80,6 @@ def find_step(column: Array) -> float:
     # Of a channel that takes any value the smallest gaps are chance, and the others no multiples of them.
     step = float(np.median(gaps[gaps < 1.5 * gaps.min()]))
     return step if np.mean(np.abs(gaps / step - np.round(gaps / step)) < 0.05) > 0.95 else 0.0
-
-
-def count_bits(step: float) -> float:
-    """Resolution of an angle in bits per turn; infinite where it has no step."""
-    return log2(2 * pi / step) if step > 0 else float("inf")
 
 
 def estimate_angle_noise(log: Log, measured: Array) -> Array:

@@ -54,10 +54,22 @@ def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | 
         return None
     worst = max(found, key=lambda held: int(held.rows.sum()))
     bad = dilate_flags(np.any([held.rows for held in found], axis=0)[:, None], 2)[:, 0]
-    fault = describe_stuck_channel(rig, log, worst, len(found))
-    if bad.mean() > 0.5:
-        return Examined(fault)
-    return Examined(fault, (log.part(np.flatnonzero(~bad)),))
+    joint, what, share = rig.joints[worst.joint], WORDS[worst.channel], float(np.mean(worst.rows))
+    longest = max(end - begin for begin, end in find_runs(worst.rows)) * log.dt
+    figures = (
+        Parameter("channel", float(JOINT_CHANNELS.index(worst.channel)), "0 angle, 1 rate, 2 torque"),
+        Parameter("longest", longest, "s"),
+        Parameter("share", share, "1"),
+    )
+    column = get_channels(log)[worst.channel][:, worst.joint]
+    railed = np.all(np.isin(column[worst.rows], (column.min(), column.max())))
+    sentence = (
+        f"{joint}: the {what} {'ends at a rail' if railed else 'stands still'} for up to {digits(longest, 2)} s "
+        f"({digits(100 * share, 2)} % of the log) while the joint moves on"
+    ) + f" ({len(found)} channels in all)" * (len(found) > 1)
+    mend = f"check the {what} sensor's wiring, range and bus messages, and record again"
+    fault = Fault("stuck-channel", joint, sentence, figures, worst.loudness / LOUD, True, mend)
+    return Examined(fault, () if bad.mean() > 0.5 else (log.part(np.flatnonzero(~bad)),))
 
 
 def find_constant_channels(rig: Rig, log: Log, filtering: Filtering) -> Iterator[HeldRows]:
@@ -166,29 +178,6 @@ def compute_denial(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering
     if not held.any() or held.all() or not np.isfinite(found.covariance).all():
         return 0.0
     unsure = np.einsum("tk,kl,tl->t", A[held], found.covariance, A[held])
-    inside, expected = (
-        np.sqrt(np.mean(error[held] ** 2)),
-        np.sqrt(compute_trimmed_rms(error[~held]) ** 2 + np.mean(unsure)),
-    )
+    inside = np.sqrt(np.mean(error[held] ** 2))
+    expected = np.sqrt(compute_trimmed_rms(error[~held]) ** 2 + np.mean(unsure))
     return float(inside / max(expected, 1e-300)) if inside > SHARE * np.std(torque) else 0.0
-
-
-def describe_stuck_channel(rig: Rig, log: Log, worst: HeldRows, count: int) -> Fault:
-    """Return the fault, described."""
-    joint, what = rig.joints[worst.joint], WORDS[worst.channel]
-    longest = max(end - begin for begin, end in find_runs(worst.rows)) * log.dt
-    share = float(np.mean(worst.rows))
-    figures = (
-        Parameter("channel", float(JOINT_CHANNELS.index(worst.channel)), "0 angle, 1 rate, 2 torque"),
-        Parameter("longest", longest, "s"),
-        Parameter("share", share, "1"),
-    )
-    column = get_channels(log)[worst.channel][:, worst.joint]
-    railed = np.all(np.isin(column[worst.rows], (column.min(), column.max())))
-    does = "ends at a rail" if railed else "stands still"
-    sentence = (
-        f"{joint}: the {what} {does} for up to {digits(longest, 2)} s ({digits(100 * share, 2)} % of the log) while "
-        f"the joint moves on" + (f" ({count} channels in all)" if count > 1 else "")
-    )
-    mend = f"check the {what} sensor's wiring, range and bus messages, and record again"
-    return Fault("stuck-channel", joint, sentence, figures, worst.loudness / LOUD, True, mend)

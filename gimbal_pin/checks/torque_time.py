@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import orth
 
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.checks.record import Fault
@@ -79,18 +80,18 @@ def check_time(rig: Rig, logs: Sequence[Log], filtering: Filtering) -> tuple[str
 def report_shifts(log: Log, found: Sequence[Shift]) -> tuple[str, ...]:
     """Raise `LogError` if a torque acts beyond the bounds; say by how much where it is within them."""
     if beyond := [one for one in found if one.beyond]:
-        raise LogError(log.name, describe_shifts(beyond), suggest_shift(log, beyond))
-    return (f"{log.name}: {describe_shifts(found)}; {suggest_shift(log, found)}",) if found else ()
+        raise LogError(log.name, *describe_shifts(log, beyond))
+    return (f"{log.name}: {'; '.join(describe_shifts(log, found))}",) if found else ()
 
 
 def find_time_fault(log: Log, found: Sequence[Shift]) -> Fault | None:
     """Return the fault of a log with a torque beyond the bounds, or None."""
     if not (beyond := [one for one in found if one.beyond]):
         return None
-    worst = find_clearest(beyond)
+    worst, (said, mend) = find_clearest(beyond), describe_shifts(log, beyond)
     figures = (Parameter("late", -worst.by, "s"), Parameter("left", worst.left / worst.within, "1"))
-    sentence = f"{log.name}: {describe_shifts(beyond)}; no physics is looked for in it"
-    return Fault("clock", worst.joint, sentence, figures, abs(worst.by / EARLIEST), True, suggest_shift(log, beyond))
+    sentence = f"{log.name}: {said}; no physics is looked for in it"
+    return Fault("clock", worst.joint, sentence, figures, abs(worst.by / EARLIEST), True, mend)
 
 
 def find_clearest(found: Sequence[Shift]) -> Shift:
@@ -98,20 +99,15 @@ def find_clearest(found: Sequence[Shift]) -> Shift:
     return min(found, key=lambda one: one.left / one.within)
 
 
-def describe_shifts(found: Sequence[Shift]) -> str:
-    """Say by how much which torques are late or early."""
-    worst = find_clearest(found)
+def describe_shifts(log: Log, found: Sequence[Shift]) -> tuple[str, str]:
+    """Say by how much which torques are late or early, and what mends that: all joints have one alignment."""
+    worst, columns = find_clearest(found), ", ".join(f"tau_{one.joint}" for one in found)
     size, when = digits(1e3 * abs(worst.by), 3), "late" if worst.by < 0 else "early"
     left, within = (digits(100 * float(np.sqrt(share)), 2) for share in (worst.left, worst.within))
-    columns = ", ".join(f"tau_{one.joint}" for one in found)
     gain = f"the model misses {left} % of the torque then instead of {within} %"
-    return f"{columns} {'is' if len(found) == 1 else 'are'} {size} ms {when}: {gain}"
-
-
-def suggest_shift(log: Log, found: Sequence[Shift]) -> str:
-    """Say what takes the torque as it acts; all joints have one alignment."""
-    by = digits(find_clearest(found).by, 3)
-    return f"say so with --alignment {by}" if len(found) == len(log.joints) else f"shift it in time by {by} s"
+    by, every = digits(worst.by, 3), len(found) == len(log.joints)
+    mend = f"say so with --alignment {by}" if every else f"shift it in time by {by} s"
+    return f"{columns} {'is' if len(found) == 1 else 'are'} {size} ms {when}: {gain}", mend
 
 
 def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shift, ...]:
@@ -174,8 +170,7 @@ def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list
 
 def compute_errors(A: Array, b: Array) -> Array:
     """Return the share of torques' squares, (m, s), that columns, (m, k), leave in each block, (blocks, s)."""
-    left, size, _ = np.linalg.svd(A / np.linalg.norm(A, axis=0), full_matrices=False)
-    left = left[:, size > 1e-9 * size[0]]
+    left = orth(A / np.linalg.norm(A, axis=0), rcond=1e-9)
     squares = (b - left @ (left.T @ b)) ** 2 / np.maximum(np.sum(b**2, axis=0), 1e-300)
     return np.stack([part.sum(axis=0) for part in np.array_split(squares, SHIFT_BLOCKS)])
 
