@@ -16,7 +16,6 @@ import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,7 +28,7 @@ import psutil
 import tyro
 from tyro.conf import Positional
 
-from gimbal_pin.fleet import Run, dask_executors, engine, run_units
+from gimbal_pin.fleet import Run, engine, open_executors, run_units
 
 MEGABYTE = 2**20
 
@@ -173,8 +172,7 @@ def stub(
         scheduler: A Dask cluster's address; else a pool of two processes.
     """
     engine.TASK_UNITS = most
-    with TemporaryDirectory() as own, ExitStack() as stack:
-        factory, workers = stack.enter_context(dask_executors(scheduler)) if scheduler else (None, 2)
+    with TemporaryDirectory() as own, open_executors(scheduler, 0 if scheduler else 2) as (factory, workers):
         units = Watched(count, milliseconds / 1000, {})
         begin, used = time.monotonic(), time.process_time()
         run_units(Run(wait_for, units, own), factory, workers=workers, quiet=True)

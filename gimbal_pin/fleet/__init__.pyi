@@ -1,6 +1,6 @@
 from .engine import Progress as Progress
 from .engine import Run as Run
-from .engine import dask_executors as dask_executors
+from .engine import open_executors as open_executors
 from .engine import process_pool as process_pool
 from .engine import run_units as run_units
 from .fleet import Fleet as Fleet

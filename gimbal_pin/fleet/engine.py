@@ -205,34 +205,34 @@ def read_counts(future: Future[Counts]) -> Counts:
 
 
 @contextmanager
-def dask_executors(address: str, timeout: float = 30.0) -> Iterator[tuple[ExecutorFactory, Capacity]]:
-    """Executors of the Dask cluster at an address such as ``tcp://host:8786``, and how many tasks it runs at once.
+def open_executors(
+    scheduler: str | None, workers: int, timeout: float = 30.0
+) -> Iterator[tuple[ExecutorFactory | None, int | Capacity]]:
+    """Yield what makes executors and how many tasks they run at once: None, for processes of this machine, or Dask's.
+
+    Args:
+        scheduler: Address of a Dask cluster, such as ``tcp://host:8786``; None: this machine.
+        workers: How many tasks at once; 0: as many as there are processors.
+        timeout: How long the cluster may take to answer, s: it may still be starting.
 
     Raises:
-        UsageError: Dask is not installed, or nothing answers there within `timeout`, s: it may still be starting.
+        UsageError: Dask is not installed, or does not answer.
     """
-    try:
-        from distributed import Client
-    except ImportError as error:
-        mend = "pip install gimbal-pin[cluster]"
-        raise UsageError("--scheduler", "needs dask[distributed], which is not installed", mend) from error
-    try:
-        client = Client(address, timeout=timeout, set_as_default=False)
-    except (OSError, ValueError) as error:
-        what = f"does not answer ({error})"
-        raise UsageError(f"--scheduler {address}", what, "start 'dask scheduler' there") from error
-    with client:
-        yield partial(client.get_executor, pure=False), lambda: sum(client.nthreads().values())
-
-
-@contextmanager
-def open_executors(scheduler: str | None, workers: int) -> Iterator[tuple[ExecutorFactory | None, int | Capacity]]:
-    """Yield what runs units, see `dask_executors`, None for processes of this machine, and how many at once."""
     if scheduler is None:
         yield None, workers
         return
-    with dask_executors(scheduler) as (factory, capacity):
-        yield factory, workers or capacity
+    try:
+        from distributed import Client
+
+        client = Client(scheduler, timeout=timeout, set_as_default=False)
+    except ImportError as error:
+        mend = "pip install gimbal-pin[cluster]"
+        raise UsageError("--scheduler", "needs dask[distributed], which is not installed", mend) from error
+    except (OSError, ValueError) as error:
+        what = f"does not answer ({error})"
+        raise UsageError(f"--scheduler {scheduler}", what, "start 'dask scheduler' there") from error
+    with client:
+        yield partial(client.get_executor, pure=False), workers or (lambda: sum(client.nthreads().values()))
 
 
 def process_pool(workers: int) -> ProcessPoolExecutor:
@@ -302,7 +302,7 @@ def open_folder(folder: str) -> DirFileSystem:
     return DirFileSystem(place, files)
 
 
-def list_names(folder: str) -> list[str]:
+def list_folder(folder: str) -> list[str]:
     """Return the names in a folder; an object store has no empty ones."""
     try:
         return [path.rpartition("/")[2] for path in open_folder(folder).ls("", detail=False, refresh=True)]
@@ -331,7 +331,7 @@ def claim_folder(run: Run) -> None:
     try:
         files.makedirs(PARTS, exist_ok=True)
         if not files.exists(RUN):
-            if others := {*list_names(run.folder)} - {PARTS}:
+            if others := {*list_folder(run.folder)} - {PARTS}:
                 raise UsageError(run.folder, f"holds {min(others)}, which is of no run", "give an empty folder")
             write_whole(run.folder, RUN, json.dumps({"schema": 1, "settings": settings}, indent=1).encode())
         earlier = dict(json.loads(files.cat_file(RUN))["settings"])
@@ -345,7 +345,7 @@ def claim_folder(run: Run) -> None:
 
 def find_parts(run: Run) -> list[tuple[int, int, str]]:
     """First unit, last unit and name of every part, in the units' order."""
-    found = filter(None, map(PART.match, list_names(f"{run.folder}/{PARTS}")))
+    found = filter(None, map(PART.match, list_folder(f"{run.folder}/{PARTS}")))
     return sorted((int(one[1]), int(one[2]), one[0]) for one in found)
 
 
@@ -379,7 +379,7 @@ def write_table(run: Run, at_once: int = 500) -> int:
     table = pa.concat_tables(groups, promote_options="permissive")
     pq.write_table(table, content := BytesIO())
     write_whole(run.folder, TABLE, content.getvalue())
-    if stale := [name for name in list_names(f"{run.folder}/{PARTS}") if not PART.match(name)]:
+    if stale := [name for name in list_folder(f"{run.folder}/{PARTS}") if not PART.match(name)]:
         files.rm(stale)  # what killed processes were writing
     return int(len(table) - table["error"].null_count)
 

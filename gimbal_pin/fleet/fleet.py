@@ -8,6 +8,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from enum import Enum
+from functools import partial
 from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -64,66 +65,52 @@ class Reason(str, Enum):
     """Its error in a parameter exceeds the fleet's spread and `SCATTER` times its siblings' error: test again."""
 
 
-Finding = tuple[str, str | None, str]
+FindingKey = tuple[str, str | None, str]
 """Cause, joint or None for the rig, and status: "named", or "data" of a fault of the log."""
 
 
-@dataclass(frozen=True, eq=False)
-class LogStudy:
-    """What every log of a fleet goes through; workers get it with their logs.
+def examine_log(log: FleetLog, rig: Rig, cutoff: float | None, quick: bool, seed: int) -> dict[str, Value]:
+    """Return a log's row; the `error` of one that cannot be used is the row's.
 
-    Attributes:
-        rig: The rig that all units are built as.
-        cutoff: Of the identification's filter, Hz; None: the usual one.
-        quick: Whether the logs are identified only, and not diagnosed.
-        seed: Seed of the diagnosis.
+    `value.NAME` and `std.NAME` per parameter, from the whole log, `units` their units; `torque_rmse.JOINT`, N m, and
+    `fit_percent.JOINT` on the third that a second fit has not seen; unless `quick`, `findings` as JSON: cause, joint,
+    status.
     """
+    head: dict[str, Value] = {"log": log.path, "serial": log.unit, "time": log.time}
+    copy = Path(log.path)
+    try:
+        with local_copy(log.path) as copy:
+            read = read_log(copy, rig, log.mapping)
+        return {**head, **identify_log(read, rig, cutoff), **({} if quick else diagnose_log(read, rig, seed))}
+    except GimbalPinError as error:
+        return {**head, "error": str(error).replace(str(copy), log.path)}
 
-    rig: Rig
-    cutoff: float | None = None
-    quick: bool = False
-    seed: int = 0
 
-    def examine(self, log: FleetLog) -> dict[str, Value]:
-        """Return a log's row; the `error` of one that cannot be used is the row's.
+def identify_log(log: Log, rig: Rig, cutoff: float | None) -> dict[str, Value]:
+    """Return a log's parameters and how well they hold, see `examine_log`."""
+    filtering = None if cutoff is None else Filtering(cutoff=cutoff)
+    whole = identify(rig, [log], holdout="none", filtering=filtering)
+    units = json.dumps(dict(zip(whole.names, whole.units)))
+    row: dict[str, Value] = {"seconds": float(log.t[-1] - log.t[0]), "samples": len(log), "units": units}
+    row |= zip((f"value.{name}" for name in whole.names), whole.estimate.theta.tolist())
+    row |= zip((f"std.{name}" for name in whole.names), whole.estimate.std.tolist())
+    try:
+        judged = identify(rig, [log], filtering=filtering).held_out
+    except DataError:  # its first two thirds do not show every parameter
+        judged = None
+    figures = ((figure, getattr(judged, figure, {})) for figure in ("torque_rmse", "fit_percent"))
+    return row | {f"{figure}.{joint}": known.get(joint) for figure, known in figures for joint in rig.joints}
 
-        `value.NAME` and `std.NAME` per parameter, from the whole log, `units` their units; `torque_rmse.JOINT`, N m,
-        and `fit_percent.JOINT` on the third that a second fit has not seen; `findings` as JSON: cause, joint, status.
-        """
-        head: dict[str, Value] = {"log": log.path, "serial": log.unit, "time": log.time}
-        copy = Path(log.path)
-        try:
-            with local_copy(log.path) as copy:
-                return {**head, **self.study(read_log(copy, self.rig, log.mapping))}
-        except GimbalPinError as error:
-            return {**head, "error": str(error).replace(str(copy), log.path)}
 
-    def study(self, log: Log) -> dict[str, Value]:
-        """Identify and diagnose a log."""
-        filtering = None if self.cutoff is None else Filtering(cutoff=self.cutoff)
-        whole = identify(self.rig, [log], holdout="none", filtering=filtering)
-        units = json.dumps(dict(zip(whole.names, whole.units)))
-        row: dict[str, Value] = {"seconds": float(log.t[-1] - log.t[0]), "samples": len(log), "units": units}
-        row |= zip((f"value.{name}" for name in whole.names), whole.estimate.theta.tolist())
-        row |= zip((f"std.{name}" for name in whole.names), whole.estimate.std.tolist())
-        try:
-            judged = identify(self.rig, [log], filtering=filtering).held_out
-        except DataError:  # its first two thirds do not show every parameter
-            judged = None
-        for figure in ("torque_rmse", "fit_percent"):
-            known = getattr(judged, figure, {})
-            row |= {f"{figure}.{joint}": known.get(joint) for joint in self.rig.joints}
-        return row if self.quick else {**row, **self.diagnose(log)}
-
-    def diagnose(self, log: Log) -> dict[str, Value]:
-        """Return verdict and findings; a log that is too short for them has neither, and `undiagnosed` says why."""
-        try:
-            found = diagnose(self.rig, [log], rng=np.random.default_rng(self.seed))
-        except DataError as error:
-            return {"verdict": None, "findings": "[]", "undiagnosed": str(error)}
-        findings = [{"cause": one.cause, "joint": one.joint, "status": "data"} for one in found.spoiling]
-        findings += [{"cause": one.cause, "joint": one.joint, "status": one.status} for one in found.findings]
-        return {"verdict": found.verdict, "findings": json.dumps(findings), "undiagnosed": None}
+def diagnose_log(log: Log, rig: Rig, seed: int) -> dict[str, Value]:
+    """Return verdict and findings; a log that is too short for them has neither, and `undiagnosed` says why."""
+    try:
+        found = diagnose(rig, [log], rng=np.random.default_rng(seed))
+    except DataError as error:
+        return {"verdict": None, "findings": "[]", "undiagnosed": str(error)}
+    findings = [{"cause": one.cause, "joint": one.joint, "status": "data"} for one in found.spoiling]
+    findings += [{"cause": one.cause, "joint": one.joint, "status": one.status} for one in found.findings]
+    return {"verdict": found.verdict, "findings": json.dumps(findings), "undiagnosed": None}
 
 
 @dataclass(frozen=True)
@@ -298,8 +285,8 @@ def compare_fleet(
     earlier = None if reference is None else _read_reference(reference, settings)
     if earlier is None and len({log.unit for log in manifest.logs}) < 2:
         raise UsageError(manifest.place, "has the logs of one unit", "add its siblings', or give --reference")
-    study = LogStudy(loaded, manifest.cutoff, quick, seed)
-    table = compute_table(study.examine, manifest.logs, settings, folder, executor, workers, quiet)
+    work = partial(examine_log, rig=loaded, cutoff=manifest.cutoff, quick=quick, seed=seed)
+    table = compute_table(work, manifest.logs, settings, folder, executor, workers, quiet)
     table = table.reindex(columns=list(dict.fromkeys(["unit", "error", "log", *table, "verdict", "findings"])))
     table["reported"] = table["log"].notna()  # what ended the program left nothing but an error
     for column, name in (("log", "path"), ("serial", "unit"), ("time", "time"), ("taken", "taken")):
@@ -340,23 +327,23 @@ def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
     return known.reindex(columns=list(dict.fromkeys([*known, "verdict", "findings"])))
 
 
-def _read_findings(table: DataFrame) -> list[list[Finding]]:
+def _read_findings(table: DataFrame) -> list[list[FindingKey]]:
     """Named causes and faults of each log; none of one that was not diagnosed."""
     texts = table["findings"].astype(object).fillna("[]")
     keys = [dict.fromkeys((one["cause"], one["joint"], one["status"]) for one in json.loads(text)) for text in texts]
     return [[key for key in own if key[2] in ("named", "data")] for own in keys]
 
 
-def _list_owners(table: DataFrame) -> tuple[dict[Finding, set[str]], set[str]]:
-    """Finding → the units that have it, and the units that were diagnosed."""
-    owners = defaultdict[Finding, set[str]](set)
+def _list_owners(table: DataFrame) -> tuple[dict[FindingKey, set[str]], set[str]]:
+    """FindingKey → the units that have it, and the units that were diagnosed."""
+    owners = defaultdict[FindingKey, set[str]](set)
     for unit, findings in zip(table["serial"], _read_findings(table)):
         for key in findings:
             owners[key].add(unit)
     return owners, set(table["serial"][table["verdict"].notna()])
 
 
-def _find_own(table: DataFrame, siblings: DataFrame) -> Iterator[list[Finding]]:
+def _find_own(table: DataFrame, siblings: DataFrame) -> Iterator[list[FindingKey]]:
     """Yield of each log the findings that less than `MAJORITY` of its unit's siblings have."""
     owners, diagnosed = _list_owners(siblings)
     for unit, keys in zip(table["serial"], _read_findings(table)):
@@ -422,7 +409,7 @@ def _judge_fleet(
     )
 
 
-def _find_start(rows: DataFrame, key: Finding) -> str | None:
+def _find_start(rows: DataFrame, key: FindingKey) -> str | None:
     """When the first of a unit's logs was taken that has a cause; None where no earlier one was diagnosed."""
     ordered = rows.sort_values("time", kind="stable")
     first = ordered[[key in own for own in ordered["own"]]].iloc[0]

@@ -110,7 +110,7 @@ def read_manifest(folder: str | Path) -> Manifest:
     common, logs, places, usual = _read_map(stated.map, base, f"{place}: map"), [], dict[str, int](), ""
     for k, entry in enumerate(stated.logs):
         own, name = f"{place}: logs[{k}]", PurePosixPath(entry.log)
-        path = _locate(entry.log, base, own)
+        path = _locate_file(entry.log, base, own)
         time, kind = _read_time(entry.time, k, f"{own}.time")
         usual = usual or kind
         if kind != usual:
@@ -122,7 +122,7 @@ def read_manifest(folder: str | Path) -> Manifest:
         mapping = {**common, **_read_map(entry.map, base, f"{own}.map")}
         logs.append(FleetLog(path, entry.unit or name.stem, time, taken, mapping))
     rig, payload = (
-        name if name is None or name in known else _locate(name, base, f"{place}: {key}", known)
+        name if name is None or name in known else _locate_file(name, base, f"{place}: {key}", known)
         for key, name, known in (("rig", stated.rig, bundled_rigs()), ("payload", stated.payload, bundled_payloads()))
     )
     return Manifest(place, tuple(logs), rig, payload, stated.cutoff, usual == "a date")
@@ -187,7 +187,7 @@ def _read_tables(path: Path, place: str) -> Any:
     return {**whole, "logs": logs}
 
 
-def _locate(name: str, base: str, place: str, bundled: Sequence[str] = ()) -> str:
+def _locate_file(name: str, base: str, place: str, bundled: Sequence[str] = ()) -> str:
     """Absolute path, or URL, of what a manifest in `base` names; `bundled`: names that it could have been instead.
 
     Raises:
@@ -209,7 +209,7 @@ def _locate(name: str, base: str, place: str, bundled: Sequence[str] = ()) -> st
 def _read_map(stated: Any, base: str, place: str) -> dict[str, str]:
     """A mapping, target → expression, stated as a table or as the path of a YAML file."""
     if isinstance(stated, str):
-        with local_copy(_locate(stated, base, place)) as copy:
+        with local_copy(_locate_file(stated, base, place)) as copy:
             stated = read_yaml(copy)
     if not isinstance(stated, dict | None):
         mend = "write a table of 'q_yaw: pos1*pi/180', or the path of such a YAML file"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -41,37 +41,6 @@ class Yield:
     of: int
 
 
-@dataclass(frozen=True)
-class Spread:
-    """One figure over all rigs that could be run: median, the 5 % below and above, and the largest."""
-
-    median: float
-    p5: float
-    p95: float
-    worst: float
-
-
-@dataclass(frozen=True)
-class Influence:
-    """What an input does to how much of the specification a rig uses.
-
-    Attributes:
-        input: The input.
-        first: First-order Sobol index: the share of the variance that it explains alone; None: no such design.
-        first_confidence: Half of its interval of 95 % confidence.
-        total: Total index: the share that would be left if all others were known.
-        total_confidence: The same of it.
-        rank_correlation: Spearman's; None in a Sobol design.
-    """
-
-    input: str
-    first: float | None = None
-    first_confidence: float | None = None
-    total: float | None = None
-    total_confidence: float | None = None
-    rank_correlation: float | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
     """The result of `monte_carlo`.
@@ -84,8 +53,10 @@ class MonteCarlo:
         inputs: What varied.
         specification: What was asked for.
         yield_: How many rigs meet it; None: nothing was asked for.
-        figures: Figure → its spread, in rad (m of a joint that slides), s, per cent or as a share of a torque limit.
-        sensitivity: What costs most of the specification first; without one, what counts most for the first figure.
+        figures: A row per figure over all rigs that could be run: `median`, the 5 % below and above, `p5` and `p95`,
+            and the `worst`, in rad (m of a joint that slides), s, per cent or as a share of a torque limit.
+        sensitivity: What costs most of the specification first, see `rank_influences`; without one, what counts most
+            for the first figure.
         worst: The rigs that use most of it: unit, inputs, figures, error.
         units: Figure → its unit for people; angles are in degrees there.
         table: One row per rig: unit, inputs, figures, error.
@@ -98,8 +69,8 @@ class MonteCarlo:
     inputs: tuple[str, ...]
     specification: tuple[Limit, ...]
     yield_: Yield | None
-    figures: Mapping[str, Spread]
-    sensitivity: tuple[Influence, ...]
+    figures: DataFrame
+    sensitivity: DataFrame
     worst: tuple[Mapping[str, Any], ...]
     units: Mapping[str, str] = field(repr=False)
     table: DataFrame = field(repr=False)
@@ -113,8 +84,8 @@ class MonteCarlo:
             **{name: getattr(self, name) for name in ("rig", "payload", "count", "failed")},
             "specification": [own.text for own in self.specification],
             "yield": {name: getattr(self.yield_, name, None) for name in ("value", "low", "high", "of")},
-            "figures": {name: asdict(own) for name, own in self.figures.items()},
-            "sensitivity": [asdict(own) for own in self.sensitivity],
+            "figures": self.figures.to_dict("index"),
+            "sensitivity": self.sensitivity.rename_axis("input").reset_index().to_dict("records"),
             "worst": self.worst,
         }
         return dict(to_plain(found, finite=True))
@@ -192,7 +163,9 @@ def summarise_rigs(
     used = np.max([np.where(ran, figures[own.figure], np.inf) / own.bound for own in asked], axis=0)
     drawn = np.isin(np.arange(len(design)) % design.group, [0, design.group - 1])  # A and B are independent
     worst = table.iloc[np.argsort(-used, kind="stable")[:SHOWN]].astype(object)
-    spread = table[drawn & ran][[*units]].astype(float).quantile([0.5, 0.05, 0.95, 1.0], interpolation="nearest")
+    independent = table.loc[drawn & ran, [*units]].astype(float)
+    shares = {"median": 0.5, "p5": 0.05, "p95": 0.95, "worst": 1.0}
+    spread = independent.quantile([*shares.values()], interpolation="nearest").set_axis([*shares]).T
     return MonteCarlo(
         rig=rig.name,
         payload=rig.payload,
@@ -201,7 +174,7 @@ def summarise_rigs(
         inputs=design.inputs,
         specification=limits,
         yield_=estimate_yield(used[drawn] < 1.0) if limits else None,
-        figures={name: Spread(*own) for name, own in spread.items() if (drawn & ran).any()},
+        figures=spread if len(independent) else spread[:0],
         sensitivity=rank_influences(design, used),
         worst=tuple(worst.where(worst.notna(), None).to_dict("records")),
         units=units,
@@ -215,24 +188,29 @@ def estimate_yield(met: Array) -> Yield:
     return Yield(float(met.mean()), float(found.low), float(found.high), len(met))
 
 
-def rank_influences(design: RigDesign, used: Array) -> tuple[Influence, ...]:
+def rank_influences(design: RigDesign, used: Array) -> DataFrame:
     """Return what each input does to the values of a design's rigs, (N,), largest first; infinite: it failed.
 
     A base point of which a rig failed has no indices and is left out whole; a rank it has.
+
+    Returns:
+        A row per input, NaN where the design does not show it. Sobol indices: `first`, the share of the variance that
+        the input explains alone, `total`, the share that would be left if all others were known, and half of their
+        intervals of 95 % confidence, `first_confidence` and `total_confidence`. Spearman's `rank_correlation`.
     """
-    if design.sobol:
-        points = used.reshape(-1, design.group)
-        points = points[np.isfinite(points).all(axis=1)]
-        if len(points) < 2 or np.ptp(points) == 0:
-            return tuple(map(Influence, design.inputs))
-        rows = zip(design.inputs, estimate_sobol_indices(points, design.seed).T.tolist())
-        return tuple(sorted((Influence(name, *row) for name, row in rows), key=lambda own: -abs(own.total or 0.0)))
-    if len(used) < 3 or np.all(used == used[0]):
-        return tuple(map(Influence, design.inputs))
-    shares = np.array([unit.shares for unit in design]).T
-    ranks = ((name, float(spearmanr(own, used).statistic)) for name, own in zip(design.inputs, shares))
-    found = (Influence(name, rank_correlation=rank) for name, rank in ranks)
-    return tuple(sorted(found, key=lambda own: -abs(own.rank_correlation or 0.0)))
+    import pandas as pd
+
+    indices = ["first", "first_confidence", "total", "total_confidence"]
+    found = pd.DataFrame(np.nan, list(design.inputs), [*indices, "rank_correlation"])
+    points = used.reshape(-1, design.group)
+    points = points[np.isfinite(points).all(axis=1)]
+    if design.sobol and len(points) > 1 and np.ptp(points) > 0:
+        found[indices] = estimate_sobol_indices(points, design.seed).T
+    elif not design.sobol and len(used) > 2 and np.any(used != used[0]):
+        shares = np.array([unit.shares for unit in design]).T
+        found["rank_correlation"] = [spearmanr(own, used).statistic for own in shares]
+    by = "total" if design.sobol else "rank_correlation"
+    return found.sort_values(by, key=np.abs, ascending=False, kind="stable")
 
 
 def estimate_sobol_indices(points: Array, seed: int) -> Array:

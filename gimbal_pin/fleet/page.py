@@ -65,7 +65,7 @@ def describe_monte_carlo(found: MonteCarlo) -> Document:
     sections = [
         Section("Yield", [paragraph(f"{found.rig}: {said}"), cards(top)]),
         Section("Distributions", [picture, _tabulate_spreads(found)]),
-        Section("What costs most", [_tabulate_influences(found)] if found.sensitivity else [], lead),
+        Section("What costs most", [_tabulate_influences(found)] if found.inputs else [], lead),
         Section("The worst", [_tabulate_worst(found)], "Rigs that failed, then those that use most."),
     ]
     return Document(f"Monte Carlo: {found.rig}", found.payload or "", sections)
@@ -83,29 +83,28 @@ def _label_figure(found: MonteCarlo, name: str) -> str:
 
 def _tabulate_spreads(found: MonteCarlo) -> Table:
     """The figures' medians and tails."""
-    rows = []
-    for name, own in found.figures.items():
-        spread = (own.median, own.p5, own.p95, own.worst)
-        rows.append((_label_figure(found, name), *(_format_figure(found.units[name], x) for x in spread)))
+    rows = [
+        (_label_figure(found, name), *(_format_figure(found.units[name], x) for x in spread))
+        for name, *spread in found.figures.itertuples()
+    ]
     return Table(["Figure", "Median", "5 %", "95 %", "Worst"], rows, label="Figures")
 
 
 def _tabulate_influences(found: MonteCarlo) -> Table:
     """What each input does, largest first."""
-    first = found.sensitivity[:SHOWN]
-    if any(own.total is not None for own in found.sensitivity):
-        columns = ("first", "first_confidence", "total", "total_confidence")
-        rows = [(own.input, *(figures(getattr(own, name)) for name in columns)) for own in first]
+    first = found.sensitivity[:SHOWN].drop(columns="rank_correlation")
+    if first["total"].notna().any():
+        rows = [(name, *map(figures, own)) for name, *own in first.itertuples()]
         return Table(["Input", "First order", "± 95 %", "Total", "± 95 %"], rows, label="Sobol indices")
     used = "the share of the specification used" if found.specification else next(iter(found.units))
-    heads = ["Input", f"Rank correlation with {used}"]
-    return Table(heads, [(own.input, figures(own.rank_correlation)) for own in first], label="Rank correlations")
+    ranks = [(name, figures(x)) for name, x in found.sensitivity["rank_correlation"][:SHOWN].items()]
+    return Table(["Input", f"Rank correlation with {used}"], ranks, label="Rank correlations")
 
 
 def _tabulate_worst(found: MonteCarlo) -> Table:
     """The rigs that use most of the specification, with what costs most of it."""
     asked = list(dict.fromkeys(limit.figure for limit in found.specification)) or list(found.units)[:1]
-    inputs = [own.input for own in found.sensitivity[:3]]
+    inputs = list(found.sensitivity.index[:3])
     errors = ["error"] * any(row["error"] for row in found.worst)
     rows = [
         (
@@ -123,7 +122,7 @@ def _tabulate_worst(found: MonteCarlo) -> Table:
 def _draw_distributions(found: MonteCarlo) -> Figure:
     """Draw how the main figures and those that were asked for are spread, and where the specification ends."""
     bounds = {limit.figure: limit.bound for limit in found.specification}
-    names = [name for name in found.figures if name in {*bounds, *STEPS, *PLATFORM}]
+    names = [name for name in found.figures.index if name in {*bounds, *STEPS, *PLATFORM}]
     figure, panels = _make_panels(len(names), top=0.1)
     for panel, name in zip(panels, names):
         scale, values = SCALES[found.units[name]][found.units[name]], found.table[name].to_numpy(dtype=float)

@@ -33,7 +33,7 @@ FOLDS = 10
 """Units are judged by a fit without a tenth of the fleet that they are in; in fleets of ten or fewer, without them."""
 NORMAL_MAD = 0.6745
 """Median of the absolute value of a normal variable, in standard deviations."""
-FLOOR, LARGEST = 1e-12, 1e12
+SMALLEST_VARIANCE, LARGEST_VARIANCE = 1e-12, 1e12
 """Bounds of variances, in the square of a parameter's scatter."""
 ROUNDS = 20
 """Most times that the deviating units are left out and looked for again; two or three are usual."""
@@ -196,8 +196,8 @@ def compare_units(
     """
     import pandas as pd
 
-    logs = _arrange(values.to_numpy(float), stds.to_numpy(float), units, np.asarray(times, float), reference)
-    names, directions = list(values), [_directions(logs.when[rows]) for rows in logs.rows]
+    logs = _arrange_logs(values.to_numpy(float), stds.to_numpy(float), units, np.asarray(times, float), reference)
+    names, directions = list(values), [_list_directions(logs.when[rows]) for rows in logs.rows]
     deviates = np.zeros((len(logs.labels), len(names)), bool)
     fits = dict.fromkeys(logs.fold.tolist(), _start_fit(logs, logs.select_rows(deviates, -1)))
     for turn in range(ROUNDS):
@@ -208,8 +208,8 @@ def compare_units(
         before, deviates = deviates, np.array([(own.p_value < false_alarms).any(axis=1) for own in tests])
         if turn and (deviates == before).all():
             break
-        fits = {fold: _fit(logs, logs.select_rows(deviates, fold)) for fold in fits}
-    whole = _fit(logs, logs.select_rows(deviates, -1))
+        fits = {fold: _fit_variances(logs, logs.select_rows(deviates, fold)) for fold in fits}
+    whole = _fit_variances(logs, logs.select_rows(deviates, -1))
     mean_std, spread, repeat = (logs.scale * np.sqrt(own) for own in (whole.mean_var, whole.spread, whole.repeat))
     # A variance at its bound under the hypothesis: half of the time the ratio is 0 (Self and Liang 1987).
     p_value = np.where(whole.ratio > 0, 0.5 * chdtrc(1, whole.ratio), 1.0)
@@ -222,7 +222,7 @@ def compare_units(
     return Comparison(pd.DataFrame({**columns, "p_value": p_value}, names), estimates, errors, shown, deviations)
 
 
-def _arrange(y: Array, stds: Array, units: Sequence[str], times: Array, reference: Sequence[str] | None) -> _Logs:
+def _arrange_logs(y: Array, stds: Array, units: Sequence[str], times: Array, reference: Sequence[str] | None) -> _Logs:
     """Sort logs by unit and time, give the units their folds, and scale the values."""
     order = np.lexsort((times, np.asarray(units)))
     labels, group = np.unique(np.asarray(units)[order], return_inverse=True)
@@ -244,7 +244,7 @@ def _arrange(y: Array, stds: Array, units: Sequence[str], times: Array, referenc
     return _Logs(y, variance / scale**2, times[order], tuple(labels.tolist()), rows, group, fold, middle, scale)
 
 
-def _directions(when: Array) -> Array:
+def _list_directions(when: Array) -> Array:
     """What may be added to m logs, (K, m): steps from each log on, then a drift where it differs from these."""
     steps = np.triu(np.ones((len(when), len(when))))
     if len(when) < 3 or when[0] == when[-1]:
@@ -265,8 +265,8 @@ def _pool_unit(logs: _Logs, rows: slice, tests: _Tests, fit: _Fit, deviates: NDA
     """Return a unit's parameters, their deviations and detectable offsets, see `Comparison`, (P,) each."""
     y, variance, step = logs.y[rows], logs.variance[rows], tests.best
     begin = np.where(deviates & (step < len(y)), step, 0)
-    w = np.where(np.arange(len(y))[:, None] >= begin, _weights(variance, fit), 0.0)
-    prior = np.where(deviates, 0.0, 1.0 / np.maximum(fit.spread + fit.mean_var, FLOOR))
+    w = np.where(np.arange(len(y))[:, None] >= begin, _weigh_logs(variance, fit), 0.0)
+    prior = np.where(deviates, 0.0, 1.0 / np.maximum(fit.spread + fit.mean_var, SMALLEST_VARIANCE))
     with np.errstate(all="ignore"):
         precision = w.sum(axis=0) + prior
         mean = ((w * y).sum(axis=0) + np.where(deviates, 0.0, prior * fit.mean)) / precision
@@ -274,9 +274,9 @@ def _pool_unit(logs: _Logs, rows: slice, tests: _Tests, fit: _Fit, deviates: NDA
     return logs.middle + logs.scale * mean, logs.scale * precision**-0.5, logs.scale * offset
 
 
-def _weights(variance: Array, fit: _Fit) -> Array:
+def _weigh_logs(variance: Array, fit: _Fit) -> Array:
     """Precision of each log's values as those of its unit, (m, P)."""
-    return np.asarray(1.0 / (fit.repeat + np.maximum(variance, FLOOR)))
+    return np.asarray(1.0 / (fit.repeat + np.maximum(variance, SMALLEST_VARIANCE)))
 
 
 def _start_fit(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:
@@ -310,7 +310,7 @@ def _find_median(x: Array) -> Array:
     return np.asarray(pd.DataFrame(x).median().fillna(0.0))
 
 
-def _fit(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:
+def _fit_variances(logs: _Logs, is_in: NDArray[np.bool_]) -> _Fit:
     """Estimate every parameter's mean and variances by restricted maximum likelihood from the values that are in."""
     rows = [
         _fit_one(logs.y[own, p], logs.variance[own, p], np.unique(logs.group[own], return_inverse=True)[1])
@@ -343,13 +343,13 @@ def _fit_one(y: Array, variance: Array, unit: NDArray[np.intp]) -> tuple[Any, ..
         return float(value), np.array([between, within if has_repeats else 0.0])
 
     def parts(x: Array) -> tuple[Array, Array, Array, float, Array]:
-        w = 1.0 / (x[1] + np.maximum(variance, FLOOR))
+        w = 1.0 / (x[1] + np.maximum(variance, SMALLEST_VARIANCE))
         total = sum_units(w)
         grown = 1 + x[0] * total
         precision = (total / grown).sum()
         return w, grown, total / grown, precision, y - (sum_units(w * y) / grown).sum() / precision
 
-    bounds = [(0.0, LARGEST), (0.0, LARGEST if has_repeats else 0.0)]
+    bounds = [(0.0, LARGEST_VARIANCE), (0.0, LARGEST_VARIANCE if has_repeats else 0.0)]
     found = minimize(deviance, [0.5, 0.1 * has_repeats], jac=True, method="L-BFGS-B", bounds=bounds)
     alike = minimize(deviance, [0.0, 0.1 * has_repeats], jac=True, method="L-BFGS-B", bounds=[(0.0, 0.0), bounds[1]])
     w, grown, gain, precision, residual = parts(found.x)
@@ -401,7 +401,7 @@ def _fit_directions(
     that it was estimated from. No variance that counts has fewer than its own sum of squares, `fewest`: V is raised to
     what has that many, which of one log is the variance of logs like those of the fleet.
     """
-    w = _weights(variance, fit).T[:, None]
+    w = _weigh_logs(variance, fit).T[:, None]
     shrink = (fit.spread / (1 + fit.spread * w[:, 0].sum(axis=1)))[:, None, None]
     weighted = w * directions
     weighted = weighted - shrink * w * weighted.sum(axis=2, keepdims=True)

@@ -19,7 +19,6 @@ from gimbal_pin.dynamics import Model, plant_with
 from gimbal_pin.effects import parse_effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.fleet import DeviationKind, Fleet, Reason, RigDesign, Variation, Vary, Verdict, read_manifest
-from gimbal_pin.fleet.fleet import LogStudy
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result
 from tests.rigs import chain
@@ -122,7 +121,7 @@ def test_estimates_are_pooled_and_the_population_is_the_plants(fleet: Fleet) -> 
 def test_a_run_is_resumed_without_computing_anything(
     run: Run, fleet: Fleet, folder: Path, results: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(LogStudy, "study", None)
+    monkeypatch.setattr("gimbal_pin.fleet.fleet.identify_log", None)
     call = ["fleet", folder, "-o", results, "--quick", "--workers", 1]
     code, said, _ = run(*call, "--json", tmp_path / "fleet.json")
     assert code == 0 and "8 pass, 3 fail, 1 to be tested again" in said and "tilt.Fv" in said
@@ -183,11 +182,11 @@ def test_a_cause_began_with_the_first_log_that_has_it(
     logs = [("A", 0, "[]"), ("B", 0, "[]"), ("C", 0, "[]"), ("C", 1, cogging), ("C", 2, cogging), ("D", 0, None)]
     logs.append(("D", 1, cogging))
 
-    def diagnosed(study: LogStudy, log: Log) -> dict[str, object]:
+    def diagnosed(log: Log, *others: object) -> dict[str, object]:
         findings = logs[int(Path(log.name).stem)][2]
         return {"verdict": findings and "ok", "findings": findings or "[]"}
 
-    monkeypatch.setattr(LogStudy, "diagnose", diagnosed)
+    monkeypatch.setattr("gimbal_pin.fleet.fleet.diagnose_log", diagnosed)
     rig, out = chain(1), tmp_path / "out"
     (tmp_path / "chain.urdf").write_text(rig.urdf)
     entries = [{"log": f"{k}.csv", "unit": unit, "time": MONTHS[month]} for k, (unit, month, _) in enumerate(logs)]
