@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from scipy.stats import chi2
 
 from gimbal_pin.dynamics.regressor import compute_inertia_regressor
@@ -385,77 +386,142 @@ def explain_by_payload(
         body, inertia, frame = get_payload(rig)
     except UsageError:
         return None
-    mine = slice(10 * body, 10 * body + 10)
-    own, phi, stated = found.responses[:, mine], inertia.toDynamicParameters(), float(inertia.mass)
-    if weighed is not None and stated > 0 and not 1 / 30 < weighed / stated < 30:  # grams are taken for kilograms
-        what = f"{weighed:g} kg is {digits(weighed / stated, 2)} times what its URDF states"
-        raise UsageError("the payload's mass", what, "give it in kilograms, or state it in the payload's URDF")
-    carrier, std_if_known = rig.phi[mine] - phi, np.inf
+    _check_weighed(weighed, float(inertia.mass))
+    own, std_if_known = found.responses[:, 10 * body : 10 * body + 10], np.inf
+    carrier = rig.phi[10 * body : 10 * body + 10] - inertia.toDynamicParameters()
     # Where nothing carries it, the difference of two sums is rounding.
-    if trust > 0 and rig.config.inertia != "trusted" and carrier[0] > 1e-3 * stated:
+    if trust > 0 and rig.config.inertia != "trusted" and carrier[0] > 1e-3 * inertia.mass:
         known = explain_by_payload(found, weighed, 0.0)
         std_if_known = float(known.shift.std.max()) if known is not None and any(known.shift.axes) else np.inf
         found = found.widen(trust * own @ compute_deformation_root(carrier))
     power, freedom = found.compute_rest(own)
     is_sufficient = freedom == 0 or bool(chi2.sf(power, freedom) > FALSE_ALARM)
     found, open_ = (found, own[:, INERTIA_PLACES]) if is_sufficient else _allow_other_bodies(found, body)
-    heavier, per_metre = own @ (phi / stated)[:, None], own[:, MOMENT_PLACES] @ frame.rotation
-    radius = compute_gyration_radius(inertia)
-    mass = found.explain(heavier, np.hstack([stated * per_metre, open_]), LEAST_KNOWN * stated)
-    if weighed is not None:
-        mass = ShownChange(np.eye(1), np.array([weighed - stated]), np.zeros((1, 1)), np.zeros((1, len(found.change))))
-    more, unsure = float(mass.change[0]), heavier[:, : len(mass.value) * (weighed is None)]
-    whole = stated + more
-
-    def place(change: Array, beside: Array) -> ShownChange:
-        """Explain a change by a shift of all of the payload's mass, what it has more included."""
-        return replace(found, change=change).explain(
-            whole * per_metre, np.hstack([beside, open_]), LEAST_KNOWN * radius
-        )
-
-    first = found.explain(stated * per_metre, np.hstack([unsure, open_]), LEAST_KNOWN * radius)
-    moved = per_metre @ first.change * stated / whole
-    if weighed is None:
-        shift = place(found.change + more * moved, unsure + moved[:, None])
-    else:
-        shift = place(found.change - more * heavier[:, 0], unsure)
-    unweighed = -(heavier[:, 0] + moved) * (not len(mass.value))
-    per_mass = place(unweighed, unsure + moved[:, None]).change
-
-    def change_payload(extra: float) -> Array:
-        """Change of the payload's ten parameters if it weighs so much more than was found, kg."""
-        there = shift_inertia(inertia, frame, shift.change + extra * per_mass).toDynamicParameters()
-        return np.asarray(there * (whole + extra) / stated - phi)
-
-    moment = float(np.linalg.eigvalsh(rig.model.inertias[body + 1].inertia).max())
-    left = replace(found, change=found.change - own @ change_payload(0.0))
-    hidden = own @ (change_payload(TRIAL_MASS * stated) - change_payload(0.0))[:, None]  # makes products, too
-    beside = [np.delete(own, PRODUCT_PLACES, axis=1), open_[:, 6:], hidden[:, len(mass.value) :]]
-    products = left.explain(own[:, PRODUCT_PLACES], np.hstack(beside), LEAST_KNOWN * moment)
-    total = rig.phi[mine] + change_payload(0.0)
-    about = compute_inertia_regressor(rig, np.zeros((1, rig.n)), body)[0, body, find_base_columns(rig, found.reduction)]
-    turns = float(about @ found.refitted)
-    off = float(np.linalg.norm(np.cross(find_joint_axis(rig, body), total[MOMENT_PLACES])))
-    is_physical = whole > 0 and is_physical_inertia(turns, float(total[0]), off)
-    if not is_physical:
+    asked = _PayloadColumns(found, body, inertia, frame, open_)
+    mass = asked.explain_mass(weighed)
+    shift, per_mass = asked.explain_shift(mass, weighed is not None)
+    products = asked.explain_products(mass, shift, per_mass)
+    if not (is_physical := asked.is_physical(mass, shift)):
         mass = mass.hide() if weighed is None else mass
         shift, products, per_mass = shift.hide(), products.hide(), np.zeros(3)
     return PayloadDiscrepancy(
         link=find_payload_link(rig),
         body=rig.links[body],
         is_sufficient=is_sufficient,
-        stated=stated,
+        stated=asked.stated,
         is_weighed=weighed is not None,
         mass=mass,
         shift=shift,
         per_mass=per_mass,
         products=products,
         camera=np.asarray(frame.rotation.T @ find_camera_axes(rig)),
-        gyration=radius,
+        gyration=compute_gyration_radius(inertia),
         std_if_known=std_if_known,
-        moment=moment,
+        moment=asked.moment,
         is_physical=is_physical,
     )
+
+
+def _check_weighed(weighed: float | None, stated: float) -> None:
+    """Raise `UsageError` for a mass in grams, which is taken for kilograms."""
+    if weighed is not None and stated > 0 and not 1 / 30 < weighed / stated < 30:
+        what = f"{weighed:g} kg is {digits(weighed / stated, 2)} times what its URDF states"
+        raise UsageError("the payload's mass", what, "give it in kilograms, or state it in the payload's URDF")
+
+
+@dataclass(frozen=True, eq=False)
+class _PayloadColumns:
+    """The payload's ten parameters as columns, and the difference that they explain.
+
+    Attributes:
+        found: The refitted base parameters against the given ones.
+        body: Which body carries it, from 0.
+        inertia: Its inertia as stated, in that body's joint's frame.
+        frame: Its frame there.
+        open: What else is left open, (b, m): its own inertias first.
+    """
+
+    found: BaseDifference
+    body: int
+    inertia: pin.Inertia
+    frame: pin.SE3
+    open: Array
+
+    @property
+    def stated(self) -> float:
+        """Its mass, kg."""
+        return float(self.inertia.mass)
+
+    @property
+    def own(self) -> Array:
+        """Base parameters per parameter of its body, (b, 10)."""
+        return self.found.responses[:, 10 * self.body : 10 * self.body + 10]
+
+    @property
+    def heavier(self) -> Array:
+        """Base parameters per kilogram that it has more where it is, (b, 1)."""
+        return self.own @ (self.inertia.toDynamicParameters() / self.stated)[:, None]
+
+    @property
+    def per_metre(self) -> Array:
+        """Base parameters per kilogram and metre that it sits elsewhere, in its frame, (b, 3)."""
+        return self.own[:, MOMENT_PLACES] @ self.frame.rotation
+
+    @property
+    def moment(self) -> float:
+        """The body's largest moment of inertia as stated, kg m²."""
+        return float(np.linalg.eigvalsh(self.found.rig.model.inertias[self.body + 1].inertia).max())
+
+    def explain_mass(self, weighed: float | None) -> ShownChange:
+        """Explain the difference by its mass, wherever it is; one that was weighed is no estimate."""
+        if weighed is not None:
+            count = len(self.found.change)
+            return ShownChange(np.eye(1), np.array([weighed - self.stated]), np.zeros((1, 1)), np.zeros((1, count)))
+        unknown = np.hstack([self.stated * self.per_metre, self.open])
+        return self.found.explain(self.heavier, unknown, LEAST_KNOWN * self.stated)
+
+    def explain_shift(self, mass: ShownChange, is_weighed: bool) -> tuple[ShownChange, Array]:
+        """Explain the difference by a shift of all of its mass, what it has more included; and per kilogram more."""
+        more, unsure = float(mass.change[0]), self.heavier[:, : len(mass.value) * (not is_weighed)]
+        whole, limit = self.stated + more, LEAST_KNOWN * compute_gyration_radius(self.inertia)
+
+        def place(change: Array, beside: Array, mass: float = whole) -> ShownChange:
+            unknown = np.hstack([beside, self.open])
+            return replace(self.found, change=change).explain(mass * self.per_metre, unknown, limit)
+
+        change, heavier = self.found.change, self.heavier[:, 0]
+        moved = self.per_metre @ place(change, unsure, self.stated).change * self.stated / whole
+        if is_weighed:
+            shift = place(change - more * heavier, unsure)
+        else:
+            shift = place(change + more * moved, unsure + moved[:, None])
+        unweighed = -(heavier + moved) * (not len(mass.value))
+        return shift, place(unweighed, unsure + moved[:, None]).change
+
+    def change_payload(self, mass: ShownChange, shift: Array, extra: float = 0.0) -> Array:
+        """Change of its ten parameters if it has been shifted, and weighs so much more than was found, kg."""
+        there = shift_inertia(self.inertia, self.frame, shift).toDynamicParameters()
+        whole = self.stated + float(mass.change[0]) + extra
+        return np.asarray(there * whole / self.stated - self.inertia.toDynamicParameters())
+
+    def explain_products(self, mass: ShownChange, shift: ShownChange, per_mass: Array) -> ShownChange:
+        """Explain what shift and mass leave by products of inertia."""
+        extra, own, found = TRIAL_MASS * self.stated, self.own, self.change_payload(mass, shift.change)
+        left = replace(self.found, change=self.found.change - own @ found)
+        trial = self.change_payload(mass, shift.change + extra * per_mass, extra)
+        hidden = own @ (trial - found)[:, None]  # makes products, too
+        beside = [np.delete(own, PRODUCT_PLACES, axis=1), self.open[:, 6:], hidden[:, len(mass.value) :]]
+        return left.explain(own[:, PRODUCT_PLACES], np.hstack(beside), LEAST_KNOWN * self.moment)
+
+    def is_physical(self, mass: ShownChange, shift: ShownChange) -> bool:
+        """Whether a body can be as was found."""
+        rig, body = self.found.rig, self.body
+        total = rig.phi[10 * body : 10 * body + 10] + self.change_payload(mass, shift.change)
+        columns = find_base_columns(rig, self.found.reduction)
+        about = compute_inertia_regressor(rig, np.zeros((1, rig.n)), body)[0, body, columns]
+        off = float(np.linalg.norm(np.cross(find_joint_axis(rig, body), total[MOMENT_PLACES])))
+        heavy = self.stated + float(mass.change[0]) > 0
+        return heavy and is_physical_inertia(float(about @ self.found.refitted), float(total[0]), off)
 
 
 def _allow_other_bodies(found: BaseDifference, body: int) -> tuple[BaseDifference, Array]:
