@@ -90,7 +90,8 @@ def mount(rig: etree._Element, payload: etree._Element, at: str, place: str) -> 
         raise RigError(place, f"has no link '{at}' to mount the payload on", "name it with 'mount:' in the rig's YAML")
     for tag in ("link", "joint"):
         if twice := set(list_element_names(rig, tag)) & set(list_element_names(payload, tag)):
-            raise RigError(place, f"rig and payload both have a {tag} '{min(twice)}'", "rename it in the payload")
+            mend = "name the rig without it, as 'identify --urdf' was given it, or rename it in the payload"
+            raise RigError(place, f"rig and payload both have a {tag} '{min(twice)}'", mend)
     root = find_root_link(payload, place)
     materials = set(list_element_names(rig, "material"))
     for element in payload:

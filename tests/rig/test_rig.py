@@ -267,7 +267,7 @@ def test_payloads_that_cannot_be_mounted(tmp_path: Path) -> None:
     refused(lambda: Rig.load("thesis", "canon"), "canon: is neither", *bundled_payloads())
     refused(lambda: Rig.load(path, "cinema"), str(path), "no link 'camera_mount'", "mount:")
     write(tmp_path, "mount: head", "two.yaml")
-    refused(lambda: Rig.load(path, path), str(path), "both have a link 'arm'")
+    refused(lambda: Rig.load(path, path), str(path), "both have a link 'arm'", "name the rig without it")
     weightless = f'<robot name="p">\n{LINK.format("p")}</robot>'.replace("<mass value=", "<mass worth=")
     part = write(tmp_path, weightless, "p.urdf")
     refused(lambda: Rig.load(path, part), f"{part}:5:", "<mass> has no value")
