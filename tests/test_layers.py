@@ -48,7 +48,7 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 CEILINGS = {
     "names at the top of more than one module": 24,
     "percent of functions that are one word": 26,
-    "upper-case constants": 913,
+    "upper-case constants": 912,
     "distinct deep names imported by the tests": 115,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""

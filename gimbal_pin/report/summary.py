@@ -226,23 +226,13 @@ def cautions(tuning: Tuning | None, result: Tracking | None, judged: Judgement |
     if result is None:
         return found
     for name in dict.fromkeys(one.controller for one in result.experiments):
-        joint, share = at_limit(result, name)
-        if share >= LEAST_SHARE_TOLD:
+        shares = {joint: own.saturated for joint, own in result.of(TOGETHER, name).joints.items()}
+        joint = max(shares, key=lambda joint: shares[joint])
+        if shares[joint] >= LEAST_SHARE_TOLD:
             unfair = ": no fair rival, so that its errors say little" if name == RIVAL else ""
             law = controller_name(name)
-            found.append(f"{law} is at the torque limit of {joint} in {100 * share:.0f} % of the step{unfair}.")
+            found.append(f"{law} is at the torque limit of {joint} in {100 * shares[joint]:.0f} % of the step{unfair}.")
     return found
-
-
-def at_limit(result: Tracking, controller: str) -> tuple[str, float]:
-    """Return the joint that a controller has longest at its torque limit, all axes moving, and in what share of it."""
-    shares = [
-        (joint, metrics.saturated)
-        for one in result.experiments
-        if (one.name, one.controller) == (TOGETHER, controller)
-        for joint, metrics in one.joints.items()
-    ]
-    return max(shares, key=lambda pair: pair[1], default=("", 0.0))
 
 
 def about_fit(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:

@@ -57,10 +57,10 @@ OPINIONS = {"explained": "", "structure left": "fair", "not explained": "poor"}
 """Tone of what is left of a joint's torque: noise is no merit."""
 
 
-def better(text: str, own: float, every: Sequence[float], least: float = 0.0) -> Content:
-    """Return the text, marked if its value is the smallest and another larger by more than `least` and a twentieth."""
+def better(text: str, own: float, every: Sequence[float]) -> Content:
+    """Return the text, marked if its value is the smallest and another larger by more than a twentieth."""
     known = [value for value in every if not isnan(value)]
-    clear = len(known) > 1 and own == min(known) and max(known) > 1.05 * own + least
+    clear = len(known) > 1 and own == min(known) and max(known) > 1.05 * own
     return toned(text, "good" if clear else "")
 
 

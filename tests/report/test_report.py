@@ -464,12 +464,7 @@ def test_page_and_terminal_claim_median_and_worst_of_the_perturbed_plants(walk: 
 
 
 def test_the_better_figure_is_marked() -> None:
-    assert (
-        tables.better("x", 1.0, [1.0, 1.04])
-        == tables.better("x", 0.0, [0.0, 0.05], 0.1)
-        == tables.better("x", 1.0, [1.0])
-        == "x"
-    )
+    assert tables.better("x", 1.0, [1.0, 1.04]) == tables.better("x", 1.0, [1.0]) == "x"
     assert isinstance(tables.better("x", 1.0, [1.0, 1.2, nan]), Markup)
 
 

@@ -24,8 +24,6 @@ from gimbal_pin.report.view.outlook import Outlook, Shot
 
 WIDE_TANGENT = tan(radians(45.0))
 """Tangent of half the angle that a wide picture holds across."""
-PICTURE_ASPECT = 1.5
-"""Width over height of every picture."""
 RINGS = (radians(2.0), radians(4.0))
 """Rings of the target in a wide picture, rad."""
 NEAREST_DRAWN = 0.02
