@@ -303,15 +303,16 @@ def _replace_bodies(rig: Rig, phi: Array) -> Rig:
     if len(phi) != 10 * rig.n:
         raise ModelError("phi", f"has {len(phi)} values", f"give ten for each of {rig.n} joints")
     out = rig.with_phi(phi)
-    if not is_inertia_positive(out, spread_states(rig, EXAMINED_INERTIAS)[0]):
+    if not is_inertia_positive(out):
         raise ModelError("phi", "gives the joints an inertia that is not positive at some pose", "identify it again")
     return out
 
 
-def is_inertia_positive(rig: Rig, q: Array) -> bool:
-    """Whether the mass matrix is positive definite at all angles q, (m, n): otherwise no rig moves so."""
+def is_inertia_positive(rig: Rig, q: Array | None = None) -> bool:
+    """Whether the mass matrix is positive definite at all angles q, (m, n), or all over: otherwise no rig moves so."""
     data = rig.model.createData()
-    upper = [pin.crba(rig.model, data, angles) for angles in q]
+    everywhere = spread_states(rig, EXAMINED_INERTIAS)[0] if q is None else q
+    upper = [pin.crba(rig.model, data, angles) for angles in everywhere]
     return bool(np.linalg.eigvalsh(np.array(upper), UPLO="U").min() > 0)
 
 

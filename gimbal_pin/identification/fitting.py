@@ -10,7 +10,14 @@ from typing import NamedTuple
 import numpy as np
 
 from gimbal_pin.checks import check_assignment, check_log, check_time, collect_alterations
-from gimbal_pin.dynamics.model import Doubt, Estimated, Model, build_friction_effects, build_rotor_terms
+from gimbal_pin.dynamics.model import (
+    Doubt,
+    Estimated,
+    Model,
+    build_friction_effects,
+    build_rotor_terms,
+    is_inertia_positive,
+)
 from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.dynamics.threads import limit_to_one_thread
@@ -79,6 +86,8 @@ def assemble_result(
 ) -> Identified:
     """Return what is known once the parameters of some rows are estimated: model, accuracy, nearest physical bodies.
 
+    The model has these bodies where no rig could move with the estimated ones.
+
     Args:
         blocks: The training rows.
         estimate: Parameters in the order of the design's names.
@@ -93,6 +102,8 @@ def assemble_result(
     if held_out is not None:
         model = replace(model, doubts=tuple(Validation(train, held_out).doubts()))
     consistent, shift = _find_nearest_physical(design, estimate, trust)
+    if not is_inertia_positive(model.rig):
+        model = replace(model, rig=model.rig.with_phi(consistent.phi))
     moved = np.concatenate([block.A[:, :, : len(shift)] @ shift for block in blocks])
     change = np.sqrt(np.mean(moved**2, axis=0))
     return Identified(

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gimbal_pin.control import tune
 from gimbal_pin.dynamics import nominal, reduce_parameters
 from gimbal_pin.errors import DataError
-from gimbal_pin.identification import identify
-from gimbal_pin.log import Array, Log
+from gimbal_pin.excitation import record_log
+from gimbal_pin.identification import identify, read_model, write_model
+from gimbal_pin.log import Array, Log, Motion
 from gimbal_pin.regression import (
     BARRIER_WEIGHTS,
     LEANT_WEIGHTS,
     PSEUDO_INERTIA_BASIS,
     Consistent,
     DesignBlocks,
+    Filtering,
     anchor,
     build_program,
     compute_blocks,
@@ -33,7 +38,21 @@ from gimbal_pin.regression import (
 )
 from gimbal_pin.rig import Rig, is_physical, pseudo_inertia
 from tests.bench_logs import EXACT, prescribed, rows_of, true_theta
+from tests.excitation.designs import designed
 from tests.rigs import taken_by_all
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_model_is_one_that_a_rig_can_have(seed: int, tmp_path: Path) -> None:
+    """A hundred times slower than is any use, under noise as large as the torque: it is read back and tuned for."""
+    motion = designed("thesis", 0).motion
+    slow = Motion(100 * motion.t, motion.q, motion.v / 100, motion.a / 1e4)
+    rig = Rig.load("thesis")
+    log = record_log(nominal(rig), slow, 1.0, np.random.default_rng(seed))
+    found = identify(rig, [log], holdout="none", filtering=Filtering(cutoff=0.2, alignment=0.0))
+    assert not found.physical
+    write_model(found, tmp_path / "model.yaml")
+    assert tune(read_model(tmp_path / "model.yaml", rig)).gains
 
 
 def mixing_of(rig: Rig) -> Array:
