@@ -99,12 +99,14 @@ class Card:
         value: The number with its unit.
         note: A line below.
         tone: "good", "fair" or "poor", which colours it and is never the only sign of what it says; or nothing.
+        is_headline: Whether it stands in `auto`'s few lines.
     """
 
     label: str
     value: str
     note: str = ""
     tone: str = ""
+    is_headline: bool = True
 
 
 def join_text(sections: Iterable[Section], detailed: bool = False) -> str:

@@ -65,12 +65,11 @@ def describe_auto(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) ->
 
 
 def describe_outcome(found: Auto, verbose: bool = False) -> str:
-    """Return what `auto` prints: the report's head, with `verbose` all that needs no picture; and where files lie."""
-    sections = list_sections(found)
+    """Return what `auto` prints: the head in 14 lines, or with `verbose` all that needs no picture; where files lie."""
     names = listed(path.name for what, path in found.files.items() if what != "report")
     path = found.files["report"]
     lie = f"open {path}; beside it in {path.parent}: {names}"
-    return f"{join_text(sections if verbose else sections[:1], verbose)}\n\n{lie}"
+    return f"{join_text(list_sections(found), verbose)}\n\n{lie}" if verbose else f"{found.summary.describe()}\n{lie}"
 
 
 def describe_diagnosis(rig: Rig, logs: Sequence[Log], found: Diagnosis) -> Document:

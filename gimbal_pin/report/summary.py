@@ -78,6 +78,15 @@ class Summary:
         parts += [paragraph(" ".join(self.details), "verdict"), cards(self.numbers, is_detail=False)]
         return Section("Summary", parts)
 
+    def describe(self, most: int = 14) -> str:
+        """Return the head in at most so many lines: what was found, what to do, what not to trust, headline numbers."""
+        numbers = str(cards([card for card in self.numbers if card.is_headline])).split("\n")[1:]
+        free = most - 4 - len(numbers)
+        doubts = self.doubts[: max(free - len(self.to_do), 2)]
+        lines = [self.found, "What to do", *(f"  {one}" for one in self.to_do[: free - len(doubts)])]
+        lines += ["Take care", *(f"  {one}" for one in doubts)] if doubts else []
+        return "\n".join([*lines, " ".join(self.details), *numbers])
+
 
 def summary(
     rig: Rig,
@@ -115,10 +124,17 @@ def summary(
         numbers.append(Card("With what was found", percent(fit), note, grade(fit)))
     details.append(about_parameters(found))
     numbers.append(
-        Card("Torque error", torque_text(rmse, force=units[worst]), f"rms {band}, largest: {worst}, {tested.how}")
+        Card(
+            "Torque error",
+            torque_text(rmse, force=units[worst]),
+            f"rms {band}, largest: {worst}, {tested.how}",
+            is_headline=False,
+        )
     )
     deviation = 100 * float(np.median(found.estimate.std / np.maximum(np.abs(found.estimate.theta), 1e-300)))
-    numbers.append(Card("Parameters", str(len(found.names)), f"median deviation {figures(deviation, 2)} %"))
+    numbers.append(
+        Card("Parameters", str(len(found.names)), f"median deviation {figures(deviation, 2)} %", is_headline=False)
+    )
     if tuning is not None:
         hertz, margins = f"{format_range(tuning.bandwidth_hz)} Hz", tuning.margins
         phase, delay = min(one.phase_margin_deg for one in margins), 1e3 * min(one.delay_margin for one in margins)
@@ -127,7 +143,9 @@ def summary(
         details.append(f"The {law} controller is tuned to a bandwidth of {hertz}, with at least {safe}.")
         crossover = format_range(one.crossover_hz for one in margins)
         numbers.append(Card("Bandwidth", hertz, f"crossover {crossover} Hz"))
-        numbers.append(Card("Phase margin", f"{figures(phase, 2)}°", f"disk margin {disk}, worst joint"))
+        numbers.append(
+            Card("Phase margin", f"{figures(phase, 2)}°", f"disk margin {disk}, worst joint", is_headline=False)
+        )
     if judged is not None:
         ratios = judged.compute_ratios(next(iter(judged.errors)))[:, -1]
         note = f"median; worst {figures(ratios.min(), 2)}, of {judged.plants} perturbed plants, all joints"
