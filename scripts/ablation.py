@@ -62,9 +62,9 @@ ABLATIONS = {
     "as it is": Ablation("nothing", "", None),
     "rate-10": Ablation("error rate of 10 % instead of 1 %", "engine.selection.ERROR_RATE", 0.1),
     "rate-0.1": Ablation("error rate of 0.1 %", "engine.selection.ERROR_RATE", 0.001),
-    "beam-1": Ablation("beam: greedy", "engine.selection.BEAM", 1),
-    "tried-3": Ablation("half as many candidates refined", "engine.selection.TRIED", 3),
-    "most-12": Ablation("twice as many causes allowed", "engine.selection.MOST", 12),
+    "beam-1": Ablation("beam: greedy", "engine.selection.BEAM_WIDTH", 1),
+    "tried-3": Ablation("half as many candidates refined", "engine.selection.REFITTED_CANDIDATES", 3),
+    "most-12": Ablation("twice as many causes allowed", "engine.selection.MOST_CAUSES", 12),
     "pieces-6": Ablation("six harmonics of one cause", "engine.selection.MOST_PIECES", 6),
     "promise-0": Ablation("every candidate refined that gains anything", "engine.selection.PROMISE", 0.05),
     "matters": Ablation("no error of form", "engine.selection.matters", true),
@@ -77,12 +77,12 @@ ABLATIONS = {
     "structure": Ablation("no lack of fit denies a name", "engine.explained.material", false),
     "structure-3": Ablation("structures from 3 % of the residual", "engine.explained.STRUCTURED", 0.03),
     "misses": Ablation("what is left where a drive bites denies nothing", "engine.explained.misses", false),
-    "one-pass": Ablation("one search", "engine.explained.PASSES", 1),
-    "prior": Ablation("ten times the prior of the alignment", "engine.alignment.USUAL", 2.5e-2),
+    "one-pass": Ablation("one search", "engine.explained.SEARCHES", 1),
+    "prior": Ablation("ten times the prior of the alignment", "engine.alignment.SHIFT_DEVIATION", 2.5e-2),
     "blocks": Ablation("what a few blocks tell is as sure as what all do", "result.moderate", unchanged),
     "turns": Ablation("gate closed at swift turns", "diagnose.open_turns", unchanged),
     "overdone": Ablation("causes of any torque", "score.OVERDONE", 1e9),
-    "alike": Ablation("a drive's coefficient may be anything", "columns.ALIKE", (-1e9, 1e9)),
+    "alike": Ablation("a drive's coefficient may be anything", "columns.UNIT_RANGE", (-1e9, 1e9)),
 }  # fmt: skip
 
 

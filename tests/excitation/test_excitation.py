@@ -229,7 +229,7 @@ def test_limits_that_nobody_states_are_assumed_and_said(run: Run, tmp_path: Path
     motion = read_motion(tmp_path / "out.csv", rig)
     assert np.abs(motion.q).max() <= 0.25 and (np.abs(motion.v).max(axis=0) <= list(rates.values())).all()
     said = run(*excited, tmp_path / "out.csv")[1]
-    assert "assumed  pan.velocity" in said and "--limit pan.velocity=NUMBER" in said
+    assert "assumed pan.velocity" in said and "--limit pan.velocity=NUMBER" in said
     limits = [f"--limit={joint}.{limit}" for joint in rig.joints for limit in ("velocity=1.5", "effort=4")]
     assert not result(run, *excited, tmp_path / "out.csv", *limits)["assumed"]
 

@@ -37,7 +37,7 @@ def show_excitation(found: Excitation) -> Section:
     start = ", ".join(f"{joint} {figures(q)}" for joint, q in zip(found.joints, found.motion.q[0].tolist()))
     lines.append(f"starts and ends at rest at {start} (rad, or m of a slide): bring it there slowly")
     for one in found.assumed:
-        lines.append(f"assumed  {one.joint}.{one.quantity} = {figures(one.value)} {one.unit}: {_explain_assumed(one)}")
+        lines.append(f"assumed {one.joint}.{one.quantity} = {figures(one.value)} {one.unit}: {_explain_assumed(one)}")
     if found.assumed:
         one = found.assumed[0]
         lines.append(
