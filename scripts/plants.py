@@ -466,7 +466,9 @@ def judge_camera(told: dict[str, Any], result: dict[str, Any]) -> tuple[list[str
         scores.append(abs(found - truth["mass"]) * 1000 / camera["mass_std"])
         good &= abs(share) <= MASS_SHARE or (camera["mass_std"] > 1000 * MASS_SHARE * truth["mass"] and is_told)
     first, last = result["last_body"]
-    unknown = 1000 * (truth["mass"] - found) * np.array(camera.get("com_mm_per_g") or np.zeros(3))
+    # The first moment is what shows: at another mass the place goes with 1/m, of which the stated slope is the tangent.
+    per_gram = np.array(camera.get("com_mm_per_g") or np.zeros(3))
+    unknown = 1000 * found * (1 - found / truth["mass"]) * per_gram
     for axis, (moved, std) in enumerate(zip(camera.get("com_mm") or [], camera.get("com_std_mm") or [])):
         if moved is None or not std:
             continue
