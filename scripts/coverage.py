@@ -118,7 +118,9 @@ def judge_payload(said: PayloadStatement, truth: Truth) -> Iterator[tuple[str, b
     if said.apart is None:
         return
     row: dict[str, Any] = said.apart.to_dict()["camera"]
-    lacks = 0.0 if row["mass"] is not None else 1e3 * truth.mass - row["stated_mass"]
+    # The first moment is what shows: at another mass the place goes with 1/m, of which the stated slope is the tangent.
+    stated = row["stated_mass"]
+    lacks = 0.0 if row["mass"] is not None else stated * (1 - stated / (1e3 * truth.mass))
     for x, std, more, true in zip(row["com_mm"], row["com_std_mm"], row["com_mm_per_g"], 1e3 * truth.shift):
         if x is not None:
             yield "place", is_inside(x + lacks * more, std, true)

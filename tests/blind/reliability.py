@@ -156,9 +156,9 @@ def chart(found: Reliability) -> Picture:
     above.errorbar(
         mean, share, np.abs(bounds - share), color="C0", marker="o", capsize=3, label="measured, 95 % bounds"
     )
-    above.set(ylabel="share that is right", xlim=(0.0, 1.0), ylim=(-0.02, 1.02))
+    above.set(ylabel="share that is right", xlim=(0.0, 1.0), ylim=(-0.02, 1.22), yticks=np.linspace(0, 1, 6))
     above.set_title(f"{found.count} stated probabilities, calibration error {found.error:.3f}", fontsize="medium")
-    above.legend(loc="upper left", frameon=False)
+    above.legend(loc="upper center", ncols=2, frameon=False)
     lows, widths = [each.low for each in found.bins], [each.high - each.low for each in found.bins]
     below.bar(lows, [each.count for each in found.bins], widths, align="edge", color="C0", edgecolor="white")
     below.set(xlabel="stated probability", ylabel="claims", yscale="log", ylim=(0.5, None))
