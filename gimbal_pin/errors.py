@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from math import isfinite
 
 FEW = 6
 """Most names in a message."""
@@ -110,6 +111,11 @@ def digits(value: float, count: int = 3) -> str:
     """
     text = f"{value:.{count}g}"
     return f"{value:.0f}" if "e+" in text and abs(value) < LARGEST_PLAIN else text
+
+
+def finite_or_none(value: float) -> float | None:
+    """Return a number as JSON holds it: null where there is none."""
+    return value if isfinite(value) else None
 
 
 def format_estimate(value: float, std: float, count: int = 3) -> str:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from math import isfinite, nan
+from math import nan
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from gimbal_pin.effects.parameter import Parameter
-from gimbal_pin.errors import digits
+from gimbal_pin.errors import digits, finite_or_none
 from gimbal_pin.log.io.columns import log_columns
 from gimbal_pin.log.log import PLAUSIBLE_RANGES, Array, Log
 from gimbal_pin.regression import Filtering
@@ -71,7 +71,7 @@ class Alteration:
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data; a size that there is not is null."""
-        return {**vars(self), "size": self.size if isfinite(self.size) else None}
+        return {**vars(self), "size": finite_or_none(self.size)}
 
 
 def list_alterations(altered: Mapping[str, tuple[Alteration, ...]]) -> list[dict[str, Any]]:
@@ -186,4 +186,4 @@ Check = Callable[[Rig, Log, Filtering], "Examined | None"]
 
 def describe_parameters(parameters: tuple[Parameter, ...]) -> dict[str, dict[str, Any]]:
     """Return ``{name: {"value": .., "std": .., "unit": ..}}``; a deviation that was not estimated is null."""
-    return {p.name: {"value": p.value, "std": p.std if isfinite(p.std) else None, "unit": p.unit} for p in parameters}
+    return {p.name: {"value": p.value, "std": finite_or_none(p.std), "unit": p.unit} for p in parameters}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from gimbal_pin.effects import Term
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.signal import SignalMemory
 from gimbal_pin.effects.torque_table import TorqueTable
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import UsageError, finite_or_none
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.types import Rng, make_generator
@@ -59,7 +58,7 @@ class Judgement:
         ratios = {name: self.compute_ratios(name) for name in list(self.errors)[:-1]}
 
         def name_joints(values: Array) -> dict[str, float | None]:
-            return {j: x if isfinite(x) else None for j, x in zip((*self.joints, "all"), values.tolist())}
+            return {j: finite_or_none(x) for j, x in zip((*self.joints, "all"), values.tolist())}
 
         def summarise(every: Mapping[str, Array], worst: Callable[..., Array]) -> dict[str, Any]:
             figures: dict[str, Callable[..., Array]] = {"median": np.median, "worst": worst}

@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, fields, replace
 from functools import cached_property
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ from gimbal_pin.control.laws.reasons import (
 from gimbal_pin.control.laws.uncertainty import DRAWN_MODELS, Ratios, draw_inertia_ratios, widened
 from gimbal_pin.dynamics.model import Model, convert_model, read_model_data
 from gimbal_pin.dynamics.threads import limit_to_one_thread
-from gimbal_pin.errors import ModelError, UsageError
+from gimbal_pin.errors import ModelError, UsageError, finite_or_none
 from gimbal_pin.identification.model_file import describe_uncertainty, read_known_parameters
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.rig.brief import brief
@@ -391,4 +391,4 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
 
 def finite(values: Mapping[str, float]) -> dict[str, float | None]:
     """Return the values with null for what JSON cannot say."""
-    return {key: value if isfinite(value) else None for key, value in values.items()}
+    return {key: finite_or_none(value) for key, value in values.items()}

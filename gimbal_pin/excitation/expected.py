@@ -14,6 +14,7 @@ from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import Effect
+from gimbal_pin.errors import finite_or_none
 from gimbal_pin.identification import find_unseen, given_beta
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.regression import FORM_ERROR, Design, Estimate, Filtering, compute_blocks, fit_weighted, presume_misfit
@@ -111,7 +112,7 @@ class ExpectedEstimate:
             "lag": self.lag,
             "longest_lag": {"seconds": lag, "parameter": first} if np.isfinite(lag) else None,
             "parameters": [
-                {"name": name, "unit": unit, "value": _to_json(x), "std": _to_json(std), "known": known}
+                {"name": name, "unit": unit, "value": finite_or_none(x), "std": finite_or_none(std), "known": known}
                 for name, unit, x, std, known in rows
             ],
             "warnings": list(self.warnings),
@@ -193,11 +194,6 @@ def _choose_shares(
     if stated is None and identified:
         return np.array(identified) / unit / size
     return np.full(len(size), otherwise if stated is None else stated)
-
-
-def _to_json(value: float) -> float | None:
-    """Return a number as JSON holds it: null where there is none."""
-    return value if np.isfinite(value) else None
 
 
 def _refit(design: Design, alignment: float) -> Estimate:

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from gimbal_pin.dynamics.regressor import compute_gravity
 from gimbal_pin.effects.rig_effect import copy_model
-from gimbal_pin.errors import DataError, digits
+from gimbal_pin.errors import DataError, digits, finite_or_none
 from gimbal_pin.identification.payload_change import payload_directions
 from gimbal_pin.identification.requirements import check_enough
 from gimbal_pin.log.log import Array
@@ -159,7 +159,7 @@ class Agreement:
                     "name": one.name,
                     "unit": one.unit,
                     "values": one.values.tolist(),
-                    "std": [x if np.isfinite(x) else None for x in one.std.tolist()],
+                    "std": [finite_or_none(x) for x in one.std.tolist()],
                     "shared": one.shared,
                     "p_value": one.p_value,
                     "verdict": one.verdict.value,

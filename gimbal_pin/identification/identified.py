@@ -13,7 +13,7 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.effects import ALWAYS
-from gimbal_pin.errors import digits, format_estimate
+from gimbal_pin.errors import digits, finite_or_none, format_estimate
 from gimbal_pin.identification.agreement import Agreement
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, estimate_bodies
@@ -264,8 +264,8 @@ class Identified:
                     "value": x,
                     "std": s,
                     "unit": unit,
-                    "urdf": _null_if_infinite(given),
-                    "deviations": _null_if_infinite(z),
+                    "urdf": finite_or_none(given),
+                    "deviations": finite_or_none(z),
                 }
                 for name, unit, x, s, given, z in rows
             ],
@@ -282,8 +282,3 @@ class Identified:
             "agreement": None if self.agreement is None else self.agreement.to_dict(),
             "least_squares": None if self.bias is None else self.bias.to_dict(),
         }
-
-
-def _null_if_infinite(value: float) -> float | None:
-    """Return a number as JSON holds it: null where there is none."""
-    return value if np.isfinite(value) else None

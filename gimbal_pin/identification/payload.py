@@ -19,7 +19,7 @@ from gimbal_pin.effects.rig_effect import (
     get_payload,
     shift_inertia,
 )
-from gimbal_pin.errors import NORMAL_95, UsageError, digits, format_estimate
+from gimbal_pin.errors import NORMAL_95, UsageError, digits, finite_or_none, format_estimate
 from gimbal_pin.identification.balance import Balance, KnownMass, compute_balance
 from gimbal_pin.identification.difference import FALSE_ALARM, BaseDifference, ShownChange
 from gimbal_pin.identification.identified import Identified
@@ -173,7 +173,7 @@ class PayloadDiscrepancy:
             "weighed": self.is_weighed,
             "link": self.link,
             "alone": self.is_sufficient,
-            "com_std_if_known_mm": 1e3 * self.std_if_known if np.isfinite(self.std_if_known) else None,
+            "com_std_if_known_mm": finite_or_none(1e3 * self.std_if_known),
         }
         if not (said := self._describe_products()):
             return {"camera": row}
