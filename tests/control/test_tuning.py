@@ -245,7 +245,7 @@ def test_a_margin_that_cannot_be_says_which_can(tuned: Tuning, wish: dict[str, o
     assert 0.5 < float(most) < float(more) < 1.9
     for disk, rest in ((most, {}), (more, {"damping": 2.0, "integral": 0.0})):
         found = tuned.with_(disk_margin=float(disk), **{**wish, **rest})
-        assert min(compute_margins.disk_margin for compute_margins in found.worst) >= float(disk) - 1e-9
+        assert min(margins.disk_margin for margins in found.worst) >= float(disk) - 1e-9
 
 
 def test_joints_that_share_a_loop_share_a_curve(tuned: Tuning) -> None:

@@ -649,6 +649,7 @@ def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) 
     assert all(f"  {doubt}" in brief for doubt in head.doubts) and found.payload.lines[0][1:] in "".join(brief)
     shown = [card for card in head.numbers if card.is_headline]
     assert all(any(line.startswith(card.label) for line in brief) for card in shown) and len(brief) <= 15
+    assert all(f"  {one}" in everything for one in (*head.to_do, *head.doubts))
     assert len(everything) > 60 and head.found in everything and "out/report.html" in everything[-1]
     assert head.found in page and head.to_do[0] in page
 
