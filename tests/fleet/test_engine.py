@@ -109,7 +109,9 @@ def test_a_disk_that_is_full_ends_the_run_and_the_same_call_goes_on(tmp_path: Pa
         run_units(run, fill, quiet=True)
     parts.unlink()
     (tmp_path / "full").rename(parts)
-    assert run_units(run, lambda: ThreadPoolExecutor(2), quiet=True) == Progress(0, 40, 4)
+    done = run_units(run, lambda: ThreadPoolExecutor(2), quiet=True)
+    # A task that was on when the disk was full may still end, and its rows are found.
+    assert done.found + done.computed == 40 and done.failed == 4
 
 
 def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
