@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
+import zlib
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -24,6 +26,10 @@ def browser_missing() -> str:
         return "choreographer is not installed (gimbal-pin[video])"
     return "" if Chromium.find_browser(skip_local=False) else "no Chromium is installed"
 
+
+INFLATING = """[...document.querySelectorAll('iframe')].some(frame => frame.contentDocument.URL !== 'about:srcdoc'
+  || frame.contentDocument.readyState !== 'complete')"""
+"""Whether a page in the page is not yet there."""
 
 needs_browser = pytest.mark.skipif(bool(browser_missing()), reason=browser_missing() or "there is one")
 
@@ -56,11 +62,18 @@ class Visit:
             loaded = session.subscribe_once("Page.loadEventFired")
             await tab.send_command("Page.navigate", {"url": url})
             await asyncio.wait_for(loaded, 240)
+            while await browser.evaluate(tab, INFLATING):
+                await asyncio.sleep(0.1)
             for step in steps:
                 if isinstance(step, str):
                     self.values.append(await browser.evaluate(tab, step))
                 else:
                     await step(tab)
+
+
+def embedded(frame: Any) -> str:
+    """Return the page that lies compressed in a frame of another, a parsed one."""
+    return zlib.decompress(base64.b64decode(frame.get("data-deflated"))).decode()
 
 
 def visit(url: str, *steps: Step) -> Visit:

@@ -5,6 +5,8 @@ What is not `Markup` is escaped.
 
 from __future__ import annotations
 
+import base64
+import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -14,6 +16,14 @@ from markupsafe import Markup
 from tqdm import tqdm
 
 from gimbal_pin.report.table import Content, Table, join, plain
+
+INFLATE = Markup(
+    "<script>{const frame = document.currentScript.previousElementSibling,"
+    " bytes = Uint8Array.from(atob(frame.dataset.deflated), letter => letter.charCodeAt(0));"
+    " new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'))).text()"
+    ".then(page => { frame.srcdoc = page; });}</script>"
+)
+"""Shows what lies compressed in the frame before it."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +180,16 @@ def cards(several: Sequence[Card], *, is_detail: bool = True) -> Element:
 def figure(svg: Markup, caption: Content) -> Markup:
     """Return a drawing with its caption."""
     return Markup('<figure><div class="plot">{}</div><figcaption>{}</figcaption></figure>').format(svg, caption)
+
+
+def embed(page: str, title: str, kind: str) -> Markup:
+    """Return a frame that shows another page, which lies compressed in this one: a scene then has a third of its bytes.
+
+    Browsers inflate it once it is read.
+    """
+    packed = base64.b64encode(zlib.compress(page.encode(), 9)).decode()
+    frame = Markup('<iframe class="{}" title="{}" data-deflated="{}" allow="fullscreen"></iframe>')
+    return frame.format(kind, title, packed) + INFLATE
 
 
 def notice(title: str, content: Element) -> Element:

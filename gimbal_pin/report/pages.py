@@ -16,7 +16,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Verified
 from gimbal_pin.report.evaluation import Evaluated, evaluate
 from gimbal_pin.report.format import controller_name, listed
-from gimbal_pin.report.html import Document, Section, join, join_text, paragraph
+from gimbal_pin.report.html import Document, Section, embed, join, join_text, paragraph
 from gimbal_pin.report.sections.camera import show_camera
 from gimbal_pin.report.sections.control import show_controller, show_tracking
 from gimbal_pin.report.sections.data import show_logs, show_rig
@@ -98,7 +98,7 @@ def moving(rig: Rig, held: Verified) -> str:
 
 def animation(page: str, lead: str) -> Section:
     """Return a section that plays a recording in a frame of its own; the recording lies in the report's file."""
-    frame = Markup('<iframe class="scene" title="Animation" srcdoc="{}" allow="fullscreen"></iframe>').format(page)
+    frame = embed(page, "Animation", "scene")
     button = Markup('<button type="button" class="wide" onclick="{}">Full screen</button>').format(
         "this.closest('.animation').querySelector('iframe').requestFullscreen()"
     )

@@ -56,7 +56,7 @@ STYLE: Mapping[str, object] = {
     "figure.facecolor": "none",
     "savefig.facecolor": "none",
     "svg.fonttype": "none",
-    "path.simplify_threshold": 0.2,
+    "path.simplify_threshold": 0.4,
 }
 """Matplotlib's settings in a report."""
 
@@ -112,8 +112,9 @@ class Drawing:
 def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE) -> Markup:
     """Return the figure that `make` draws in the report's style as an SVG element of a page.
 
-    Of its identifiers only those stay that something points to, made from `alt`; coordinates keep a hundredth of a
-    point; its style sheet, which would reach the whole page, is left out.
+    Of its identifiers only those stay that something points to, made from `alt`; coordinates keep a tenth of a point,
+    which is a seventh of a pixel; texts have the page's font; its style sheet, which would reach the whole page, and
+    white space are left out.
     """
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
@@ -125,7 +126,10 @@ def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE
     text = re.sub(r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->", "", out.getvalue(), flags=re.S)
     head, _, body = text[text.index("<svg") :].partition(">")
     body = re.sub(r'<g id="[^"]*"', "<g", body).replace("xlink:href", "href")
-    body = re.sub(r"<[^>]*>", lambda tag: re.sub(r"(\d\.\d\d)\d+", r"\1", tag[0]), body)
+    body = re.sub(r">\s+<", "><", re.sub(r" font-family: [^;]*;", "", body))
+    body = re.sub(r"<[^>]*>", lambda tag: re.sub(r"\d+\.\d{3,}", lambda x: f"{float(x[0]):.1f}", tag[0]), body)
+    body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(?<=[MLCQ]) | ?\n|\.0(?=[ \n])", "", path[0]), body)
+    body = re.sub(r"M([\d.-]+ [\d.-]+)L\1(?=[M\"])", r"M\1h0", body)  # a dot
     (box,) = re.findall(r'viewBox="[^"]*"', head)
     return Markup(f'<svg {box} role="img" aria-label="{escape(alt)}">{body}')
 

@@ -50,7 +50,7 @@ from gimbal_pin.report import (
 from gimbal_pin.report import format as numbers
 from gimbal_pin.report.view import record
 from gimbal_pin.rig import Rig, to_sliding
-from tests.browsing import needs_browser, visit, wide
+from tests.browsing import embedded, needs_browser, visit, wide
 from tests.rigs import spelled
 
 WRONG = "What the simulation gets wrong"
@@ -269,7 +269,7 @@ def test_every_dot_of_a_cloud_is_drawn(order: str) -> None:
 
     svg = str(plots.drawn(make, "cloud"))
     (path,) = re.findall(r'<path d="([^"]*)"[^>]*stroke: #123456', svg)
-    assert path.count("L") == 1200  # a line of no length, whose round caps are the dot
+    assert path.count("h0") == 1200  # a line of no length, whose round caps are the dot
 
 
 # -- figures -----------------------------------------------------------------------------------------------------------
@@ -602,11 +602,11 @@ def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animati
     titles = [heading.text_content() for heading in tree.iter("h2")]
     assert titles == ["Summary", "Animation", "Parameters", "Torque", "Controller", "Tracking", "Data", "Rig"]
     assert [link.get("href") for link in tree.xpath("//nav//a")] == [f"#{s.get('id')}" for s in tree.iter("section")]
-    assert tree.xpath("//iframe")[0].get("srcdoc") == animation
-    around = page.replace(str(Markup.escape(animation)), "")
+    assert embedded(tree.xpath("//iframe")[0]) == animation
+    around = page.replace(html.INFLATE, "")
     assert re.findall(r"(?:src|href|action|data)=[\"'](?!#|data:)[^\"']*", around) == []
     assert re.findall(r"@import|url\((?!#)|<script|<object|<embed", around) == []
-    assert len(around) < 1.5e6
+    assert len(around) < 0.8e6
     identifiers = re.findall(r' id="([^"]*)"', around)
     assert len(set(identifiers)) == len(identifiers)
     pointed = re.findall(r"url\(#([^)]*)\)", around) + re.findall(r'href="#([^"]*)"', around)
@@ -623,7 +623,7 @@ def test_names_that_would_break_the_page_are_only_text() -> None:
     walk = walked(rig, EVIL)
     assert parsed(Document(EVIL, "", [Section("x", [Markup("y")])]).to_html()).findtext(".//title") == EVIL
     tree = parsed(whole(walk, "<b>page</b>"))
-    assert tree.xpath("//script") == [] and tree.xpath("//main//b//script") == []
+    assert len(tree.xpath("//script")) == 1 and tree.xpath("//main//b//script") == []
     assert tree.findtext(".//h1").startswith(EVIL)
     drawn = [text.text_content() for text in tree.iter("text")]
     for name in evil:

@@ -14,7 +14,7 @@ from gimbal_pin.pointing.result import Row, Verified
 from gimbal_pin.report import camera_chart as chart
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import angle, controller_name, figures, listed, to_sentence
-from gimbal_pin.report.html import Card, Section, bullets, cards, folded, heading, notice, paragraph
+from gimbal_pin.report.html import Card, Section, bullets, cards, embed, folded, heading, notice, paragraph
 from gimbal_pin.report.view import gaze
 from gimbal_pin.report.view.outlook import outlook
 
@@ -29,14 +29,13 @@ def show_camera(found: Verified, note: str = "") -> Section:
     `note`: what the plant and the model were, as sentences.
     """
     seen = gaze.render_gaze(outlook(found, WANTED), WANTED)
-    frame = '<div class="animation"><iframe class="gaze" title="{}" srcdoc="{}"></iframe></div>'
     weak = any(describe_limits(row.at_limit) for row in found.rows)
     parts: list[object] = [
         paragraph(headline(found), f"headline {'good' if found.gain > 1 else 'fair'}"),
         paragraph(f"{circumstances(found)} {note}".strip()),
         cards(numbers(found)),
         heading("What the camera sees").html,
-        Markup(frame).format("What the cameras see", seen),
+        Markup('<div class="animation">{}</div>').format(embed(seen, "What the cameras see", "gaze")),
         heading("The line of sight, and its price").html,
         curves(found),
         heading("The controllers").html,

@@ -34,7 +34,7 @@ BY_PLATFORM_ALONE = "This is by the platform's motion alone, as its IMU tells it
 SPOILT = "What a fit of the log finds all the same, and what is not to be acted on:"
 OUTLINED_CORRELATION = 0.95
 """Correlation from which on two causes are outlined."""
-MOST_RESIDUAL_DOTS, MOST_LINE_POINTS = 700, 700
+MOST_POINTS = 700
 """Most dots in a cloud, and points of a curve over time in one stretch."""
 MOST_DRAWN_JOINTS = 4
 """Most joints whose residual is drawn, those with findings first."""
@@ -188,7 +188,7 @@ def faces(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], he
         scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
         column[0].set_title(joint.name, color=joint.colour)
         rows = np.flatnonzero(open_[:, j])
-        rows = rows[:: max(1, len(rows) // MOST_RESIDUAL_DOTS)]
+        rows = rows[:: max(1, len(rows) // MOST_POINTS)]
         for axes, name, per in ((column[0], "q", ""), (column[1], "v", "/s")):
             x = joint.scale * channel(held, name, j)[rows]
             for error, colour in zip(errors, (plots.PLAIN, joint.colour)):
@@ -218,7 +218,7 @@ def over_time(axes: plots.Axes, held: Evidence, error: Array, colour: str) -> No
     at = 0
     for part in held.parts:
         length = len(part.gate)
-        axes.plot(*plots.thinned(part.channels.t, error[at : at + length], MOST_LINE_POINTS), color=colour, lw=0.9)
+        axes.plot(*plots.thinned(part.channels.t, error[at : at + length], MOST_POINTS), color=colour, lw=0.9)
         at += length
 
 
