@@ -2,6 +2,7 @@ from .ccode import number as number
 from .compiled import CompiledLaw as CompiledLaw
 from .compiled import CompiledPointer as CompiledPointer
 from .compiled import Library as Library
+from .equations import LawEquations as LawEquations
 from .sources import EXPORTED_FILES as EXPORTED_FILES
 from .sources import Exported as Exported
 from .sources import export_controller as export_controller

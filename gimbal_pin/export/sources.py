@@ -21,7 +21,8 @@ from gimbal_pin.control.laws.computed_torque import Robust
 from gimbal_pin.control.tuning import StoredController, Tuning
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.export.ccode import c_function, number
-from gimbal_pin.export.symbolic import Chain, checked, table, terms
+from gimbal_pin.export.equations import LawEquations
+from gimbal_pin.export.symbolic import Chain, checked, table
 from gimbal_pin.log.io.files import atomic_write, write_run
 from gimbal_pin.log.log import Imu
 from gimbal_pin.pointing import guard
@@ -48,7 +49,8 @@ C_SOURCES = (
     "gimbal_parameters.c",
 )
 """What a controller is compiled from."""
-HAND_WRITTEN = (
+EXPORTED_FILES = (
+    *C_SOURCES,
     "gimbal_link.h",
     "gimbal_link.c",
     "gimbal_about.c",
@@ -57,7 +59,6 @@ HAND_WRITTEN = (
     "platformio.ini",
     "README.md",
 )
-EXPORTED_FILES = (*C_SOURCES, *HAND_WRITTEN)
 """All files of an exported controller."""
 
 
@@ -134,10 +135,12 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
     pointer, model = holder(stored, imu), stored.model
     rig, sight = model.rig, pointer.navigator.sight
     chain = Chain(rig)
-    kinematics = [chain.torque(), chain.camera(), chain.drift(), chain.between()]
-    difference = checked(rig, kinematics, sight, np.random.default_rng(0))
-    rest, coefficients = terms(model)
-    equations = [c_function(function, SAYS[function.name()]) for function in (*kinematics, rest)]
+    kinematics = [chain.camera(), chain.drift(), chain.between()]
+    difference = checked(rig, [chain.torque(), *kinematics], sight, np.random.default_rng(0))
+    law = LawEquations(chain, model)
+    robust = isinstance(stored.law, ComputedTorque) and stored.law.robust is not None
+    functions = [*kinematics, *law.list_functions(robust)]
+    equations = [c_function(function, SAYS[function.name()]) for function in functions]
     links, points = gyros_between(rig), [table(*drive) for drive in drives(stored)]
     context: dict[str, Any] = {
         "joints": rig.n,
@@ -145,21 +148,19 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
         "leads": len(pointer.navigator.forecast.leads),
         "taps": TAPS,
         "due": pointer.navigator.forecast.due,
-        "others": max(len(coefficients), 1),
-        "loaded": int(model.loaded),
-        "weighed": int(model.weighed),
+        "others": max(len(law.values), 1),
         "functions": equations,
         "joint_names": [quoted(name) for name in rig.joints],
         "link_names": [quoted(name) for name in links or ("",)],
         "points": [point for own in points for point in own] or [(0.0, 0.0)],
-        "parameters": list_parameters_of(stored, pointer, coefficients, [len(own) for own in points]),
+        "parameters": list_parameters_of(stored, pointer, law.values, [len(own) for own in points]),
         "about": json.dumps(describe_library(stored)),
         "rig": rig,
         "links_said": ", ".join(links),
         "unable": unable(rig, WANTED),
         "stored": stored,
     }
-    counts = {function.name(): count for function, (_, _, count) in zip((*kinematics, rest), equations)}
+    counts = {function.name(): count for function, (_, _, count) in zip(functions, equations)}
     cost = {name: times * counts.get(name, PER_TAP * TAPS) for name, times in calls(stored, pointer).items()}
     memory = state_bytes(rig.n, len(links), pointer.navigator.forecast.due)
     made = rendered({**context, "operations": cost, "memory": memory}, EXPORTED_FILES)
@@ -172,15 +173,15 @@ PER_TAP = 18
 
 def calls(stored: StoredController, pointer: Pointer) -> dict[str, int]:
     """Return how often a step that holds the camera calls the functions of its model, and the forecast."""
-    leads, model = len(pointer.navigator.forecast.leads), stored.model
+    leads = len(pointer.navigator.forecast.leads)
     if not isinstance(stored.law, ComputedTorque):
         return {"camera": 1}
     return {
-        "rigid_torque": leads * (2 if model.weighed else 1),
+        "moving_torque": leads,
         "camera": leads,
         "camera_drift": leads,
         "camera_between": 1,
-        "terms": leads * (3 if model.loaded else 1),
+        "feedback": 1,
         "forecast": leads,
     }
 
@@ -197,13 +198,15 @@ def state_bytes(n: int, links: int, due: int) -> int:
 
 
 SAYS = {
-    "rigid_torque": "Torque that moves the rigid bodies, N m: joints at angles q, rates v and accelerations a, on a"
-    "\n   base of specific force f, rate w and angular acceleration dw, in the base link's frame.",
     "camera": "Attitude R of the camera in the base link, and J: the camera's rate in its own frame is R^T w + J v.",
     "camera_drift": "Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s^2.",
     "camera_between": "Attitude of the camera in the base link, and in every link between that has a gyro.",
-    "terms": "Torque of all terms that are not affine in direction and rate, N m: time t, angles, rates, accelerations,"
-    "\n   directions of sliding, total torques, weights; c are their coefficients.",
+    "moving_torque": "Torque of the model on a base that moves, N m; y is added to the wanted accelerations.",
+    "standing_torque": "Torque of the model on a base that stands upright with the joints accelerating by y, N m;"
+    "\n   dry friction is that of the reference's direction.",
+    "feedback": "Errors with this sample, and what the loops ask for against them, rad/s^2; wished: accelerations.",
+    "cut_torque": "Torques within the limits, N m, and the integrals that are kept: not of an error that drives its"
+    "\n   motor further into its limit, nor on an approach.",
 }
 """What the generated functions are."""
 
@@ -323,9 +326,8 @@ def list_loops(outer: Outer, inertias: Sequence[float]) -> list[dict[str, float]
 def redesign(robust: Robust | None, n: int) -> dict[str, Any]:
     """Return ``struct gimbal_robust``."""
     if robust is None:
-        return {"active": False, "direction": [[0.0] * 3] * n, "alpha": 0.0, "disturbance": 0.0, "gain": 0.0}
+        return {"direction": [[0.0] * 3] * n, "alpha": 0.0, "disturbance": 0.0, "gain": 0.0}
     return {
-        "active": True,
         "direction": [list(row) for row in robust.rows],
         "alpha": robust.bounds.alpha,
         "disturbance": robust.bounds.inverse * robust.bounds.phi,

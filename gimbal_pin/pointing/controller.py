@@ -33,7 +33,6 @@ DT = 0.001
 """Sampling interval of a controller that is learned, s."""
 WARM_UP = 3
 """Steps that a new controller takes at rest: the first two fill every cache, the third compares a forecast."""
-UPRIGHT = np.array([0.0, 0.0, 9.81])
 
 
 class Controller:
@@ -73,10 +72,10 @@ class Controller:
         self.pointer = replace(made, navigator=replace(made.navigator, level=Level(made.dt)))
         self.recipe, self.keeps = recipe, keeps
         self.memory: Held | None = None
-        zero, links = np.zeros(3), len(self.pointer.navigator.sight.moved)
+        zero, up, links = np.zeros(3), np.array([0.0, 0.0, 9.81]), len(self.pointer.navigator.sight.moved)
         self.shapes = ((rig.n,), (3,), (3,), (3,), (3 * links,))
         for k in range(WARM_UP):
-            self.step(Measurement(k * self.dt, recipe.looking, zero, zero, UPRIGHT, np.zeros(3 * links)))
+            self.step(Measurement(k * self.dt, recipe.looking, zero, zero, up, np.zeros(3 * links)))
         self.memory = None
 
     @staticmethod

@@ -35,9 +35,8 @@ struct gimbal_loop {
     float inertia; /* what a PID multiplies its acceleration by, kg m^2 */
 };
 
-/* Lyapunov redesign: w = size z/|z| outside a boundary layer, gain z inside it. */
+/* Lyapunov redesign: w = size z/|z| outside a boundary layer, gain z inside it; all zero without it. */
 struct gimbal_robust {
-    bool active;
     float direction[GIMBAL_JOINTS][3]; /* z of a joint: what multiplies integral, error and rate of the error */
     float alpha;                       /* bound of the relative error of the model's inertia, below 1 */
     float disturbance;                 /* acceleration by the rest of the model's error, rad/s^2 */

@@ -641,9 +641,13 @@ static void command(const struct gimbal_parameters *p, struct gimbal_holding *st
         state->fallback = back;
     }
     if (back || p->law == GIMBAL_PID) {
+        const struct gimbal_loop *loop = back ? p->fallback : p->holding;
+        const struct gimbal_robust none = {.gain = 0.0f};
+        const float still[GIMBAL_JOINTS] = {0.0f};
         struct gimbal_error error;
-        gimbal_errors(p->dt, q, fix->v, fix->aim.q, fix->aim.v, state->memory.integral, &error);
-        gimbal_pid(p, back ? p->fallback : p->holding, state->memory.integral, &error, tau);
+        float y[GIMBAL_JOINTS];
+        gimbal_feedback(p, loop, &none, q, fix->v, fix->aim.q, fix->aim.v, state->memory.integral, still, &error, y);
+        gimbal_pid(p, loop, state->memory.integral, &error, y, tau);
         return;
     }
     gimbal_hold(p, &state->memory, 1e-6f * (float)state->time_us, q, fix->v, &fix->aim, tau);

@@ -1,0 +1,112 @@
+"""The control laws in casadi's symbols: errors and feedback, the model's torque, the cut to the limits."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.export.ccode import SCALARS
+from gimbal_pin.export.symbolic import Chain, Symbols, terms
+from gimbal_pin.regression import compute_direction
+
+if TYPE_CHECKING:
+    import casadi
+
+
+class LawEquations:
+    """Functions of what C's structures hold: `loop_kp` is ``loop[j].kp``, `there_q` is ``there->q``.
+
+    Attributes:
+        chain: The rig's bodies.
+        values: Coefficients of the terms that are not affine.
+    """
+
+    TERMS = "terms_constant terms_per_slide terms_per_rate terms_others"
+
+    def __init__(self, chain: Chain, model: Model) -> None:
+        """Take the torque of the bodies and of the terms."""
+        self.chain, self.model, self.ca, self.torque = chain, model, chain.ca, chain.torque()
+        self.terms, self.values = terms(model)
+
+    def declare(self, names: str) -> SimpleNamespace:
+        """Return a symbol per name."""
+        sizes = {"robust_direction": 3 * self.chain.n, "terms_others": self.terms.numel_in(0)}
+        sizes |= dict.fromkeys(SCALARS, 1) | dict.fromkeys(("there_f", "there_w", "there_dw"), 3)
+        return SimpleNamespace(**{name: self.ca.SX.sym(name, sizes.get(name, self.chain.n)) for name in names.split()})
+
+    def list_functions(self, robust: bool) -> list[casadi.Function]:
+        """Return all of them."""
+        return [self.build_moving_torque(), self.build_standing_torque(), self.build_feedback(robust), self.build_cut()]
+
+    def build_feedback(self, robust: bool) -> casadi.Function:
+        """``K ξ + w``, rad/s²: see `Outer.feedback` and, where `robust`, `Robust.correction`."""
+        ca, norm = self.ca, self.ca.norm_2
+        x = self.declare(
+            "p_dt loop_kp loop_ki loop_kd loop_knee loop_braking robust_direction robust_alpha robust_disturbance "
+            "robust_gain q v aim_q aim_v integral wished"
+        )
+        e, rate = x.aim_q - x.q, x.aim_v - x.v
+        total, size = x.integral + x.p_dt * e, ca.fabs(e)
+        far = x.loop_kd * ca.sqrt(x.loop_braking * (2 * size - x.loop_knee))
+        pull = ca.if_else(size <= x.loop_knee, x.loop_kp * e, ca.copysign(far, e))
+        y = x.loop_ki * total + x.loop_kd * rate + pull
+        if robust:
+            z = ca.sum2(ca.reshape(x.robust_direction, 3, self.chain.n).T * ca.horzcat(total, e, rate))
+            most = (x.robust_alpha * (norm(x.wished) + norm(y)) + x.robust_disturbance) / (1 - x.robust_alpha)
+            y += z * ca.if_else(x.robust_gain * norm(z) <= most, x.robust_gain, most / norm(z))
+        return self.function("feedback", x, error_angle=e, error_rate=rate, error_integral=total, y=y)
+
+    def build_moving_torque(self) -> casadi.Function:
+        """Torque of the model on a base that moves, N m: see `CarriedTorque.at`."""
+        x = self.declare(f"p_dt {self.TERMS} t there_q there_v there_a there_f there_w there_dw y")
+        q, v, a, base = x.there_q, x.there_v, x.there_a + x.y, (x.there_f, x.there_w, x.there_dw)
+        slide = compute_direction(v, x.there_a, x.p_dt)
+        rest = self.torque(q, v, a, *base) + self.sum_affine_terms(x, slide, v)
+        weight = self.torque(q, 0, 0, *base) if self.model.weighed else rest
+        return self.function("moving_torque", x, tau=rest + self.sum_other_terms(x, (q, v, a, slide), rest, weight, 0))
+
+    def build_standing_torque(self) -> casadi.Function:
+        """Torque of the model on a base that stands upright, N m: see `ComputedTorque.inverse`."""
+        x = self.declare(f"p_tracking_lead p_still p_gravity {self.TERMS} t q v y reference_v reference_a")
+        q, rate = x.q + x.p_tracking_lead * x.v, x.reference_v + x.p_tracking_lead * x.reference_a
+        base = (self.ca.vertcat(0, 0, x.p_gravity), 0, 0)
+        slide = self.ca.if_else(self.ca.fabs(rate) < x.p_still, 0, self.ca.copysign(1, rate))
+        rigid, known = self.torque(q, x.v, x.y, *base), self.sum_affine_terms(x, slide, rate)
+        weight = self.torque(q, 0, 0, *base) if self.model.weighed else rigid
+        return self.function(
+            "standing_torque", x, tau=rigid + self.sum_other_terms(x, (q, rate, x.y, slide), rigid, weight, known)
+        )
+
+    def build_cut(self) -> casadi.Function:
+        """Torques cut to the limits and the integrals that are kept: see `Outer.integrated` and `Outer.clipped`."""
+        ca, x = self.ca, self.declare("p_limit loop_knee error_angle error_integral wanted integral")
+        further = ca.logic_and(ca.fabs(x.wanted) > x.p_limit, x.wanted * x.error_angle > 0)
+        held = ca.logic_or(further, ca.fabs(x.error_angle) > x.loop_knee)
+        # What is no number stays none, for the caller to see.
+        tau = ca.if_else(ca.fabs(x.wanted) > x.p_limit, ca.copysign(x.p_limit, x.wanted), x.wanted)
+        return self.function("cut_torque", x, kept=ca.if_else(held, x.integral, x.error_integral), tau=tau)
+
+    def sum_affine_terms(self, x: SimpleNamespace, slide: Symbols, rate: Symbols) -> Symbols:
+        """Torque of the affine terms, N m."""
+        return x.terms_constant + x.terms_per_slide * slide + x.terms_per_rate * rate
+
+    def sum_other_terms(
+        self, x: SimpleNamespace, at: tuple[Symbols, ...], rest: Symbols, weight: Symbols, known: Symbols
+    ) -> Symbols:
+        """Torque of all other terms, with what is known of it, where the rest asks for `rest`, N m.
+
+        See `compute_added_torque`, whose iteration stands here without its branches.
+        """
+        found = [rest * 0]
+        for _ in range(3 if self.model.loaded else 1):
+            found.append(known + self.terms(x.terms_others, x.t, *at, rest + found[-1], weight))
+        if not self.model.loaded:
+            return found[-1]
+        last, change = found[3] - found[2], found[2] - found[1]
+        slope = self.ca.if_else(change != 0, last / change, 0)
+        return found[3] + self.ca.if_else(self.ca.fabs(slope) < 1, last * slope / (1 - slope), 0)
+
+    def function(self, name: str, x: SimpleNamespace, **outputs: Symbols) -> casadi.Function:
+        """Return a function of the declared symbols."""
+        return self.chain.function(name, vars(x), outputs)
