@@ -35,6 +35,7 @@ FORMULAS: Mapping[str, str] = {
     "OP_FMIN": "fminf({0}, {1})",
     "OP_FMAX": "fmaxf({0}, {1})",
     "OP_COPYSIGN": "copysignf({0}, {1})",
+    "OP_ATAN2": "atan2f({0}, {1})",
     "OP_HYPOT": "hypotf({0}, {1})",
     "OP_IF_ELSE_ZERO": "{0} ? {1} : 0.0f",
     "OP_LT": "{0} < {1}",
@@ -54,9 +55,12 @@ STRUCTURES = {
     "there": "struct gimbal_ahead *there",
     "error": "struct gimbal_error *error",
     "reference": "struct gimbal_reference *reference",
+    "upright": "struct gimbal_upright *upright",
+    "after": "struct gimbal_upright *after",
 }
 """What C gives a function in place of an array of every name that begins so."""
 SCALARS = {"t", "p_dt", "p_still", "p_gravity", "robust_alpha", "robust_disturbance", "robust_gain"}
+SCALARS |= {"p_level_span", "upright_eased", "upright_samples", "after_samples"}
 """Names of one entry that are no arrays in C."""
 
 

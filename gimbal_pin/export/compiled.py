@@ -186,12 +186,15 @@ class CompiledPointer:
         """Sampling interval, s."""
         return float(self.library.about["dt"])
 
-    def start(self, seen: Measurement, camera: Array, base: Array) -> CompiledMemory:
-        """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3)."""
+    def start(self, seen: Measurement, camera: Array, base: Array, eased: float = 0.0) -> CompiledMemory:
+        """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3).
+
+        `eased`: time in which levelling comes in, s; 0: there is none.
+        """
         code = self.library.code
         state = ctypes.create_string_buffer(code.gimbal_holding_size())
         sensors = sampled(seen)
-        known = single(*(quaternion(R) for R in (camera, base, self.navigator.wanted)))
+        known = single(*(quaternion(R) for R in (camera, base, self.navigator.wanted)), np.array([eased]))
         code.gimbal_holding_start(self.library.parameters, state, at(sensors), at(known))
         return CompiledMemory(state.raw)
 

@@ -32,12 +32,14 @@ class LawEquations:
     def declare(self, names: str) -> SimpleNamespace:
         """Return a symbol per name."""
         sizes = {"robust_direction": 3 * self.chain.n, "terms_others": self.terms.numel_in(0)}
-        sizes |= dict.fromkeys(SCALARS, 1) | dict.fromkeys(("there_f", "there_w", "there_dw"), 3)
+        sizes |= {"upright_means": 9, "camera": 4}
+        sizes |= dict.fromkeys(SCALARS, 1) | dict.fromkeys(("there_f", "there_w", "there_dw", "upright_up", "f"), 3)
         return SimpleNamespace(**{name: self.ca.SX.sym(name, sizes.get(name, self.chain.n)) for name in names.split()})
 
     def list_functions(self, robust: bool) -> list[casadi.Function]:
         """Return all of them."""
-        return [self.build_moving_torque(), self.build_standing_torque(), self.build_feedback(robust), self.build_cut()]
+        torques = [self.build_moving_torque(), self.build_standing_torque()]
+        return [*torques, self.build_feedback(robust), self.build_cut(), self.build_level()]
 
     def build_feedback(self, robust: bool) -> casadi.Function:
         """``K ξ + w``, rad/s²: see `Outer.feedback` and, where `robust`, `Robust.correction`."""
@@ -86,6 +88,28 @@ class LawEquations:
         # What is no number stays none, for the caller to see.
         tau = ca.if_else(ca.fabs(x.wanted) > x.p_limit, ca.copysign(x.p_limit, x.wanted), x.wanted)
         return self.function("cut_torque", x, kept=ca.if_else(held, x.integral, x.error_integral), tau=tau)
+
+    def build_level(self) -> casadi.Function:
+        """Attitude with what levels it, in the frame that is wanted for the camera, and the means: see `Level.step`."""
+        ca = self.ca
+        x = self.declare(
+            "p_dt p_gravity p_level_span upright_up upright_eased upright_samples upright_means q f camera"
+        )
+        x.q, up, means = self.chain.q, x.upright_up, ca.reshape(x.upright_means, 3, 3)
+        turned = ca.mtimes(self.chain.attitude(self.chain.frame(self.model.rig.camera_frame)).T, x.f)
+        aside = 2 * ca.cross(x.camera[1:], turned)  # v + w t + u × t with t = 2 u × v is (w, u) v (w, u)*
+        force = turned + x.camera[0] * aside + ca.cross(x.camera[1:], aside)
+        count = ca.fmin(x.upright_samples + 1, x.p_level_span)
+        for k in range(3):
+            means[:, k] += (3 + k) / (count + 2 + k) * (force - x.p_gravity * up - means[:, k])
+        mean = ca.mtimes(means, ca.SX([10, -15, 6]))
+        part, axis = ca.fmin(count * x.p_dt / x.upright_eased, 1), ca.cross(mean, up)
+        size, height = ca.norm_2(axis), ca.dot(mean, up) + x.p_gravity
+        half = (part * part * (3 - 2 * part)) ** 2 * ca.atan2(size, height) / 2
+        w, turn = ca.cos(half), ca.sin(half) / ca.fmax(size, 1e-12) * axis
+        own, rest = x.camera[0], x.camera[1:]
+        level = ca.vertcat(w * own - ca.dot(turn, rest), w * rest + own * turn + ca.cross(turn, rest))
+        return self.function("level", x, after_samples=count, after_means=ca.vec(means), leveled=level)
 
     def sum_affine_terms(self, x: SimpleNamespace, slide: Symbols, rate: Symbols) -> Symbols:
         """Torque of the affine terms, N m."""

@@ -28,6 +28,7 @@ from gimbal_pin.log.log import Imu
 from gimbal_pin.pointing import guard
 from gimbal_pin.pointing.bench import WANTED, rehearse_platform
 from gimbal_pin.pointing.forecast import FALL, RISE, TAPS, Spectrum
+from gimbal_pin.pointing.level import Level
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.recipe import Recipe
@@ -193,7 +194,7 @@ def state_bytes(n: int, links: int, due: int) -> int:
     """
     sensors = 10 + n + 3 * max(links, 1)
     guarded, gyros = 3 * sensors + 20 + 4 * n, links + 1
-    after = 22 + 4 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 5
+    after = 37 + 4 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 5
     return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
 
 
@@ -205,6 +206,7 @@ SAYS = {
     "standing_torque": "Torque of the model on a base that stands upright with the joints accelerating by y, N m;"
     "\n   dry friction is that of the reference's direction.",
     "feedback": "Errors with this sample, and what the loops ask for against them, rad/s^2; wished: accelerations.",
+    "level": "Attitude of the camera in the wanted frame, turned so that the mean of the specific force points up.",
     "cut_torque": "Torques within the limits, N m, and the integrals that are kept: not of an error that drives its"
     "\n   motor further into its limit, nor on an approach.",
 }
@@ -242,6 +244,7 @@ def list_parameters_of(
     law, model, navigator = stored.law, stored.model, pointer.navigator
     n, dt, forecast = model.rig.n, stored.law.dt, navigator.forecast
     friction, back = Resistance(model.by_joint), pointer.fallback
+    level = Level(dt)
     holding, pace, checks = pointer.law, pointer.navigator.pace, pointer.guard
     assert isinstance(holding, (JointPid, CarriedTorque))
     computed = isinstance(law, ComputedTorque)
@@ -275,6 +278,8 @@ def list_parameters_of(
         "fusion_gain": 0.0 if navigator.fusion is None else navigator.fusion.gain,
         "fusion_share": 0.0 if navigator.fusion is None else navigator.fusion.share,
         "fusion_bound": 0.0 if navigator.fusion is None else navigator.fusion.bound,
+        "level_span": round(level.span / dt),
+        "level_eased": level.eased,
         "pace": {
             "home": navigator.sight.home.tolist(),
             "rate": pace.rates.tolist(),
@@ -282,6 +287,8 @@ def list_parameters_of(
             "inertia": pace.inertias.ravel().tolist(),
             "near": pace.near,
             "ramp": pace.ramp,
+            "lower": [limit.lower for limit in model.rig.limits],
+            "upper": [limit.upper for limit in model.rig.limits],
         },
         "limits": {
             "noisy": checks.noisy,

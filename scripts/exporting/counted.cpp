@@ -18,7 +18,7 @@ int main()
     float tau[GIMBAL_JOINTS];
     long most = 0;
     seen.base_force[2] = 9.81f;
-    gimbal_attitudes_now(seen.q, &known);
+    gimbal_attitudes_level(&gimbal_default_parameters, &seen, &known);
     gimbal_holding_start(&gimbal_default_parameters, &state, &seen, &known);
     for (int k = 1; k <= 100; ++k) {
         const float x = 1e-5f * (float)k; // no reading repeats itself

@@ -81,7 +81,10 @@ int main(int count, char **words)
         const uint32_t rare = 2u + next() % 1000u;
         if (k % 1000 == 0) {
             draw(&seen, k % 2000 ? 5u : 1000000u);
-            gimbal_attitudes_now(seen.q, &known);
+            gimbal_attitudes_level(p, &seen, &known);
+            if (k % 3000 == 0) {
+                gimbal_attitudes_now(seen.q, &known);
+            }
             gimbal_holding_start(p, &holding, &seen, &known);
         }
         draw(&seen, rare);

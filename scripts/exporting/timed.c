@@ -14,7 +14,7 @@ int main(void)
     double least = 1e9;
     memset(&seen, 0, sizeof seen);
     seen.base_force[2] = 9.81f;
-    gimbal_attitudes_now(seen.q, &known);
+    gimbal_attitudes_level(&gimbal_default_parameters, &seen, &known);
     gimbal_holding_start(&gimbal_default_parameters, &state, &seen, &known);
     for (int pass = 0; pass < 10; ++pass) {
         const clock_t begun = clock();

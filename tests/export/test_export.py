@@ -9,22 +9,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from gimbal_pin.control import Ahead, BaseState, tune
 from gimbal_pin.dynamics import Model, Reference, nominal
 from gimbal_pin.effects import Sample, Term
 from gimbal_pin.errors import ModelError
-from gimbal_pin.export import Chain, LawEquations, Library
+from gimbal_pin.export import Chain, CompiledPointer, LawEquations, Library
+from gimbal_pin.export.compiled import at, single
 from gimbal_pin.export.symbolic import checked, table, terms
 from gimbal_pin.log import write_yaml
 from gimbal_pin.pointing import (
     WANTED,
     Course,
+    Level,
     Measurement,
     Recipe,
     Sight,
     Station,
+    attitude,
     draw_profile,
+    leveled,
     parse_fault,
     run_controllers,
     simulate_holding,
@@ -122,6 +127,29 @@ def test_the_laws_equations_are_pythons(full: Twin) -> None:
         assert np.array(found).ravel() == pytest.approx(np.array(right), rel=1e-9)
 
 
+def test_the_levels_equation_is_pythons(full: Twin) -> None:
+    """In double precision, from a world that is a tenth of a radian askew, seen from any attitude that is wanted."""
+    sight, rng, level = full.pointer.navigator.sight, np.random.default_rng(0), Level(0.01, span=1.0)
+    step = LawEquations(Chain(sight.rig), full.stored.model).build_level()
+    memory, wanted, count, means = level.start(sure=False), attitude(0.4, 0.3), 0.0, np.zeros(9)
+    for _ in range(200):
+        q, camera = rng.normal(0, 0.5, sight.rig.n), attitude(*rng.normal(0, 0.5, 3))
+        f = sight.attitude(q) @ camera.T @ attitude(0, 0.1) @ rng.normal((0, 0, 9.81), 0.1)
+        memory = level.step(memory, camera @ sight.attitude(q).T @ f)
+        given = (
+            wanted[2],
+            level.eased,
+            count,
+            means,
+            q,
+            f,
+            Rotation.from_matrix(wanted.T @ camera).as_quat(scalar_first=True),
+        )
+        count, means, turned = step(level.dt, 9.81, level.span / level.dt, *given)
+        found = Rotation.from_quat(np.array(turned).ravel(), scalar_first=True).as_matrix()
+        assert np.abs(found - wanted.T @ memory.turn @ camera).max() < 1e-12
+
+
 SHAPES = ["dead-zone:tilt:width=0.1", "dead-zone:tilt:width=0.01,sharpness=3", "saturation:tilt:limit=2,knee=3"]
 
 
@@ -205,6 +233,61 @@ def test_the_turn_at_the_start_is_the_same(which: str, request: pytest.FixtureRe
         memory = side.start(seen, sight.attitude(q), np.eye(3)) if memory is None else memory
         _, memory = side.torque(seen, memory)
     assert max(side.gaps) < 2e-3 and float(np.median(side.gaps)) < 2e-4
+
+
+@compiled_here
+def test_a_base_that_is_not_level_is_leveled_alike(plain: Twin) -> None:
+    """The accelerometer says that the world is a milliradian askew: the same torques while that is corrected."""
+    navigator, rng, level = plain.pointer.navigator, np.random.default_rng(0), Level(1e-3)
+    pointer, camera = replace(plain.pointer, navigator=replace(navigator, level=level)), navigator.sight.attitude
+    start = resting(plain, rng, 0)
+    held = pointer.start(start, camera(start.q), np.eye(3))
+    held = held._replace(known=held.known._replace(upright=level.start(sure=False)))
+    c, gaps, sizes = plain.compiled.start(start, camera(start.q), np.eye(3), level.eased), [], []
+    for k in range(1500):
+        seen = resting(plain, rng, k)
+        seen = seen._replace(**{name: floats(getattr(seen, name)) for name in ("q", "gyro", "w", "links")})
+        seen = seen._replace(f=floats(attitude(0, 1e-3, -5e-4) @ seen.f))
+        right, held = pointer.torque(seen, held)
+        found, c = plain.compiled.torque(seen, c)
+        gaps.append(float(np.abs((found - right) / plain.stored.model.tau_max).max()))
+        sizes.append(float(np.abs(right / plain.stored.model.tau_max).max()))
+    assert max(gaps) < 2e-3 and float(np.median(gaps)) < 2e-4 and max(sizes) > 0.1
+
+
+@compiled_here
+def test_one_sample_levels_alike(plain: Twin) -> None:
+    """Attitudes of camera, base and what is wanted, by the accelerometer of one sample."""
+    rng, library, sight = np.random.default_rng(0), plain.library, plain.pointer.navigator.sight
+    for _ in range(50):
+        seen = resting(plain, rng, 0)._replace(f=rng.normal(0, 10, 3), q=rng.normal(0, 1, library.n))
+        known, sensors = np.zeros(13, np.float32), single(0.0, *seen[1:])
+        library.code.gimbal_attitudes_level(library.parameters, at(sensors), at(known))
+        found = Rotation.from_quat(known[:12].reshape(3, 4), scalar_first=True).as_matrix()
+        base, camera = leveled(seen.f), leveled(seen.f) @ sight.attitude(seen.q)
+        assert np.abs(found - [camera, base, camera]).max() < 1e-6
+        assert known[12] == 1.0
+
+
+@compiled_here
+def test_what_is_out_of_reach_is_refused_alike(plain: Twin) -> None:
+    """Then the camera is held where it looks: torques are those of a start that wanted nothing else."""
+    navigator, rng, library = plain.pointer.navigator, np.random.default_rng(0), plain.library
+    sight, outcomes = navigator.sight, []
+    for _ in range(60):
+        wanted, seen = attitude(*rng.uniform(-np.pi, np.pi, 3)), resting(plain, rng, 0)
+        camera = sight.attitude(seen.q)
+        refused = sight.obstacle(sight.reached(np.eye(3), wanted, sight.home), np.eye(3), wanted) is not None
+        turned, held = (CompiledPointer(library, replace(navigator, wanted=R)) for R in (wanted, camera))
+        memories = [holder.start(seen, camera, np.eye(3)) for holder in (turned, held)]
+        same = True
+        for k in range(1, 30):
+            seen = resting(plain, rng, k)
+            torques, memories = zip(*[holder.torque(seen, m) for holder, m in zip((turned, held), memories)])
+            same = same and bool((torques[0] == torques[1]).all())
+        assert same == refused
+        outcomes.append(refused)
+    assert 5 < sum(outcomes) < 55
 
 
 @compiled_here

@@ -79,6 +79,8 @@ struct gimbal_pace {
     float inertia[GIMBAL_JOINTS * GIMBAL_JOINTS]; /* largest of any pose, without sign, kg m^2 */
     float near;                                   /* way up to which the loop answers as to any error, rad */
     float ramp;                                   /* time in which a turn becomes fast at least, s */
+    float lower[GIMBAL_JOINTS];                   /* limits of the angles, rad */
+    float upper[GIMBAL_JOINTS];
 };
 
 /* Channels of the sensors, in the order in which they are checked. */
@@ -134,6 +136,8 @@ struct gimbal_parameters {
     float fusion_gain;                                 /* of the gaps between gyros; 0: the camera's gyro alone */
     float fusion_share;                                /* of a gap in its slow part, per sample */
     float fusion_bound;                                /* rad; a faster change of a gap is no noise and ends the fusion */
+    float level_span;                                  /* longest time over which the force's mean says where up is, samples */
+    float level_eased;                                 /* time in which that comes in where one sample said it first, s */
     struct gimbal_pace pace;
     struct gimbal_limits limits;
 };
@@ -178,11 +182,12 @@ struct gimbal_sensors {
     float link_gyro[GIMBAL_LINKS][3]; /* of gimbal_link_names, each in its link's frame, rad/s; zero where none is */
 };
 
-/* Attitudes in one frame that is fixed to the earth, (w, x, y, z). */
+/* Attitudes in one frame that is fixed to the earth and whose z points up, (w, x, y, z). */
 struct gimbal_attitudes {
     float camera[4];
     float base[4];
     float wanted[4]; /* of the camera */
+    float eased;     /* time in which the accelerometer's mean corrects where up is, s; 0: nothing does */
 };
 
 /* What the check of the sensors remembers. */
@@ -204,6 +209,14 @@ struct gimbal_attitude {
     float rest[4];
 };
 
+/* What keeps the camera from looking as wanted. */
+enum gimbal_obstacle {
+    GIMBAL_NONE,
+    GIMBAL_UNREACHED, /* its joints cannot turn it there */
+    GIMBAL_STEEP,     /* it would be near a singular pose */
+    GIMBAL_LIMIT      /* a joint reaches its limit before */
+};
+
 /* The way from where the camera looks at the start to where it shall look: q = goal + (s - 1) way on that base. */
 struct gimbal_way {
     bool on;                  /* whether there is one left to go */
@@ -212,6 +225,15 @@ struct gimbal_way {
     float way[GIMBAL_JOINTS]; /* from the first angles to those, rad */
     float rate;               /* largest ds/dt, 1/s */
     float ramp;               /* time in which it is reached, s */
+    enum gimbal_obstacle obstacle; /* other than none: there is no way, the camera is held where it looked at the start */
+};
+
+/* Where up is, in the wanted frame. */
+struct gimbal_upright {
+    float up[3];    /* that direction as it was known at the start */
+    float eased;    /* time in which it is corrected, s; 0: it is not */
+    float samples;  /* how many the means are of */
+    float means[9]; /* three means of the specific force beyond gravity, m/s^2 */
 };
 
 /* What the law remembers. */
@@ -226,6 +248,7 @@ struct gimbal_holding {
     struct gimbal_memory memory;
     int64_t time_us;                        /* time of the last sample on an even clock */
     struct gimbal_way way;                  /* to the attitude that is wanted */
+    struct gimbal_upright upright;
     struct gimbal_attitude attitude;        /* of the camera, in the frame that is wanted for it */
     float turning[3];                       /* camera's rate that was integrated last, rad/s */
     float v[GIMBAL_JOINTS];                 /* joint rates, rad/s */
@@ -253,6 +276,12 @@ struct gimbal_holding {
 
 /* Where the camera looks now, on a base that counts as level: for a gimbal that is to hold what it sees. */
 void gimbal_attitudes_now(const float q[GIMBAL_JOINTS], struct gimbal_attitudes *out);
+
+/* The same on a base whose tilt is what its accelerometer says, first in this sample, soon in the mean of all. */
+void gimbal_attitudes_level(const struct gimbal_parameters *p, const struct gimbal_sensors *seen,
+                            struct gimbal_attitudes *out);
+
+/* Begin: the camera turns to where it is wanted, or is held where it looks if that is out of reach: see way.obstacle. */
 
 void gimbal_holding_start(const struct gimbal_parameters *p, struct gimbal_holding *state,
                           const struct gimbal_sensors *seen, const struct gimbal_attitudes *known);

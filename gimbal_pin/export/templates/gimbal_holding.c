@@ -1,4 +1,5 @@
 #include <math.h>
+#include <string.h>
 
 #include "gimbal_attitude.h"
 #include "gimbal_controller.h"
@@ -161,9 +162,12 @@ static void between(const float q[GIMBAL_JOINTS], float out[GIMBAL_GYROS][4])
 /* --- The turn to where the camera shall look ------------------------------------------------------------------------ */
 
 /* Angles at which the camera looks as wanted from a base, by Newton; a longer step may end a turn away. */
-static void reach(const struct gimbal_parameters *p, const float base[4], float q[GIMBAL_JOINTS])
+static enum gimbal_obstacle reach(const struct gimbal_parameters *p, const float base[4], float q[GIMBAL_JOINTS])
 {
     const int iterations = 40;
+    const float rounding = 1e-5f;
+    float error = 0.0f;
+    bool steep = false;
     const float stride = 0.3f;
     const float reached = 1e-6f;
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
@@ -175,9 +179,10 @@ static void reach(const struct gimbal_parameters *p, const float base[4], float 
         float attitude[4];
         float left[3];
         float step[GIMBAL_JOINTS];
-        float error = 0.0f;
         float most = 1e-12f;
         look(&p->limits, q, &view);
+        steep = view.steep;
+        error = 0.0f;
         gimbal_quaternion(view.R, camera);
         gimbal_product(base, camera, attitude);
         gimbal_log(attitude, left);
@@ -185,7 +190,7 @@ static void reach(const struct gimbal_parameters *p, const float base[4], float 
             error = fmaxf(error, fabsf(left[k]));
         }
         if (error < reached) {
-            return;
+            break;
         }
         undo(&view, left, step);
         for (int j = 0; j < GIMBAL_JOINTS; ++j) {
@@ -195,6 +200,12 @@ static void reach(const struct gimbal_parameters *p, const float base[4], float 
             q[j] += step[j] * fminf(1.0f, stride / most);
         }
     }
+    for (int j = 0; j < GIMBAL_JOINTS && error < rounding && !steep; ++j) {
+        if (q[j] < p->pace.lower[j] - rounding || q[j] > p->pace.upper[j] + rounding) {
+            return GIMBAL_LIMIT;
+        }
+    }
+    return !(error < rounding) ? GIMBAL_UNREACHED : steep ? GIMBAL_STEEP : GIMBAL_NONE;
 }
 
 /* The way from angles to where the camera shall look. */
@@ -205,7 +216,7 @@ static void set_out(const struct gimbal_parameters *p, const float base[4], cons
     float longest = 0.0f;
     float quickest = 1.0f / pace->ramp;
     float hardest = 1e30f;
-    reach(p, base, out->goal);
+    const enum gimbal_obstacle obstacle = reach(p, base, out->goal);
     for (int k = 0; k < 4; ++k) {
         out->base[k] = base[k];
     }
@@ -214,6 +225,7 @@ static void set_out(const struct gimbal_parameters *p, const float base[4], cons
         longest = fmaxf(longest, fabsf(out->way[j]));
     }
     out->on = longest > pace->near && longest < 1e6f; /* nor is what is no number */
+    out->obstacle = out->on ? obstacle : GIMBAL_NONE;
     for (int j = 0; j < GIMBAL_JOINTS && out->on; ++j) {
         float moment = 0.0f;
         for (int k = 0; k < GIMBAL_JOINTS; ++k) {
@@ -420,6 +432,9 @@ static void estimate(const struct gimbal_parameters *p, struct gimbal_holding *s
     }
     actual = state->attitude;
     gimbal_turn(&actual, state->turn);
+    if (state->upright.eased > 0.0f) {
+        gimbal_level(p, &state->upright, seen->q, seen->base_force, actual.q, &state->upright, actual.q);
+    }
     gimbal_inverse(gaze->attitude, wanted);
     gimbal_product(wanted, actual.q, off);
     gimbal_log(off, turn);
@@ -676,7 +691,29 @@ static void refuse(const struct gimbal_parameters *p, struct gimbal_holding *sta
     state->unanswered += 1u;
 }
 
-/* Begin anew at the last sample, holding what the camera sees: the attitude that was known is no number any more. */
+/* Attitudes of camera and base, and the direction that points up, as seen from the attitude that is wanted. */
+static void relate(const float wanted[4], const struct gimbal_attitudes *known, float camera[4], float base[4],
+                   float up[3])
+{
+    const float *w = wanted;
+    float back[4];
+    gimbal_inverse(wanted, back);
+    gimbal_product(back, known->camera, camera);
+    gimbal_product(back, known->base, base);
+    up[0] = 2.0f * (w[1] * w[3] - w[0] * w[2]);
+    up[1] = 2.0f * (w[2] * w[3] + w[0] * w[1]);
+    up[2] = w[0] * w[0] - w[1] * w[1] - w[2] * w[2] + w[3] * w[3];
+}
+
+static void begin_upright(struct gimbal_upright *upright, float eased)
+{
+    upright->eased = eased;
+    upright->samples = 0.0f;
+    memset(upright->means, 0, sizeof upright->means);
+}
+
+/* Begin anew at the last sample, holding what the camera sees: the attitude that was known is no number any more.
+   Where up is is what it was; it is corrected slowly. */
 static void restart(const struct gimbal_parameters *p, struct gimbal_holding *state)
 {
     struct gimbal_attitudes known;
@@ -686,6 +723,8 @@ static void restart(const struct gimbal_parameters *p, struct gimbal_holding *st
     last.time_us += p->dt_us; /* of the sample to come, as a start is */
     gimbal_holding_start(p, state, &last, &known);
     state->time_us = before.time_us;
+    state->upright = before.upright;
+    begin_upright(&state->upright, before.upright.eased > 0.0f ? p->level_span * p->dt : 0.0f);
     state->refused = before.refused;
     state->distrusted = before.distrusted;
 }
@@ -719,25 +758,47 @@ void gimbal_attitudes_now(const float q[GIMBAL_JOINTS], struct gimbal_attitudes 
         out->camera[k] = to[0][k];
         out->wanted[k] = to[0][k];
     }
+    out->eased = 0.0f;
+}
+
+void gimbal_attitudes_level(const struct gimbal_parameters *p, const struct gimbal_sensors *seen,
+                            struct gimbal_attitudes *out)
+{
+    const float *f = seen->base_force;
+    const float roll = 0.5f * atan2f(f[1], f[2]);
+    const float pitch = 0.5f * atan2f(-f[0], sqrtf(f[1] * f[1] + f[2] * f[2]));
+    const float base[4] = {cosf(pitch) * cosf(roll), cosf(pitch) * sinf(roll), sinf(pitch) * cosf(roll),
+                           -sinf(pitch) * sinf(roll)};
+    float camera[4];
+    gimbal_attitudes_now(seen->q, out);
+    if (gimbal_finite(base, 4)) {
+        gimbal_product(base, out->camera, camera);
+        memcpy(out->base, base, sizeof base);
+        memcpy(out->camera, camera, sizeof camera);
+        memcpy(out->wanted, camera, sizeof camera);
+    }
+    out->eased = p->level_eased;
 }
 
 void gimbal_holding_start(const struct gimbal_parameters *p, struct gimbal_holding *state,
                           const struct gimbal_sensors *seen, const struct gimbal_attitudes *known)
 {
-    float wanted[4];
     float camera[4];
     float q[4];
     struct gimbal_attitude base;
     gimbal_guard_start(&p->limits, &state->guard, seen, p->dt_us);
     const struct gimbal_sensors *good = &state->guard.good;
     begin_law(&state->memory);
-    gimbal_inverse(known->wanted, wanted);
-    gimbal_product(wanted, known->camera, camera);
+    relate(known->wanted, known, camera, q, state->upright.up);
+    set_out(p, q, good->q, &state->way);
+    if (state->way.obstacle != GIMBAL_NONE) {
+        relate(known->camera, known, camera, q, state->upright.up);
+        state->way.on = false;
+    }
+    begin_upright(&state->upright, known->eased);
     set(&state->attitude, camera);
-    gimbal_product(wanted, known->base, q);
     set(&base, q);
     begin(state, good, &base);
-    set_out(p, q, good->q, &state->way);
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         state->v[j] = 0.0f;
         state->tau[j] = 0.0f;

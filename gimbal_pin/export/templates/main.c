@@ -28,7 +28,7 @@ int main(void)
     float tau[GIMBAL_JOINTS];
 
     read_sensors(&seen);
-    gimbal_attitudes_now(seen.q, &known);
+    gimbal_attitudes_level(p, &seen, &known);
     gimbal_holding_start(p, &state, &seen, &known);
     for (;;) {
         wait_for_sample();
