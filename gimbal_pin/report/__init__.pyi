@@ -33,7 +33,7 @@ from .summary import verdict as verdict
 from .table import Table as Table
 from .table import join as join
 from .view import animate as animate
-from .view.outlook import outlook as outlook
+from .view.gaze import outlook as outlook
 
 VIEWS: collections.abc.Mapping[str, tuple[float, float, float]]
 PRESETS: collections.abc.Mapping[str, tuple[tuple[int, int], float | None, bool]]

@@ -22,8 +22,8 @@ from gimbal_pin.report.sections.control import show_controller, show_tracking
 from gimbal_pin.report.sections.data import show_logs, show_rig
 from gimbal_pin.report.sections.diagnosis import WRONG, show_diagnosis
 from gimbal_pin.report.sections.model import show_parameters, show_torque
-from gimbal_pin.report.view.onboard import onboard
-from gimbal_pin.report.view.outlook import outlook
+from gimbal_pin.report.view.gaze import outlook
+from gimbal_pin.report.view.scene import onboard
 from gimbal_pin.rig.rig import Rig
 
 if TYPE_CHECKING:

@@ -29,11 +29,11 @@ from gimbal_pin.pointing import (
 )
 from gimbal_pin.report import Document, figures, outlook, show_camera
 from gimbal_pin.report.sections.camera import headline, numbers
-from gimbal_pin.report.view import afar, gaze
+from gimbal_pin.report.view import gaze, stage
+from gimbal_pin.report.view.figure import rays
+from gimbal_pin.report.view.gaze import liveliest
 from gimbal_pin.report.view.motion import poses
-from gimbal_pin.report.view.onboard import onboard
-from gimbal_pin.report.view.outlook import liveliest
-from gimbal_pin.report.view.sight import rays
+from gimbal_pin.report.view.scene import onboard
 from gimbal_pin.rig import Rig
 from tests.browsing import needs_browser, visit, wide
 from tests.report.test_report import OUTSIDE, WIDER, parsed
@@ -83,11 +83,11 @@ def test_a_camera_that_turns_left_sees_the_target_move_right_and_one_that_nods_s
 
 @pytest.mark.parametrize("wanted", [WANTED, attitude(-2.0, -0.1) @ pin.exp3(np.array([0.4, 0.0, 0.0]))])
 def test_the_ground_is_level_in_the_world_and_the_hills_stand_on_it(wanted: Array) -> None:
-    world = gaze.scenery(wanted)
-    np.testing.assert_allclose(world.up, wanted[2], atol=1e-12)
-    np.testing.assert_allclose(world.lines @ world.up, -1.0, atol=1e-12)
-    assert (world.hills @ world.up >= -1e-12).all() and np.ptp(world.hills @ world.up) > 0.02
-    left_to_right = placed(world.hills[30:-30], np.zeros(3))[:, 0]
+    up, lines, hills = gaze.scenery(wanted)
+    np.testing.assert_allclose(up, wanted[2], atol=1e-12)
+    np.testing.assert_allclose(lines @ up, -1.0, atol=1e-12)
+    assert (hills @ up >= -1e-12).all() and np.ptp(hills @ up) > 0.02
+    left_to_right = placed(hills[30:-30], np.zeros(3))[:, 0]
     assert wanted is not WANTED or np.all(np.diff(left_to_right) > 0)
 
 
@@ -110,12 +110,12 @@ def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_came
     run, pivot = verified().rows[1].runs[0], Sight(bundled("thesis")).centre
     base = run.base[::200][:, [1, 2, 3, 0]]
     shown = poses(bundled("thesis").model, run.q[::200], base, pivot)
-    assert np.ptp(shown.place, axis=0).max() > 0.01
+    assert np.ptp(shown.world[:, 0, :3, 3], axis=0).max() > 0.01
     for pose in shown.world[:, 0]:
         np.testing.assert_allclose(pose[:3, :3] @ pivot + pose[:3, 3], pivot, atol=1e-12)
-    _, corners = afar.marks(bundled("thesis"), (), shown, WANTED, 0.5)
+    _, corners = stage.marks(bundled("thesis"), (), shown, WANTED, 0.5)
     away = corners[:8].mean(axis=0) - rays(bundled("thesis"), shown)[0].mean(axis=0)
-    np.testing.assert_allclose(away, afar.DISTANCE * 0.5 * WANTED[:, 0], atol=1e-9)
+    np.testing.assert_allclose(away, stage.DISTANCE * 0.5 * WANTED[:, 0], atol=1e-9)
     scene = onboard(bundled("thesis"), run, outlook(verified(), WANTED), WANTED)
     for word in ("Bolted to the platform", "Held by computed torque", "joints locked", "horizon", "target"):
         assert word in scene

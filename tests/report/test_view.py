@@ -29,8 +29,7 @@ from gimbal_pin.report import view
 from gimbal_pin.report.view import browser, figure, output, stage
 from gimbal_pin.report.view.motion import base_attitude, motion, poses
 from gimbal_pin.report.view.scene import scene
-from gimbal_pin.report.view.solid import Y_TO_Z
-from gimbal_pin.report.view.visuals import visuals
+from gimbal_pin.report.view.solids import Y_TO_Z, visuals
 from gimbal_pin.rig import Rig, bundled_rigs
 from tests.browsing import needs_browser, pause, visit
 
@@ -291,8 +290,7 @@ def test_poses_are_pinocchio_s_forward_kinematics(lumped: Rig) -> None:
     for k, row in enumerate(q):
         pin.forwardKinematics(lumped.model, data, row)
         for i in range(1, lumped.n + 1):
-            local = pin.SE3(pin.Quaternion(shown.quaternion[k, i - 1]), shown.position[k, i - 1])
-            assert local.isApprox(data.liMi[i], 1e-12)
+            assert np.allclose(shown.local[k, i], data.liMi[i].homogeneous, atol=1e-12)
             assert np.allclose(shown.world[k, i], data.oMi[i].homogeneous, atol=1e-12)
 
 
@@ -304,7 +302,7 @@ def test_the_camera_holds_the_rig_and_its_line_of_sight_from_near(name: str, lum
     properties = {c["property"]: c["value"] for c in scene(rig, shown).commands if c["type"] == "set_property"}
     x, z, y = properties["position"] * np.array([1, 1, -1])  # the camera's own frame has y up
     centre = next(c for c in scene(rig, shown).commands if c["type"] == "set_transform" and c["path"] == "/meshcat")
-    points = figure.hull(rig, visuals(rig)[0], poses(rig.model, shown.q).world) + square(centre["matrix"])[:3, 3]
+    points = figure.hull(visuals(rig)[0], poses(rig.model, shown.q).world) + square(centre["matrix"])[:3, 3]
     back = np.array([x, y, z]) / np.linalg.norm([x, y, z])
     right = np.cross([0, 0, 1.0], back) / np.linalg.norm(np.cross([0, 0, 1.0], back))
     depth = np.linalg.norm([x, y, z]) - points @ back
@@ -546,7 +544,7 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     for at_it, row in ((at_first, 150), (at_second, 390)):
         pin.forwardKinematics(rig.model, data, log.q[row])
         assert np.allclose(square(at_it)[:3, :3], stands @ data.oMi[3].rotation, atol=1e-5)
-    own = np.array(next(solid.rgba[:3] for solid, _ in figure.moved_by(rig, visuals(rig)[0], 3)))
+    own = np.array(next(solid.rgba[:3] for solid in figure.moved_by(visuals(rig)[0], 3)))
     assert np.allclose(tint, own + 1.3 / 2 * (np.array(figure.HOT) - own), atol=0.01)
     assert values[9] == [False, "5.00 / 5.00 s"] and np.allclose(values[10], figure.HOT, atol=0.01)
     assert values[11] is True

@@ -16,7 +16,6 @@ from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import angle, controller_name, figures, listed, to_sentence
 from gimbal_pin.report.html import Card, Section, bullets, cards, embed, folded, heading, notice, paragraph
 from gimbal_pin.report.view import gaze
-from gimbal_pin.report.view.outlook import outlook
 
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
 EVENTS = 12
@@ -28,7 +27,7 @@ def show_camera(found: Verified, note: str = "") -> Section:
 
     `note`: what the plant and the model were, as sentences.
     """
-    seen = gaze.render_gaze(outlook(found, WANTED), WANTED)
+    seen = gaze.render_gaze(gaze.outlook(found, WANTED), WANTED)
     weak = any(describe_limits(row.at_limit) for row in found.rows)
     parts: list[object] = [
         paragraph(headline(found), f"headline {'good' if found.gain > 1 else 'fair'}"),

@@ -2,6 +2,6 @@
 
 from gimbal_pin.report.view.live import Live, show
 from gimbal_pin.report.view.output import animate
-from gimbal_pin.report.view.page import record
+from gimbal_pin.report.view.scene import record
 
 __all__ = ["Live", "animate", "record", "show"]

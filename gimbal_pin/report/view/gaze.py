@@ -1,27 +1,32 @@
-"""What a camera sees: horizon, ground and a target far away, so that nothing but the camera's turning shows.
+"""What cameras saw of one platform's motion: one bolted to it, and one per controller that held it.
 
-A direction p in the camera's frame (x ahead, y left, z up) lies at (-y/x, z/x) of the picture. The camera that is
-turned by ``E = exp(e)`` from the wanted attitude sees as ``Eᵀ p`` what the wanted one sees as p.
+Horizon, ground and target are far away, so that nothing but the camera's turning shows. A direction p in the camera's
+frame (x ahead, y left, z up) lies at (-y/x, z/x) of the picture. The camera that is turned by ``E = exp(e)`` from the
+wanted attitude sees as ``Eᵀ p`` what the wanted one sees as p.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from math import degrees, floor, log10, radians, tan
 from typing import TYPE_CHECKING
 
 import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
+from gimbal_pin.control.controllers import BASELINE, OURS
 from gimbal_pin.log.log import Array
+from gimbal_pin.pointing.result import Pointing, Verified, split
 from gimbal_pin.report.format import controller_name
 from gimbal_pin.report.html import template
 
 if TYPE_CHECKING:
     from gimbal_pin.report.view.three import Json
-from gimbal_pin.report.view.outlook import Outlook, Shot
 
+SHOWN_SECONDS, RATE = 6.0, 60.0
+"""Length of the stretch that is shown, s, and its frames per second: a few hundred of them."""
 WIDE_TANGENT = tan(radians(45.0))
 """Tangent of half the angle that a wide picture holds across."""
 RINGS = (radians(2.0), radians(4.0))
@@ -35,18 +40,74 @@ SKYLINE = np.array([(1.1, 9.0, 0.4), (0.8, 23.0, 1.9), (0.5, 41.0, 4.0)])
 
 
 @dataclass(frozen=True, eq=False)
-class Scenery:
-    """What there is to see, in the frame of the camera that looks as wanted.
+class Shot:
+    """What one camera saw.
 
     Attributes:
-        up: Away from the earth, (3,).
-        lines: Pieces of the grid on the ground, from point to point, (K, 2, 3).
-        hills: The skyline, from left to right, (H, 3).
+        controller: Who held it; None: it was bolted to the platform.
+        turned: ``log(R_dᵀ R)`` at each frame, in the camera's frame, rad, (F, 3).
+        shaken: The line of sight's part above 0.2 Hz about the camera's y and z, which is what jitter counts, rad,
+            (F, 2).
+        jitter: Of the whole run, rad rms.
     """
 
-    up: Array
-    lines: Array
-    hills: Array
+    controller: str | None
+    turned: Array
+    shaken: Array
+    jitter: float
+
+    @property
+    def called(self) -> str:
+        """What its controller is called."""
+        return controller_name(str(self.controller))
+
+
+@dataclass(frozen=True, eq=False)
+class Outlook:
+    """Several cameras on the same stretch of the same motion.
+
+    Attributes:
+        t: Time of each frame, s, (F,).
+        bolted: The camera that the platform carries along.
+        held: Those that a gimbal holds, the PID before computed torque.
+    """
+
+    t: Array
+    bolted: Shot
+    held: tuple[Shot, ...]
+
+
+def outlook(found: Verified, wanted: Array, seconds: float = SHOWN_SECONDS, rate: float = RATE) -> Outlook:
+    """Return what the cameras of the first seed saw, where the platform swings most.
+
+    Args:
+        found: The runs.
+        wanted: R_d, the attitude that the cameras should keep, (3, 3).
+        seconds: Length of the stretch, s; a run may be shorter.
+        rate: Frames per second, at most those of the run.
+    """
+    runs = [row.runs[0] for row in found.rows if row.controller in (BASELINE, OURS)]
+    # log(R_dᵀ R_p R_d) of a camera that looks as wanted from level ground
+    base = Rotation.from_quat(runs[0].base[runs[0].counted], scalar_first=True).as_matrix()
+    swing = np.array([pin.log3(turn) for turn in wanted.T @ base @ wanted])
+    first, last = liveliest(swing, round(seconds / runs[0].dt))
+    places = np.arange(first, last, max(1, round(1 / rate / runs[0].dt)))
+
+    def shoot(run: Pointing, controller: str | None, turned: Array) -> Shot:
+        fast, _ = split(turned[:, 1:], run.dt)
+        jitter = float(np.sqrt(np.mean(np.sum(fast**2, axis=1))))
+        return Shot(controller, turned[places], fast[places], jitter)
+
+    held = tuple(shoot(run, run.controller, run.error[run.counted]) for run in runs)
+    return Outlook(runs[0].t[runs[0].counted][places], shoot(runs[0], None, swing), held)
+
+
+def liveliest(swing: Array, length: int) -> tuple[int, int]:
+    """Return first and end of the `length` samples, or of all, in which the swing is largest, rms."""
+    power = np.concatenate([[0.0], np.cumsum(np.sum(swing**2, axis=1))])
+    length = min(length, len(swing))
+    first = int(np.argmax(power[length:] - power[: len(power) - length]))
+    return first, first + length
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,36 +130,21 @@ class Picture:
     rings: tuple[float, ...]
     long: bool
 
-
-def scenery(wanted: Array) -> Scenery:
-    """Return what there is to see around a camera of attitude R_d in the world, (3, 3)."""
-    heading = float(np.arctan2(wanted[1, 0], wanted[0, 0]))
-    level = np.array([[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]])
-    own = wanted.T @ level
-    azimuth = np.deg2rad(np.arange(-90.0, 91.0, 2.0))[::-1]
-    size, waves, phase = SKYLINE.T
-    elevation = np.deg2rad(1.6 + np.sin(np.outer(azimuth, waves) + phase) @ size)
-    hills = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.tan(np.maximum(elevation, 0.0))])
-    return Scenery(own[:, 2], build_ground_grid() @ own.T, hills @ own.T)
-
-
-def build_ground_grid() -> Array:
-    """Return a grid on the ground, one camera's height under it, ahead and to both sides, (K, 2, 3)."""
-    along = [[(-2.0, y, -1.0), (GRID_AHEAD, y, -1.0)] for y in np.arange(-GRID_ASIDE, GRID_ASIDE + 0.1)]
-    across = [[(x, -GRID_ASIDE, -1.0), (x, GRID_ASIDE, -1.0)] for x in np.arange(-2.0, GRID_AHEAD + 0.1)]
-    return np.array([*along, *across])
+    def to_dict(self) -> Json:
+        """Return what the page shows and its script draws from."""
+        turned = np.round(self.turned, 8 if self.long else 5).tolist()
+        return {**vars(self), "scale": f"{degrees(self.rings[0]):.6g}°", "turned": turned}
 
 
 def build_pictures(seen: Outlook) -> tuple[Picture, ...]:
     """Return the bolted camera and ours through a wide lens, then all that were held through one long lens."""
     ours, step = seen.held[-1], scale(seen)
-    wide = [wide_picture("Bolted to the platform", seen.bolted), wide_picture(f"Held by {called(ours)}", ours)]
-    half = 2.6 * step
+    wide = [wide_picture("Bolted to the platform", seen.bolted), wide_picture(f"Held by {ours.called}", ours)]
     long = [
         Picture(
-            f"{called(one)[:1].upper()}{called(one)[1:]}, long lens",
+            f"{one.called[:1].upper()}{one.called[1:]}, long lens",
             f"jitter {degrees(one.jitter):.4f}° rms",
-            half,
+            2.6 * step,
             np.column_stack([np.zeros(len(seen.t)), one.shaken]),
             (step, 2 * step),
             True,
@@ -108,18 +154,12 @@ def build_pictures(seen: Outlook) -> tuple[Picture, ...]:
     return (*wide, *long)
 
 
-def called(one: Shot) -> str:
-    """Return what a shot's controller is called."""
-    return controller_name(str(one.controller))
-
-
 def wide_picture(title: str, one: Shot) -> Picture:
     """Return a wide picture; below it, how far the line of sight strays, drift and roll included."""
     away = float(np.degrees(np.hypot(*one.turned[:, 1:].T).max()))
     note = f"the line of sight strays up to {away:.{1 if away > 1 else 3}f}°"
-    return Picture(
-        title, note if one.controller is None else f"{note}, drift included", WIDE_TANGENT, one.turned, RINGS, False
-    )
+    note += "" if one.controller is None else ", drift included"
+    return Picture(title, note, WIDE_TANGENT, one.turned, RINGS, False)
 
 
 def scale(seen: Outlook) -> float:
@@ -129,30 +169,39 @@ def scale(seen: Outlook) -> float:
     return radians(min((k * decade for k in (1, 2, 5, 10)), key=lambda step: abs(np.log(2 * step / largest))))
 
 
-def list_page_data(seen: Outlook, wanted: Array, several: Sequence[Picture]) -> Json:
-    """Return what the page's script draws from."""
-    world = scenery(wanted)
+def scenery(wanted: Array) -> tuple[Array, Array, Array]:
+    """Return what there is to see around a camera of attitude R_d in the world, (3, 3), in that camera's frame.
+
+    Away from the earth, (3,); pieces of a grid on the ground, one camera's height under it, from point to point,
+    (K, 2, 3); the skyline from left to right, (H, 3).
+    """
+    heading = float(np.arctan2(wanted[1, 0], wanted[0, 0]))
+    level = np.array([[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]])
+    own = wanted.T @ level
+    along = [[(-2.0, y, -1.0), (GRID_AHEAD, y, -1.0)] for y in np.arange(-GRID_ASIDE, GRID_ASIDE + 0.1)]
+    across = [[(x, -GRID_ASIDE, -1.0), (x, GRID_ASIDE, -1.0)] for x in np.arange(-2.0, GRID_AHEAD + 0.1)]
+    azimuth = np.deg2rad(np.arange(-90.0, 91.0, 2.0))[::-1]
+    size, waves, phase = SKYLINE.T
+    elevation = np.deg2rad(1.6 + np.sin(np.outer(azimuth, waves) + phase) @ size)
+    hills = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.tan(np.maximum(elevation, 0.0))])
+    return own[:, 2], np.array([*along, *across]) @ own.T, hills @ own.T
+
+
+def draw_pictures(seen: Outlook, wanted: Array, count: int | None = None) -> Json:
+    """Return what the page's script draws: the first `count` pictures, or all, and what there is to see in them."""
+    up, lines, hills = scenery(wanted)
     return {
         "t": np.round(seen.t, 4).tolist(),
-        "up": world.up.tolist(),
-        "lines": np.round(world.lines, 4).reshape(-1, 6).tolist(),
-        "hills": np.round(world.hills, 4).tolist(),
+        "up": up.tolist(),
+        "lines": np.round(lines, 4).reshape(-1, 6).tolist(),
+        "hills": np.round(hills, 4).tolist(),
         "near": NEAREST_DRAWN,
-        "pictures": [
-            {
-                "half": one.half,
-                "long": one.long,
-                "rings": one.rings,
-                "scale": f"{degrees(one.rings[0]):.6g}°",
-                "turned": np.round(one.turned, 8 if one.long else 5).tolist(),
-            }
-            for one in several
-        ],
+        "pictures": [one.to_dict() for one in build_pictures(seen)[:count]],
     }
 
 
 def script() -> str:
-    """Return the function that draws pictures from `data`."""
+    """Return the function that draws pictures from what `draw_pictures` returns."""
     return files("gimbal_pin.report.view").joinpath("gaze.js").read_text(encoding="utf-8")
 
 
@@ -161,6 +210,5 @@ def render_gaze(seen: Outlook, wanted: Array) -> str:
 
     `wanted`: R_d, (3, 3).
     """
-    several = build_pictures(seen)
-    drawn = list_page_data(seen, wanted, several)
-    return template("gimbal_pin.report.view", "gaze.html.j2", pictures=several, script=script(), data=drawn)
+    drawn = draw_pictures(seen, wanted)
+    return template("gimbal_pin.report.view", "gaze.html.j2", script=script(), data=drawn)

@@ -41,12 +41,8 @@ class Frames:
 
     def first(self, count: int) -> Frames:
         """Return the first `count` frames."""
-        cut = {
-            name: value[:count]
-            for name in ("t", "q", "q_ref", "base", "colour")
-            if (value := getattr(self, name)) is not None
-        }
-        return replace(self, **cut)
+        rows = {name: getattr(self, name) for name in ("t", "q", "q_ref", "base", "colour")}
+        return replace(self, **{name: x[:count] for name, x in rows.items() if x is not None})
 
     @property
     def clock(self) -> Array:
@@ -56,20 +52,14 @@ class Frames:
 
 @dataclass(frozen=True, eq=False)
 class Poses:
-    """Poses of the n joint frames over F frames.
+    """Poses of the base and of the n joint frames over F frames; index 0 is the base.
 
     Attributes:
-        position: Origin in the parent joint's frame, m, shape (F, n, 3).
-        quaternion: Attitude in the parent joint's frame, (x, y, z, w), shape (F, n, 4).
-        base: Attitude of the base in the world, (x, y, z, w), shape (F, 4).
-        place: Where the base's origin is in the world, m, shape (F, 3).
-        world: Pose in the world; index 0 is the base's, shape (F, n + 1, 4, 4).
+        local: In the parent joint's frame, the base's in the world, (F, n + 1, 4, 4).
+        world: In the world, (F, n + 1, 4, 4).
     """
 
-    position: Array
-    quaternion: Array
-    base: Array
-    place: Array
+    local: Array
     world: Array
 
 
@@ -134,33 +124,19 @@ def base_attitude(rig: Rig, log: Log, times: Array) -> Array | None:
 def poses(model: pin.Model, q: Array, base: Array | None = None, pivot: Array | None = None) -> Poses:
     """Forward kinematics of the joint positions q, (F, n), on a base with the attitude (x, y, z, w), (F, 4).
 
-    The base turns about its point `pivot`, m, (3,), or about its origin.
+    The base turns about its point `pivot`, m, (3,), or about its origin. All frames at one go, as a log of hours has a
+    million.
     """
-    frames, joints = len(q), model.njoints - 1
-    position, quaternion = np.empty((frames, joints, 3)), np.empty((frames, joints, 4))
-    world = np.tile(np.eye(4), (frames, joints + 1, 1, 1))
-    for i in range(1, joints + 1):
-        local, quaternion[:, i - 1] = pose_joint(model, i, q[:, i - 1])
-        position[:, i - 1] = local[:, :3, 3]
-        world[:, i] = world[:, model.parents[i]] @ local
-    if base is None:
-        return Poses(position, quaternion, np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1)), np.zeros((frames, 3)), world)
-    turn = np.tile(np.eye(4), (frames, 1, 1, 1))
-    turn[:, 0, :3, :3] = Rotation.from_quat(base).as_matrix()
-    if pivot is not None:
-        turn[:, 0, :3, 3] = pivot - turn[:, 0, :3, :3] @ pivot
-    return Poses(position, quaternion, base, turn[:, 0, :3, 3], turn @ world)
-
-
-def pose_joint(model: pin.Model, i: int, q: Array) -> tuple[Array, Array]:
-    """Return the pose of joint `i` in its parent's frame at its positions q, (F,): (F, 4, 4), and (x, y, z, w), (F, 4).
-
-    All frames at one go, as a log of hours has a million.
-    """
-    start = model.jointPlacements[i]
-    slide, axis = np.split(np.ravel(model.createData().joints[i].S), 2)
-    turn = Rotation.from_matrix(start.rotation) * Rotation.from_rotvec(q[:, None] * axis)
-    local = np.tile(np.eye(4), (len(q), 1, 1))
-    local[:, :3, :3] = turn.as_matrix()
-    local[:, :3, 3] = start.translation + q[:, None] * (start.rotation @ slide)
-    return local, turn.as_quat()
+    local = np.tile(np.eye(4), (len(q), model.njoints, 1, 1))
+    if base is not None:
+        local[:, 0, :3, :3] = Rotation.from_quat(base).as_matrix()
+        local[:, 0, :3, 3] = 0.0 if pivot is None else pivot - local[:, 0, :3, :3] @ pivot
+    world = local.copy()
+    for i, joint in enumerate(list(model.createData().joints)[1:], start=1):
+        start, value = model.jointPlacements[i], q[:, i - 1, None]
+        slide, axis = np.split(np.ravel(joint.S), 2)
+        turn = Rotation.from_matrix(start.rotation) * Rotation.from_rotvec(value * axis)
+        local[:, i, :3, :3] = turn.as_matrix()
+        local[:, i, :3, 3] = start.translation + value * (start.rotation @ slide)
+        world[:, i] = world[:, model.parents[i]] @ local[:, i]
+    return Poses(local, world)

@@ -16,8 +16,7 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view.browser import take_pictures
 from gimbal_pin.report.view.motion import Frames, frame_times, motion
-from gimbal_pin.report.view.page import render_scene
-from gimbal_pin.report.view.scene import scene
+from gimbal_pin.report.view.scene import render_scene, scene
 from gimbal_pin.rig.rig import Rig
 
 ENCODERS: Mapping[str, str] = {

@@ -1,18 +1,24 @@
-"""The scene: the rig's figure in motion, a ghost of the reference, the lines of sight, the stage."""
+"""A recording: the rig in motion, a ghost of the reference, lines of sight and the stage, in one offline HTML page."""
 
 from __future__ import annotations
 
+import base64
+import importlib.util
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log.log import Array, Imu, Log
+from gimbal_pin.pointing.result import Pointing
+from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.report import VIEWS
-from gimbal_pin.report.view import afar, figure, sight, stage, three
-from gimbal_pin.report.view.motion import Frames, Poses, poses
-from gimbal_pin.report.view.solid import Solid, refine_solid
-from gimbal_pin.report.view.stand_in import stand_ins
-from gimbal_pin.report.view.visuals import visuals
+from gimbal_pin.report.html import template
+from gimbal_pin.report.view import figure, gaze, stage, three
+from gimbal_pin.report.view.motion import Frames, Poses, motion, poses
+from gimbal_pin.report.view.solids import Solid, find_frame, stand_ins, visuals
 from gimbal_pin.rig.rig import Rig
 
 RUN_ROOTS = ("/meshcat", "/meshcat/beside")
@@ -23,11 +29,12 @@ APART = 4e-3
 fills 540 of them. Nearer, the two would be drawn into each other."""
 BEAM = 0.6
 """Length of the line of sight in radii of the rig."""
-
-
 ROUND = 1e-3
 """How far a drawn circle may be from a true one, in radii of the rig: a quarter of a pixel where it fills 540 of them.
 """
+FADE = 2.0
+"""Time after which the path of a line of sight has faded away, s of playing."""
+ONBOARD_FPS = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +42,12 @@ class Scene:
     """Everything the viewer is told.
 
     Attributes:
-        commands: Objects, poses and properties, in order.
-        animation: The command that plays the motion, or None where there is but one frame.
+        commands: Objects, poses and properties, in order; last the motion, where there is more than one frame.
         events: Sentences about what could not be drawn as the URDF says.
-        views: Name → the commands that place the camera there.
+        views: Name → the commands that place the camera there; first what is shown.
     """
 
     commands: tuple[three.Json, ...]
-    animation: three.Json | None
     events: tuple[str, ...]
     views: Mapping[str, Sequence[three.Json]]
 
@@ -60,25 +65,24 @@ def scene(
         beside: How it moves in a second run, which is shown to the right of the first; None: there is none.
     """
     solids, events, missing = visuals(rig)
-    full = {figure.frame(rig, solid.link).parentJoint for solid in solids}
-    bare = {figure.frame(rig, link).parentJoint for link in missing} - full if full else set(range(rig.n + 1))
+    full = {solid.joint for solid in solids}
+    bare = {find_frame(rig, link).parentJoint for link in missing} - full if full else set(range(rig.n + 1))
     if bare:
-        solids = (*solids, *(one for one in stand_ins(rig) if figure.frame(rig, one.link).parentJoint in bare))
+        solids = (*solids, *(one for one in stand_ins(rig) if one.joint in bare))
         what = ", ".join((rig.base, *rig.links)[joint] for joint in sorted(bare))
         events = (*events, f"nothing to draw of {what}: stand-ins sized from the kinematics")
     runs = [motion] if beside is None else [motion, beside]
     moved = [poses(rig.model, run.q, run.base, run.pivot) for run in runs]
-    points = np.vstack([figure.hull(rig, solids, one.world) for one in moved])
+    points = np.vstack([figure.hull(solids, one.world) for one in moved])
     size = max(float(np.linalg.norm(np.ptp(points, axis=0))) / 2, 1e-3)
-    solids = tuple(refine_solid(solid, ROUND * size) for solid in solids)
-    reach = size * (BEAM if motion.wanted is None else afar.REACH)
-    tips = np.vstack([sight.tips(rig, one, reach) for one in moved])
-    marks, around = (
-        ([], points[:0]) if motion.wanted is None else afar.marks(rig, solids, moved[0], motion.wanted, size)
-    )
-    seen, heading = np.vstack([points, tips, around]), sight.compute_heading(rig, moved[0])
-    if camera is None:
-        camera = stage.USUAL if motion.wanted is None else stage.AIMING
+    solids = tuple(solid.refine(ROUND * size) for solid in solids)
+    reach = size * (BEAM if motion.wanted is None else stage.REACH)
+    tips = np.vstack([figure.tips(rig, one, reach) for one in moved])
+    marks, around = list[three.Json](), points[:0]
+    if motion.wanted is not None:
+        marks, around = stage.marks(rig, solids, moved[0], motion.wanted, size)
+    seen, heading = np.vstack([points, tips, around]), figure.compute_heading(rig, moved[0])
+    camera = camera or (stage.USUAL if motion.wanted is None else stage.AIMING)
     shift = stage.to_the_right(seen, heading, camera) if len(runs) > 1 else np.zeros(3)
     seen, points = (np.vstack([p + k * shift for k in range(len(runs))]) for p in (seen, points))
     views = {name: stage.camera(seen, heading, name, room) for name in VIEWS}
@@ -88,10 +92,10 @@ def scene(
         drawn, tracks = one_run(rig, solids, run, shown, home, reach, size)
         commands += [three.command_pose(home, three.pose(place)), *drawn] if home != RUN_ROOTS[0] else drawn
         clips |= tracks
-    animation = three.play_tracks(clips, MOTION_PATH) if len(motion.t) > 1 else None
-    placed = {name: stage.look(view) for name, view in views.items()}
-    first = {camera: placed.pop(camera)}  # the list of views begins with what is shown
-    return Scene(tuple(commands), animation, events, first | placed)
+    if len(motion.t) > 1:
+        commands.append(three.play_tracks(clips, MOTION_PATH))
+    placed = {name: stage.look(views[name]) for name in (camera, *views)}
+    return Scene(tuple(commands), events, placed)
 
 
 def one_run(
@@ -102,20 +106,149 @@ def one_run(
     commands = [
         *figure.build_figure(rig, solids, root),
         *figure.pose_commands(rig, shown, root),
-        *sight.beam(rig, root, reach, sight.MEASURED),
-        sight.trail(f"{home}/trail", sight.tips(rig, shown, reach), sight.MEASURED),
+        *figure.beam(rig, root, reach, figure.MEASURED),
+        figure.trail(f"{home}/trail", figure.tips(rig, shown, reach), figure.MEASURED),
     ]
-    clips = figure.merged(
-        figure.tracks(rig, shown, motion.clock, root), figure.colour_tracks(rig, solids, motion, root)
-    )
+    clips = figure.tracks(rig, shown, motion.clock, root)
+    for path, tracks in figure.colour_tracks(rig, solids, motion, root).items():
+        clips[path] += tracks
     if motion.q_ref is not None:
         reference = poses(rig.model, motion.q_ref, motion.base, motion.pivot)
         commands += [
             *figure.ghost(rig, solids, other),
             *figure.pose_commands(rig, reference, other),
-            *sight.beam(rig, other, reach, sight.REFERENCE),
-            sight.trail(f"{home}/reference", sight.tips(rig, reference, reach), sight.REFERENCE),
+            *figure.beam(rig, other, reach, figure.REFERENCE),
+            figure.trail(f"{home}/reference", figure.tips(rig, reference, reach), figure.REFERENCE),
         ]
-        apart = figure.apart(rig, solids, shown, reference, motion.clock, other, APART * size)
-        clips = figure.merged(clips, figure.tracks(rig, reference, motion.clock, other), apart)
+        clips |= figure.tracks(rig, reference, motion.clock, other)
+        clips |= figure.apart(rig, solids, shown, reference, motion.clock, other, APART * size)
     return commands, clips
+
+
+# -- its page ----------------------------------------------------------------------------------------------------------
+
+
+def record(
+    rig: Rig, log: Log, *, fps: float = 30, speed: float = 1.0, ghost: bool = True, colour: Array | None = None
+) -> str:
+    """Return an HTML page that plays the log on opening, over and over, and needs nothing but a browser.
+
+    Args:
+        rig: What moves.
+        log: How it moves; `q_ref`, if there, is shown as a ghost.
+        fps: Keyframes per second of playing; the browser interpolates between them.
+        speed: Seconds of the log per second of playing.
+        ghost: Whether the reference is shown.
+        colour: One value per sample and joint, 0..1, (N, n): turns the link that the joint moves from its own colour
+            (0) to red (1), for instance by the residual.
+
+    Raises:
+        UsageError: An argument out of range.
+        LogError: The log is empty or lacks a joint of the rig.
+    """
+    shown = motion(rig, log, fps, speed, ghost, colour)
+    return render_scene(rig, log.name, shown, scene(rig, shown))
+
+
+def onboard(rig: Rig, run: Pointing, seen: gaze.Outlook, wanted: Array) -> str:
+    """Return a page that plays a run: the platform turns about the point where the axes meet, the camera stands.
+
+    The ghost is the rig with its joints locked where a level platform's camera looks as wanted; beside the scene
+    stands what the cameras see. The stretch of `seen` is played; `wanted`: R_d, (3, 3).
+    """
+    first, last = np.searchsorted(run.t, [seen.t[0], seen.t[-1]])
+    rows, sight = slice(int(first), int(last) + 1), Sight(rig)
+    locked = np.tile(sight.reached(np.eye(3), wanted, sight.home), (rows.stop - rows.start, 1))
+    name, imus = f"held by {seen.held[-1].called} on platform {run.platform}", {rig.base: Imu(quat=run.base[rows])}
+    log = Log(name, rig.joints, run.t[rows], run.q[rows], q_ref=locked, imus=imus, payload=rig.payload)
+    moved = replace(motion(rig, log, ONBOARD_FPS, 1.0, True, None), pivot=sight.centre, wanted=wanted)
+    return render_scene(rig, name, moved, scene(rig, moved), gaze.draw_pictures(seen, wanted, 2))
+
+
+def render_scene(
+    rig: Rig,
+    name: str,
+    shown: Frames,
+    drawn: Scene,
+    inset: three.Json | None = None,
+    live: int | None = None,
+    written: bool = True,
+    beside: Frames | None = None,
+) -> str:
+    """Return the page of a scene, with pictures in its corner where there are any.
+
+    Args:
+        rig: What moves.
+        name: What stands under its title.
+        shown: How it moves.
+        drawn: The scene.
+        inset: What cameras see, as the page's script draws it, see `gaze.draw_pictures`.
+        live: Its number at the server that sends it news, see `view.live`; None: it is a file and hears of none.
+        written: Whether title, legend, angles and time stand in the frames of a film.
+        beside: A second run that is drawn, too.
+    """
+    recorded = {
+        "commands": [packed(command) for command in drawn.commands],
+        "start": float(shown.t[0]),
+        "end": float(shown.t[-1]),
+        "duration": float(shown.clock[-1]),
+        "speed": shown.speed,
+        "fov": stage.FOV,
+        "aspect": stage.STAGE_ASPECT,
+        "sky": stage.SKY,
+        "views": {name: [packed(command) for command in view] for name, view in drawn.views.items()},
+        "frames": len(shown.t),
+        "step": float(shown.clock[1]) if len(shown.t) > 1 else 1.0,
+        "fade": FADE,
+        "joints": readings(rig, [shown] if beside is None else [shown, beside]),
+        "written": written,
+    }
+    return template(
+        "gimbal_pin.report.view",
+        "page.html.j2",
+        title=rig.title,
+        subtitle=name,
+        legend=legend(shown),
+        ramp="" if shown.colour is None else shown.scale,
+        views=list(drawn.views),
+        ghost=shown.q_ref is not None,
+        bundle=bundle(),
+        scene=recorded,
+        gaze=gaze.script() if inset else "",
+        seen=inset,
+        live=live,
+    )
+
+
+def packed(command: three.Json) -> str:
+    """Return a command as meshcat's viewer takes it, in base 64."""
+    import umsgpack
+
+    return base64.b64encode(umsgpack.packb(command)).decode()
+
+
+def readings(rig: Rig, runs: Sequence[Frames]) -> list[three.Json]:
+    """Return each joint's name and what each run reads at every frame: degrees, or millimetres of one that slides."""
+    looks = [(" mm", 1e3) if slides else ("°", 180 / np.pi) for slides in rig.slides]
+    return [
+        {"name": name, "unit": unit, "values": [np.round(scale * run.q[:, k], 1).tolist() for run in runs]}
+        for k, (name, (unit, scale)) in enumerate(zip(rig.joints, looks, strict=True))
+    ]
+
+
+def legend(shown: Frames) -> list[tuple[str, str]]:
+    """Return colours, and what they mean."""
+    marks = [(figure.MEASURED, "line of sight")]
+    if shown.q_ref is not None:
+        marks.append((figure.REFERENCE, "reference" if shown.wanted is None else "joints locked"))
+    if shown.wanted is not None:
+        marks += [(stage.RED, "target"), (stage.LEVEL, "horizon")]
+    return [(f"#{three.hex_colour(rgb):06x}", name) for rgb, name in marks]
+
+
+def bundle() -> str:
+    """Return the viewer's script out of the installed meshcat, without importing its server."""
+    spec = importlib.util.find_spec("meshcat")
+    if spec is None or spec.origin is None:
+        raise UsageError("meshcat", "is not installed", "pip install meshcat")
+    return (Path(spec.origin).parent / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")

@@ -1,7 +1,8 @@
-"""What the rig stands on and is lit and looked at by; all sized by the rig."""
+"""What the rig stands on, is lit and looked at by, sized by the rig; and what stands still while a platform moves."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,10 @@ import numpy as np
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view import three
+from gimbal_pin.report.view.figure import list_scene_paths, moved_by, rays
+from gimbal_pin.report.view.motion import Poses
+from gimbal_pin.report.view.solids import Y_TO_Z, Solid
+from gimbal_pin.rig.rig import Rig
 
 FOV = 32.0
 """Vertical angle of view, degrees: narrow enough not to distort."""
@@ -23,6 +28,14 @@ SKY = ("#f4f6fa", "#b3bfcf")
 KEY = (0.6, 0.75, 2.4)
 """Where the light that casts the shadows shines from: toward the viewer, to the viewer's left, up."""
 
+RED, PALE, LEVEL, DECK = (0.85, 0.20, 0.12), (1.0, 0.99, 0.96), (0.09, 0.13, 0.18), (0.36, 0.41, 0.48)
+DISTANCE, REACH = 0.95, 0.93
+"""From the camera to the target, and to where the line of sight ends just before it, in radii of the rig."""
+BOARD = (0.15, 0.105, 0.06, 0.022)
+"""Radii of the target's rings, red and pale by turns, in radii of the rig."""
+DECK_SIZE, DECK_HIGH = 0.52, 0.02
+"""Radius and thickness of the platform's deck, in radii of the rig."""
+
 
 @dataclass(frozen=True, eq=False)
 class Camera:
@@ -35,6 +48,17 @@ class Camera:
 
     target: Array
     offset: Array
+
+    @property
+    def sides(self) -> Array:
+        """The level directions toward the viewer and to the left of that, (2, 3)."""
+        x, y = self.offset[:2] / np.linalg.norm(self.offset[:2])
+        return np.array([[x, y, 0.0], [y, -x, 0.0]])
+
+    @property
+    def key_light(self) -> Array:
+        """Where the light that casts the shadows comes from, (3,)."""
+        return np.asarray(np.array(KEY[:2]) @ self.sides + [0.0, 0.0, KEY[2]])
 
 
 def camera(points: Array, heading: float, view: str, room: float = 1.0) -> Camera:
@@ -65,12 +89,10 @@ def to_the_right(points: Array, heading: float, view: str) -> Array:
 
 def commands(view: Camera, points: Array, size: float) -> list[three.Json]:
     """Return the commands for background, light, ground and camera of a rig of radius `size`, m, around `points`."""
-    floor = float(points[:, 2].min()) - 0.06 * size
-    centre = points.mean(axis=0)
     return [
         *(three.let(path, "visible", False) for path in ("/Background", "/Grid", "/Axes", "/Lights")),
         *lights(view, size, float(np.linalg.norm(points - view.target, axis=1).max())),
-        three.draw_object("/meshcat/ground", ground(centre[:2], floor, size, shaded(points, floor, key_light(view)))),
+        ground(view, points, size),
         *look(view),
     ]
 
@@ -79,14 +101,9 @@ def look(view: Camera) -> list[three.Json]:
     """Return the commands that place the viewer's camera, which orbits the origin in a frame whose y is up."""
     x, y, z = map(float, view.offset)
     distance = float(np.linalg.norm(view.offset))
-    path = "/Cameras/default/rotated/<object>"
-    return [
-        three.command_pose("/meshcat", three.pose(-view.target)),
-        three.let(path, "position", [x, z, -y]),
-        three.let(path, "fov", FOV),
-        three.let(path, "near", distance / 100),
-        three.let(path, "far", distance * 50),
-    ]
+    lens = {"position": [x, z, -y], "fov": FOV, "near": distance / 100, "far": distance * 50}
+    placed = (three.let("/Cameras/default/rotated/<object>", name, value) for name, value in lens.items())
+    return [three.command_pose("/meshcat", three.pose(-view.target)), *placed]
 
 
 def lights(view: Camera, size: float, reach: float) -> list[three.Json]:
@@ -95,82 +112,42 @@ def lights(view: Camera, size: float, reach: float) -> list[three.Json]:
     On a level face they add up to 0.97, so that white keeps its tone. `reach`: how far from the view's target there
     are things that cast shadows, m.
     """
-    toward, left = sides(view)
-    rim = np.append(-toward - 0.6 * left, 0.8)
-    sky = {"type": "HemisphereLight", "color": 0xFFFFFF, "groundColor": 0xA8ADB5, "intensity": 0.40}
+    toward, left = view.sides
+    up = np.array([0.0, 0.0, 1.0])
+    box = {"left": -reach, "right": reach, "top": reach, "bottom": -reach, "near": 0.1 * size}
+    eye = {"uuid": "shadow", "type": "OrthographicCamera", "zoom": 1, **box, "far": 13 * size + 3 * reach}
+    shadow = {"camera": eye, "mapSize": [1024, 1024], "bias": -0.001, "normalBias": 0.02 * size, "radius": 2}
+
+    def shine(name: str, position: Array, intensity: float, **more: object) -> three.Json:
+        kind = "HemisphereLight" if name == "sky" else "DirectionalLight"
+        matrix = three.matrix(three.pose(position))
+        look_of_it = {"uuid": name, "type": kind, "color": 0xFFFFFF, "intensity": intensity, "matrix": matrix, **more}
+        return three.draw_object(f"/Studio/{name}", look_of_it)
+
     return [
-        three.draw_object("/Studio/sky", light("sky", sky, np.array([0.0, 0.0, 1.0]))),
-        three.draw_object(
-            "/Studio/key",
-            light("key", {**directional(0.40), "shadow": shadow(size, reach)}, 5 * size * key_light(view)),
-        ),
-        three.draw_object("/Studio/fill", light("fill", directional(0.30), view.offset)),
-        three.draw_object("/Studio/rim", light("rim", directional(0.20), 5 * size * rim)),
+        shine("sky", up, 0.40, groundColor=0xA8ADB5),
+        shine("key", 5 * size * view.key_light, 0.40, shadow=shadow),
+        shine("fill", view.offset, 0.30),
+        shine("rim", 5 * size * (0.8 * up - toward - 0.6 * left), 0.20),
         *(three.let(f"/Studio/{name}/<object>", "castShadow", False) for name in ("fill", "rim")),
     ]
 
 
-def sides(view: Camera) -> tuple[Array, Array]:
-    """Return the level directions toward the viewer and to the left of that, (2,) each."""
-    toward = view.offset[:2] / np.linalg.norm(view.offset[:2])
-    return toward, np.array([toward[1], -toward[0]])
-
-
-def key_light(view: Camera) -> Array:
-    """Return where the light that casts the shadows comes from, (3,)."""
-    toward, left = sides(view)
-    return np.append(KEY[0] * toward + KEY[1] * left, KEY[2])
-
-
-def shaded(points: Array, floor: float, light: Array) -> Array:
-    """Return the corners of the part of the floor that the points throw shadows on, m, (2, 2)."""
-    thrown = points[:, :2] - (points[:, 2:] - floor) * light[:2] / light[2]
-    return np.array([thrown.min(axis=0), thrown.max(axis=0)])
-
-
-def light(name: str, look_of_it: three.Json, position: Array) -> three.Json:
-    """Return a light as an object of its own, shining from `position` at the origin."""
-    metadata = {"version": 4.5, "type": "Object"}
-    return {"metadata": metadata, "object": {"uuid": name, "matrix": three.matrix(three.pose(position)), **look_of_it}}
-
-
-def directional(intensity: float) -> three.Json:
-    """Return a light of parallel rays."""
-    return {"type": "DirectionalLight", "color": 0xFFFFFF, "intensity": intensity}
-
-
-def shadow(size: float, reach: float) -> three.Json:
-    """Return the part of space whose shadows are drawn."""
-    box = {
-        "left": -reach,
-        "right": reach,
-        "top": reach,
-        "bottom": -reach,
-        "near": 0.1 * size,
-        "far": 13 * size + 3 * reach,
-    }
-    return {
-        "camera": {"uuid": "shadow", "type": "OrthographicCamera", "zoom": 1, **box},
-        "mapSize": [1024, 1024],
-        "bias": -0.001,
-        "normalBias": 0.02 * size,
-        "radius": 2,
-    }
-
-
-def ground(centre: Array, height: float, size: float, dark: Array) -> three.Json:
-    """Return a plane between the corners `dark`, (2, 2), that shows shadows alone, and a grid that fades away."""
+def ground(view: Camera, points: Array, size: float) -> three.Json:
+    """Return the command that draws a floor that shows the points' shadows alone, and a grid that fades away."""
+    height = float(points[:, 2].min()) - 0.06 * size
+    thrown = points[:, :2] - (points[:, 2:] - height) * view.key_light[:2] / view.key_light[2]
+    dark = np.array([thrown.min(axis=0), thrown.max(axis=0)])
     pose = three.pose(np.append(dark.mean(axis=0), height))
-    radius = 5.0 * size
     width, depth = map(float, 1.05 * np.ptp(dark, axis=0) + 0.02 * size)
     catcher = {"type": "ShadowMaterial", "color": 0x10161F, "opacity": 0.2, "transparent": True, "depthWrite": False}
     plane = three.Drawable({"type": "PlaneGeometry", "width": width, "height": depth}, pose, catcher, receives=True)
-    points, alpha = build_grid(centre, radius, spacing(size))
-    points = np.column_stack([points, np.full(len(points), height)])
-    colours = np.column_stack([np.ones((len(points), 3)), alpha])
+    ends, alpha = build_grid(points.mean(axis=0)[:2], 5.0 * size, spacing(size))
+    ends = np.column_stack([ends, np.full(len(ends), height)])
+    colours = np.column_stack([np.ones((len(ends), 3)), alpha])
     look_of_it = three.flat(GRID_COLOUR, kind="LineBasicMaterial", vertexColors=2, transparent=True, depthWrite=False)
-    lines = three.Drawable(three.buffer(points, colours=colours), three.IDENTITY, look_of_it, kind="LineSegments")
-    return three.group([plane, lines], "ground")
+    lines = three.Drawable(three.buffer(ends, colours=colours), three.IDENTITY, look_of_it, kind="LineSegments")
+    return three.draw_group("/meshcat/ground", [plane, lines], "ground")
 
 
 def spacing(size: float) -> float:
@@ -196,3 +173,52 @@ def build_grid(centre: Array, radius: float, step: float) -> tuple[Array, Array]
     points = np.concatenate(ends)
     away = np.sum((points - centre) ** 2, axis=1) / radius**2
     return points, 0.55 * np.clip(1 - away, 0, 1) ** 2
+
+
+# -- a platform that moves ---------------------------------------------------------------------------------------------
+
+
+def marks(
+    rig: Rig, solids: Sequence[Solid], poses: Poses, wanted: Array, size: float
+) -> tuple[list[three.Json], Array]:
+    """Return the commands that draw target, horizon and platform, and the points that the view must hold, (K, 3).
+
+    The target is a board of rings that faces the camera, the horizon a level ring at its height, the platform a disc.
+    `wanted`: the camera's attitude that should be kept, (3, 3); `size`: radius of the rig, m.
+    """
+    eye, ahead = rays(rig, poses)[0].mean(axis=0), wanted[:, 0]
+    place = eye + DISTANCE * size * ahead
+    facing = np.column_stack([wanted[:, 1], wanted[:, 2], ahead])
+    rings = [
+        three.Drawable(
+            {"type": "CircleGeometry", "radius": radius * size, "segments": 64},
+            three.pose(place - 0.002 * k * size * ahead, facing),
+            three.flat(PALE if k % 2 else RED, side=2),
+        )
+        for k, radius in enumerate(BOARD)
+    ]
+    ring = {"type": "TorusGeometry", "radius": size, "tube": 0.005 * size, "radialSegments": 8, "tubularSegments": 128}
+    level = three.Drawable(ring, three.pose(eye), three.flat(LEVEL, 0.75), order=2)
+    disc = {"type": "CylinderGeometry", "radiusTop": DECK_SIZE * size, "radiusBottom": DECK_SIZE * size}
+    disc |= {"height": DECK_HIGH * size, "radialSegments": 72}
+    at = np.array([0.0, 0.0, find_deck_height(rig, solids, size)])
+    deck = three.Drawable(disc, three.pose(at) @ Y_TO_Z, three.glossy((*DECK, 0.55)), receives=True, order=1)
+    drawn = [
+        three.draw_group("/meshcat/target", rings, "target"),
+        three.draw_group("/meshcat/horizon", [level], "horizon"),
+        three.draw_group(f"{list_scene_paths(rig, '/meshcat/rig')[0]}/platform", [deck], "platform"),
+    ]
+    corners = place + BOARD[0] * size * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    rim = at + DECK_SIZE * size * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(8)])
+    some = poses.world[:: max(1, len(poses.world) // 40), 0]
+    return drawn, np.vstack([corners, *(rim @ one[:3, :3].T + one[:3, 3] for one in some)])
+
+
+def find_deck_height(rig: Rig, solids: Sequence[Solid], size: float) -> float:
+    """Return the height of the deck's middle in the base, m: on the far side of it from what the joints move."""
+    fixed = moved_by(solids, 0)
+    heights = np.concatenate([solid.corners[:, 2] for solid in fixed]) if fixed else np.zeros(1)
+    low, high = float(heights.min()), float(heights.max())
+    is_above = float(rig.model.jointPlacements[1].translation[2]) >= (low + high) / 2
+    return (low if is_above else high) + (-1 if is_above else 1) * DECK_HIGH / 2 * size

@@ -70,18 +70,17 @@ def matrix(pose: Array) -> list[float]:
 
 def buffer(positions: Array, faces: Array | None = None, colours: Array | None = None) -> Json:
     """Return a geometry of points (N, 3), with triangles (M, 3) and colours RGBA (N, 4) if given."""
-    attributes = {"position": attribute(positions)}
-    if colours is not None:
-        attributes["color"] = attribute(colours)
-    data: Json = {"attributes": attributes}
+    of_points = {"position": positions} if colours is None else {"position": positions, "color": colours}
+    plain: Json = {"normalized": False}
+    data: Json = {
+        "attributes": {
+            name: {"itemSize": np.shape(values)[1], "type": "Float32Array", "array": floats(values), **plain}
+            for name, values in of_points.items()
+        }
+    }
     if faces is not None:
-        data["index"] = {"itemSize": 1, "type": "Uint32Array", "array": indices(faces), "normalized": False}
+        data["index"] = {"itemSize": 1, "type": "Uint32Array", "array": indices(faces), **plain}
     return {"type": "BufferGeometry", "data": data}
-
-
-def attribute(values: Array) -> Json:
-    """Return one vertex attribute, (N, width)."""
-    return {"itemSize": np.shape(values)[1], "type": "Float32Array", "array": floats(values), "normalized": False}
 
 
 def hex_colour(rgb: Sequence[float]) -> int:
@@ -103,8 +102,11 @@ def flat(rgb: Sequence[float], opacity: float = 1.0, kind: str = "MeshBasicMater
     return {**look, "transparent": opacity < 1, "depthWrite": opacity >= 1, **more}
 
 
-def group(parts: Sequence[Drawable], prefix: str) -> Json:
-    """Return the parts as one three.js object; equal materials are shared, part k is named `<prefix>k`."""
+def draw_group(path: str, parts: Sequence[Drawable], prefix: str) -> Json:
+    """Return the command that puts parts at a path as one object; part k is named `<prefix>k`, equal materials are one.
+
+    In three.js's names: `<prefix>g<k>` is the geometry of part k, `<prefix>m<k>` material k.
+    """
     materials: list[Json] = []
     children = []
     for k, part in enumerate(parts):
@@ -123,16 +125,15 @@ def group(parts: Sequence[Drawable], prefix: str) -> Json:
                 "renderOrder": part.order,
             }
         )
-    return {
-        "metadata": {"version": 4.5, "type": "Object"},
-        "geometries": [{**part.geometry, "uuid": f"{prefix}g{k}"} for k, part in enumerate(parts)],
-        "materials": [{**material, "uuid": f"{prefix}m{k}"} for k, material in enumerate(materials)],
-        "object": {"uuid": prefix, "type": "Group", "matrix": matrix(IDENTITY), "children": children},
-    }
+    drawn = {"uuid": prefix, "type": "Group", "matrix": matrix(IDENTITY), "children": children}
+    geometries = [{**part.geometry, "uuid": f"{prefix}g{k}"} for k, part in enumerate(parts)]
+    named = [{**material, "uuid": f"{prefix}m{k}"} for k, material in enumerate(materials)]
+    return draw_object(path, drawn, geometries=geometries, materials=named)
 
 
-def draw_object(path: str, scene_object: Json) -> Json:
-    """Return the command that puts an object at a path of the scene tree."""
+def draw_object(path: str, drawn: Json, **uses: Sequence[Json]) -> Json:
+    """Return the command that puts an object at a path of the scene tree; `uses`: what its parts name."""
+    scene_object = {"metadata": {"version": 4.5, "type": "Object"}, **uses, "object": drawn}
     return {"type": "set_object", "path": path, "object": scene_object}
 
 
@@ -147,13 +148,9 @@ def let(path: str, key: str, value: Any) -> Json:
 
 
 def animate_property(name: str, kind: str, times: Array, values: Array) -> Json:
-    """Return one animated property: times (F,), s, values (F, width)."""
-    return {"name": name, "type": kind, "times": floats(times), "values": floats(values)}
-
-
-def switch(name: str, times: Array, values: Array) -> Json:
-    """Return one property that is on or off: times (F,), s, values (F,)."""
-    return {"name": name, "type": "bool", "times": floats(times), "values": [bool(x) for x in values]}
+    """Return one animated property: times (F,), s, values (F, width), or (F,) of the kind "bool"."""
+    packed = [bool(x) for x in values] if kind == "bool" else floats(values)
+    return {"name": name, "type": kind, "times": floats(times), "values": packed}
 
 
 def play_tracks(clips: Mapping[str, Sequence[Json]], path: str) -> Json:
@@ -164,9 +161,5 @@ def play_tracks(clips: Mapping[str, Sequence[Json]], path: str) -> Json:
     animations = [
         {"path": where, "clip": {"fps": 1, "name": "motion", "tracks": list(tracks)}} for where, tracks in clips.items()
     ]
-    return {
-        "type": "set_animation",
-        "path": path,
-        "animations": animations,
-        "options": {"play": True, "repetitions": 1_000_000_000, "clampWhenFinished": True},
-    }
+    options = {"play": True, "repetitions": 1_000_000_000, "clampWhenFinished": True}
+    return {"type": "set_animation", "path": path, "animations": animations, "options": options}
