@@ -61,7 +61,7 @@ def split_logs(
     """Return training logs, held-out logs, and how they were parted."""
     if not logs:
         raise UsageError("logs", "none was given", "give at least one log")
-    how = holdout or ("last-third" if len(logs) == 1 else f"log:{len(logs)}")
+    how = holdout or choose_holdout(logs)
     if how == "none":
         return tuple(logs), (), "none"
     if how == "last-third":
@@ -73,6 +73,11 @@ def split_logs(
         raise UsageError("--holdout", f"cannot be '{how}'", f"use last-third or none{several}")
     k = int(match[1]) - 1
     return (*logs[:k], *logs[k + 1 :]), (logs[k],), f"log {k + 1} of {len(logs)}"
+
+
+def choose_holdout(logs: Sequence[Log]) -> str:
+    """Return what is held out where nothing is asked for: the last third of one log, of several the last."""
+    return "last-third" if len(logs) == 1 else f"log:{len(logs)}"
 
 
 def _split_log(log: Log, filters: Filtering) -> tuple[Log, Log]:
@@ -229,6 +234,7 @@ def identify(
         notes=notes,
         missed=dict(zip(rig.joints, missed)),
         altered=collect_alterations(checked),
+        holdout=holdout or choose_holdout(logs),
     )
     if examined == "never":
         return found
@@ -324,7 +330,8 @@ def keep_held_out_accuracy(judged: Identified, whole: Identified) -> Identified:
         return whole
     note = f"the parameters are of all data; the accuracy on '{judged.held_out.how}' is that of a fit without it"
     model = replace(whole.model, doubts=judged.model.doubts)
-    return replace(whole, model=model, held_out=judged.held_out, notes=(*whole.notes, note))
+    notes = (*whole.notes, note)
+    return replace(whole, model=model, held_out=judged.held_out, holdout=judged.holdout, notes=notes)
 
 
 def _fit_shown(

@@ -128,6 +128,7 @@ class Identified:
         faults: What is wrong with the logs as they were recorded, in sentences, see `describe_faults`.
         altered: Log → what was altered in it before it was fitted, see `checks.check_log`.
         missed: Joint → what of its torque the model misses, see `regression.fit_misfit`.
+        holdout: What was held out, as `identify` takes it: "last-third", "log:N" or "none".
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
     """
 
@@ -150,6 +151,7 @@ class Identified:
     agreement: Agreement | None = None
     bound: Array | None = None
     trust: float = TRUST
+    holdout: str = "none"
     swapped: bool = False
     missed: Mapping[str, Misfit] = field(default_factory=dict)
     faults: tuple[str, ...] = ()

@@ -302,6 +302,7 @@ def _conclude_camera(
         assemble_result(part.blocks, one, part.tested, part.how),
         missed=dict(zip(design.rig.joints, missed)),
         notes=part.notes,
+        holdout="none" if part.tested is None else "last-third",
         faults=(*vague, *describe_faults(part.checked)),
         altered=collect_alterations(part.checked),
     )

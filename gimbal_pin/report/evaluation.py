@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -45,8 +44,7 @@ class EvaluatedPart:
 
     def cut(self, rows: slice) -> EvaluatedPart:
         """Return the rows in `rows`."""
-        names = ("t", "v", "measured", "predicted", "error", "share")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        return replace(self, **{name: x[rows] for name, x in vars(self).items() if name != "log"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +53,11 @@ class Evaluated:
 
     Attributes:
         joints: Joint names (n).
-        how: Which rows.
         parts: The trajectories.
         columns: Root mean square of the torque per unit of each parameter, N m per unit, (n, k).
     """
 
     joints: tuple[str, ...]
-    how: str
     parts: tuple[EvaluatedPart, ...]
     columns: Array
 
@@ -92,45 +88,23 @@ class Evaluated:
 
 def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
     """Return the held-out rows and the model's prediction of them; the training rows where nothing was held out."""
-    train, test, how = split_logs(logs, holdout(found), found.filtering)
-    effects = tuple(term.effect for term in found.model.terms)
-    rig = found.model.rig
+    train, test, _ = split_logs(logs, found.holdout, found.filtering)
+    effects, rig, theta = tuple(term.effect for term in found.model.terms), found.model.rig, found.estimate.theta
     rows = Design(rig, found.reduction, effects, test or train, found.filtering)
-    each = [replace(rows, logs=(log,)) for log in rows.logs]
-    pairs = [(compute_blocks(one), compute_blocks(replace(one, masked=False))) for one in each]
-    theta = found.estimate.theta
-    parts = tuple(part(log.name, *pair, theta) for log, pair in zip(rows.logs, pairs) if pair[0])
-    blocks = [block for judged, _ in pairs for block in judged]
-    return Evaluated(rig.joints, how if test else "training part", parts, column_rms(blocks))
-
-
-def holdout(found: Identified) -> str:
-    """Return the way of holding out that `identify` was given, from what it says of it."""
-    if found.held_out is None:
-        return "none"
-    number = re.match(r"log (\d+) of", found.held_out.how)
-    return f"log:{number[1]}" if number else "last-third"
-
-
-def part(name: str, judged: Sequence[Block], whole: Sequence[Block], theta: Array) -> EvaluatedPart:
-    """Return the rows of one trajectory from its blocks with and without the samples near standstill."""
-    t, v, measured = (np.concatenate([getattr(block, field) for block in whole]) for field in ("t", "v", "b"))
-    return EvaluatedPart(
-        name,
-        t,
-        v,
-        measured,
-        predicted=np.concatenate([block.A @ theta for block in whole]),
-        error=np.concatenate([block.b - block.A @ theta for block in judged]),
-        share=np.concatenate([block.share for block in judged]),
-    )
-
-
-def column_rms(blocks: Sequence[Block]) -> Array:
-    """Root mean square of each joint's columns, N m per unit, (n, k)."""
-    power = np.sum([np.sum(block.A**2, axis=0) for block in blocks], axis=0)
-    rows = np.sum([np.sum(block.share**2, axis=0) for block in blocks], axis=0)
-    return np.asarray(np.sqrt(power / np.maximum(rows, 1e-300)[:, None]))
+    parts, every = list[EvaluatedPart](), list[Block]()
+    for log in rows.logs:
+        one = replace(rows, logs=(log,))
+        judged, whole = compute_blocks(one), compute_blocks(replace(one, masked=False))
+        every += judged
+        if judged:
+            t, v, measured = (np.concatenate([getattr(block, name) for block in whole]) for name in ("t", "v", "b"))
+            predicted = np.concatenate([block.A @ theta for block in whole])
+            error = np.concatenate([block.b - block.A @ theta for block in judged])
+            share = np.concatenate([block.share for block in judged])
+            parts.append(EvaluatedPart(log.name, t, v, measured, predicted, error, share))
+    power = np.sum([np.sum(block.A**2, axis=0) for block in every], axis=0)
+    count = np.sum([np.sum(block.share**2, axis=0) for block in every], axis=0)
+    return Evaluated(rig.joints, tuple(parts), np.sqrt(power / np.maximum(count, 1e-300)[:, None]))
 
 
 @dataclass(frozen=True)

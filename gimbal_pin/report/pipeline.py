@@ -301,5 +301,5 @@ def demo(
     """
     plant = plant_with(perturbed(rig, 0.1, rng), [hidden(rig)]).plant
     mover = tune(nominal(rig), bandwidth_hz=4.0).controller
-    log = bench_run(plant, mover, rng=rng, seconds=seconds, name=f"simulated {rig.name}, {seconds:g} s")
+    log = bench_run(plant, mover, rng=rng, seconds=seconds, name=f"simulated {rig.name}")
     return auto(rig, [log], folder, rng=rng, plant=plant, run=run, plants=plants)

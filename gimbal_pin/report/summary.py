@@ -107,61 +107,66 @@ def summary(
     `plant`: what the steps were simulated on, within a sentence; `undiagnosed`: why there is no diagnosis; `not_held`:
     why no camera was held on a platform.
     """
-    barred, spoilt = tuning is not None and bool(tuning.doubts), wrong is not None and wrong.verdict == "data"
-    tested, band = found.held_out or found.train, f"to {found.filtering.cutoff:g} Hz"
-    joint, fit = min(tested.fit_percent.items(), key=lambda pair: pair[1])
-    units = {joint.name: joint.force for joint in list_shown_joints(rig)}
-    worst, rmse = max(tested.torque_rmse.items(), key=lambda pair: pair[1])
-    where = "held out" if found.held_out else "training data"
-    details, numbers = [about_fit(rig, found, logs)], []
-    numbers.append(Card("Fit of the torque", percent(fit), f"{band}, worst joint: {joint}, {where}", grade(fit)))
-    tone, missing = "poor" if spoilt else grade(fit), missed(wrong)
-    tone = "fair" if missing and not spoilt else tone
+    spoilt = wrong is not None and wrong.verdict == "data"
+    numbers = [*rate_model(rig, found), *rate_controller(tuning, judged, held)]
+    missing, tested = missed(wrong), found.held_out or found.train
+    fit = min(tested.fit_percent.values())
+    tone = "poor" if spoilt else "fair" if missing else grade(fit)
     if wrong is not None and wrong.is_extended and wrong.held is not None and not spoilt:
-        details.append(about_gain(wrong, wrong.held.band))
         joint, fit = min(wrong.extended["fit_percent"].items(), key=lambda pair: pair[1])
         note = f"fit to {wrong.held.band:g} Hz, worst joint: {joint}, held out"
-        numbers.append(Card("With what was found", percent(fit), note, grade(fit)))
-    details.append(about_parameters(found))
-    numbers.append(
-        Card(
-            "Torque error",
-            torque_text(rmse, force=units[worst]),
-            f"rms {band}, largest: {worst}, {tested.how}",
-            is_headline=False,
-        )
-    )
-    deviation = 100 * float(np.median(found.estimate.std / np.maximum(np.abs(found.estimate.theta), 1e-300)))
-    numbers.append(
-        Card("Parameters", str(len(found.names)), f"median deviation {figures(deviation, 2)} %", is_headline=False)
-    )
-    if tuning is not None:
-        hertz, margins = f"{format_range(tuning.bandwidth_hz)} Hz", tuning.margins
-        phase, delay = min(one.phase_margin_deg for one in margins), 1e3 * min(one.delay_margin for one in margins)
-        safe = f"{figures(phase, 2)}° of phase margin and {figures(delay, 2)} ms of delay margin"
-        law, disk = controller_name(tuning.wish.kind), figures(min(one.disk_margin for one in margins), 2)
-        details.append(f"The {law} controller is tuned to a bandwidth of {hertz}, with at least {safe}.")
-        crossover = format_range(one.crossover_hz for one in margins)
-        numbers.append(Card("Bandwidth", hertz, f"crossover {crossover} Hz"))
-        numbers.append(
-            Card("Phase margin", f"{figures(phase, 2)}°", f"disk margin {disk}, worst joint", is_headline=False)
-        )
-    if judged is not None:
-        ratios = judged.compute_ratios(next(iter(judged.errors)))[:, -1]
-        note = f"median; worst {figures(ratios.min(), 2)}, of {judged.plants} perturbed plants, all joints"
-        numbers.append(Card("Error of a PID over the controller's", figures(float(np.median(ratios)), 2), note))
-    if held is not None:
-        ours, pid = (angle(held.jitter[name]) for name in (OURS, BASELINE))
-        numbers.append(Card("Jitter on a platform that moves", f"{ours} rms", f"a PID's: {pid}"))
+        numbers.insert(1, Card("With what was found", percent(fit), note, grade(fit)))
     unknown = [f"Not diagnosed: {undiagnosed}."] if undiagnosed else []
     unknown += [f"No camera was held on a platform that moves: {not_held}."] if not_held and rig.aims else []
     simulated = [] if result is None else [SIMULATED.format(plant)]
     doubts = (*cautions(tuning, result, judged), *unexplained(wrong), *unknown, *simulated)
+    details = [name_source(rig, found, logs)]
     if payload is not None and rig.aims:
         place = () if payload.beside is None else (payload.beside.sentence,)
         details += [to_sentence(line) for line in (*payload.lines[:1], *place)]
     steps = to_do(wrong, tuning, payload if rig.aims else None)
+    barred = tuning is not None and bool(tuning.doubts)
     return Summary(verdict(fit, missing, barred), tone, steps, doubts, tuple(details), tuple(numbers))
+
+
+def rate_model(rig: Rig, found: Identified) -> list[Card]:
+    """Return how well the model predicts the torque, at the joint where it does so worst, and how well it is known."""
+    tested, band = found.held_out or found.train, f"to {found.filtering.cutoff:g} Hz"
+    joint, fit = min(tested.fit_percent.items(), key=lambda pair: pair[1])
+    worst, rmse = max(tested.torque_rmse.items(), key=lambda pair: pair[1])
+    force = next(one.force for one in list_shown_joints(rig) if one.name == worst)
+    where = f"worst joint: {joint}, {'held out' if found.held_out else 'training data'}"
+    where = "there is no fit where there is no torque" if isnan(fit) else where
+    theta, std = np.abs(found.estimate.theta), found.estimate.std
+    told, deviation = int(np.sum(theta > NORMAL_95 * std)), 100 * float(np.median(std / np.maximum(theta, 1e-300)))
+    known = f"{told} of {len(theta)} differ{'s' * (told == 1)} significantly from zero"
+    error, note = torque_text(rmse, force=force), f"rms {band}, largest: {worst}, {tested.how}"
+    return [
+        Card("Fit of the torque", percent(fit), f"{band}, {where}", grade(fit)),
+        Card("Torque error", error, note, is_headline=False),
+        Card("Parameters", str(len(theta)), f"{known}; median deviation {figures(deviation, 2)} %", is_headline=False),
+    ]
+
+
+def rate_controller(tuning: Tuning | None, judged: Judgement | None, held: Verified | None) -> list[Card]:
+    """Return bandwidth and margins, the errors of a PID over the controller's, and how still it holds a camera."""
+    found = list[Card]()
+    if tuning is not None:
+        margins = tuning.margins
+        phase, disk = (min(getattr(one, name) for one in margins) for name in ("phase_margin_deg", "disk_margin"))
+        delay, crossover = min(one.delay_margin for one in margins), format_range(one.crossover_hz for one in margins)
+        law = f"{controller_name(tuning.wish.kind)}; crossover {crossover} Hz"
+        least = f"disk margin {figures(disk, 2)}, delay margin {figures(1e3 * delay, 2)} ms, worst joint"
+        found.append(Card("Bandwidth", f"{format_range(tuning.bandwidth_hz)} Hz", law))
+        found.append(Card("Phase margin", f"{figures(phase, 2)}°", least, is_headline=False))
+    if judged is not None:
+        ratios = judged.compute_ratios(next(iter(judged.errors)))[:, -1]
+        note = f"median; worst {figures(ratios.min(), 2)}, of {judged.plants} perturbed plants, all joints"
+        found.append(Card("Error of a PID over the controller's", figures(float(np.median(ratios)), 2), note))
+    if held is not None:
+        ours, pid = (angle(held.jitter[name]) for name in (OURS, BASELINE))
+        found.append(Card("Jitter on a platform that moves", f"{ours} rms", f"a PID's: {pid}"))
+    return found
 
 
 def outdone(judged: Judgement) -> list[str]:
@@ -253,41 +258,11 @@ def cautions(tuning: Tuning | None, result: Tracking | None, judged: Judgement |
     return found
 
 
-def about_fit(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:
-    """Say what was identified from what, and how well it predicts."""
+def name_source(rig: Rig, found: Identified, logs: Sequence[Log]) -> str:
+    """Say what was identified from what, and by what it is judged."""
     name = f"{rig.name} with payload {rig.payload}" if rig.payload else rig.name
     seconds = sum(float(log.t[-1] - log.t[0]) for log in logs)
     source = listed(map(file_name, found.logs)) + (f" ({figures(seconds)} s)" if logs else "")
     held = found.held_out
     judged = "the data it was fitted to" if held is None else f"{rows_named(held.how)}, which the fit did not see"
-    worst, most = max((held or found.train).torque_rmse.items(), key=lambda pair: pair[1])
-    error = torque_text(most, force=next(joint.force for joint in list_shown_joints(rig) if joint.name == worst))
-    fits = sorted(x for x in (held or found.train).fit_percent.values() if not isnan(x))
-    ends = dict.fromkeys(map(percent, fits[:1] + fits[-1:]))
-    close = f"a fit of {' to '.join(ends)}" if ends else "there is no fit where there is no torque"
-    return (
-        f"{name} was identified from {source}. On {judged}, the model predicts the motor torque, filtered at "
-        f"{found.filtering.cutoff:g} Hz, to {error} rms or better: {close}."
-    )
-
-
-def about_gain(wrong: Diagnosis, band: float) -> str:
-    """Say by how much what was found lowers the held-out torque error of the joint where that helps most."""
-    before, after = wrong.baseline["torque_rmse"], wrong.extended["torque_rmse"]
-    most = min(before, key=lambda name: after[name] / max(before[name], 1e-300))
-    where = f"on the part that no choice has seen, up to {band:g} Hz"
-    if not after[most] < before[most]:
-        return f"What the diagnosis found lowers no joint's torque error {where}."
-    assert wrong.held is not None
-    force = next(joint.force for joint in list_shown_joints(wrong.held.rig) if joint.name == most)
-    change = " to ".join(torque_text(one[most], before[most], force) for one in (before, after))
-    return f"With what the diagnosis found, {most}'s torque error falls from {change} {where}."
-
-
-def about_parameters(found: Identified) -> str:
-    """Say how many parameters the log tells from zero."""
-    blind, count = int(np.sum(np.abs(found.estimate.theta) <= NORMAL_95 * found.estimate.std)), len(found.names)
-    if not blind:
-        return f"All {count} parameters differ significantly from zero."
-    seen, hidden = count - blind, f"{blind} {'is' if blind == 1 else 'are'} too small for this log to show"
-    return f"{seen} of {count} parameters differ{'s' * (seen == 1)} significantly from zero; {hidden}."
+    return f"{name} was identified from {source}, and judged on {judged}."

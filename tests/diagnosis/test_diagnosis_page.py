@@ -17,7 +17,7 @@ from gimbal_pin.effects import CAUSES, Backlash
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Log, write_log
 from gimbal_pin.report import list_shown_joints, show_diagnosis, tables, verdict
-from gimbal_pin.report.summary import about_gain, missed, to_do
+from gimbal_pin.report.summary import missed, to_do
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
 from tests.command_line import Run
@@ -164,13 +164,6 @@ def test_the_page_holds_no_figure_that_is_none(found: Diagnosis) -> None:
 def test_what_is_left_is_praised_nowhere(found: Diagnosis) -> None:
     """The state is that of the part that was fitted: the held-out error beside it may be another."""
     assert 'class="good"' not in str(tables.residual(found).__html__())
-
-
-def test_a_gain_that_is_none_is_no_fall(found: Diagnosis) -> None:
-    assert found.held is not None
-    said = about_gain(found, found.held.band)
-    assert "tilt's torque error falls from" in said and f"up to {found.held.band:g} Hz" in said
-    assert "lowers no joint's" in about_gain(replace(found, extended=found.baseline), 12.0)
 
 
 def test_the_table_of_gains_holds_the_figures_of_the_json(rig: Rig, found: Diagnosis) -> None:
