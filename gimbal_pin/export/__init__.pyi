@@ -3,6 +3,7 @@ from .compiled import CompiledLaw as CompiledLaw
 from .compiled import CompiledPointer as CompiledPointer
 from .compiled import Library as Library
 from .equations import LawEquations as LawEquations
+from .navigation import NavigationEquations as NavigationEquations
 from .sources import EXPORTED_FILES as EXPORTED_FILES
 from .sources import Exported as Exported
 from .sources import export_controller as export_controller

@@ -47,21 +47,15 @@ FORMULAS: Mapping[str, str] = {
     "OP_OR": "{0} || {1}",
 }
 """casadi's operations that the formulas of this package use."""
-STRUCTURES = {
-    "p": "struct gimbal_parameters *p",
-    "loop": "struct gimbal_loop loop[GIMBAL_JOINTS]",
-    "robust": "struct gimbal_robust *robust",
-    "terms": "struct gimbal_terms *terms",
-    "there": "struct gimbal_ahead *there",
-    "error": "struct gimbal_error *error",
-    "reference": "struct gimbal_reference *reference",
-    "upright": "struct gimbal_upright *upright",
-    "after": "struct gimbal_upright *after",
-}
-"""What C gives a function in place of an array of every name that begins so."""
-SCALARS = {"t", "p_dt", "p_still", "p_gravity", "robust_alpha", "robust_disturbance", "robust_gain"}
-SCALARS |= {"p_level_span", "upright_eased", "upright_samples", "after_samples"}
+STRUCTURES = {"p": "parameters", "there": "ahead", "none": "ahead", "seen": "sensors", "state": "holding"}
+"""Structures of C: what the names of their fields begin with → their own where that is another."""
+STRUCTURES |= dict.fromkeys(["loop", "robust", "terms", "error", "reference", "upright", "limits", "way"], "")
+STRUCTURES |= dict.fromkeys(["gaze", "view", "judging", "aim"], "")
+SCALARS = {"t", "since", "stride", "p_dt", "p_still", "p_gravity", "p_level_span", "p_fusion_gain", "p_fusion_share"}
 """Names of one entry that are no arrays in C."""
+SCALARS |= {"p_fusion_bound", "robust_alpha", "robust_disturbance", "robust_gain", "upright_eased", "upright_samples"}
+SCALARS |= {"limits_steep", "limits_damping", "view_steep", "way_rate", "way_ramp", "state_trust"}
+SCALARS |= {"judging_slow", "judging_mean", "judging_rise", "judging_fall"}
 
 
 def number(value: float) -> str:
@@ -73,31 +67,38 @@ def number(value: float) -> str:
 
 
 def spell(name: str, i: int) -> str:
-    """Return entry i of an input or output as C writes it: `there_q` is a field of a structure, `q` an array."""
+    """Return entry i of an input or output as C writes it: `there_q` is a field of a structure, `q` an array.
+
+    What ends with `_next` takes the place of the input of that name.
+    """
+    name = name.removesuffix("_next")
     structure, _, field = name.partition("_")
     if structure == "loop":
         return f"loop[{i}].{field}"
-    if name == "robust_direction":
-        return f"robust->direction[{i // 3}][{i % 3}]"
     whole = f"{structure}->{field}" if structure in STRUCTURES else name
     return whole if name in SCALARS else f"{whole}[{i}]"
 
 
-def declare(name: str, size: int) -> str:
-    """Return the parameter of a C function that holds an input or output."""
-    return STRUCTURES.get(name.partition("_")[0], "float t" if name == "t" else f"float {name}[{size}]")
+def declare(name: str, size: int) -> tuple[str, str]:
+    """Return name and declaration of the parameter of a C function that holds an input or output."""
+    name = name.removesuffix("_next")
+    structure = name.partition("_")[0]
+    if structure not in STRUCTURES:
+        return name, f"float {name}" if name in SCALARS else f"float {name}[{size}]"
+    kind = f"struct gimbal_{STRUCTURES[structure] or structure}"
+    return structure, f"{kind} loop[GIMBAL_JOINTS]" if structure == "loop" else f"{kind} *{structure}"
 
 
 def c_function(function: casadi.Function, told: str) -> tuple[str, str, int]:
     """Return a function's prototype, with a comment above it, its definition, and how many operations a call takes."""
     body, count = lines(function)
-    inputs = [declare(function.name_in(i), function.numel_in(i)) for i in range(function.n_in())]
-    outputs = [declare(function.name_out(i), function.numel_out(i)) for i in range(function.n_out())]
-    parameters = dict.fromkeys([x if x == "float t" else f"const {x}" for x in inputs] + outputs)
-    head = f"void gimbal_{function.name()}({', '.join(parameters)})"
+    inputs = dict(declare(function.name_in(i), function.numel_in(i)) for i in range(function.n_in()))
+    outputs = dict(declare(function.name_out(i), function.numel_out(i)) for i in range(function.n_out()))
+    read = {name: own if name in SCALARS else f"const {own}" for name, own in inputs.items()}
+    parameters = {**read, **outputs}
+    head = f"void gimbal_{function.name()}({', '.join(parameters.values())})"
     text = "\n".join(body)
-    names = [re.findall(r"\w+", parameter.partition("[")[0])[-1] for parameter in parameters]
-    unused = [f"    (void)({name});" for name in names if not re.search(rf"\b{name}\b", text)]
+    unused = [f"    (void)({name});" for name in parameters if not re.search(rf"\b{name}\b", text)]
     return f"/* {told} */\n{head};", "\n".join([head, "{", *unused, *body, "}"]), count
 
 

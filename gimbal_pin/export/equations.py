@@ -14,41 +14,54 @@ if TYPE_CHECKING:
     import casadi
 
 
-class LawEquations:
+class Equations:
     """Functions of what C's structures hold: `loop_kp` is ``loop[j].kp``, `there_q` is ``there->q``.
 
     Attributes:
         chain: The rig's bodies.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        """Take the rig."""
+        self.chain, self.ca = chain, chain.ca
+
+    def declare(self, names: str) -> SimpleNamespace:
+        """Return a symbol per name: scalars, `NAME:SIZE`, or one entry per joint."""
+        found = [name.split(":") for name in names.split()]
+        sizes = {name: int(*size) if size else 1 if name in SCALARS else self.chain.n for name, *size in found}
+        return SimpleNamespace(**{name: self.ca.SX.sym(name, size) for name, size in sizes.items()})
+
+    def function(self, name: str, x: SimpleNamespace, **outputs: Symbols) -> casadi.Function:
+        """Return a function of the declared symbols."""
+        return self.chain.function(name, vars(x), outputs)
+
+
+class LawEquations(Equations):
+    """The laws that follow a reference and hold the camera.
+
+    Attributes:
         values: Coefficients of the terms that are not affine.
     """
 
-    TERMS = "terms_constant terms_per_slide terms_per_rate terms_others"
-
     def __init__(self, chain: Chain, model: Model) -> None:
         """Take the torque of the bodies and of the terms."""
-        self.chain, self.model, self.ca, self.torque = chain, model, chain.ca, chain.torque()
-        self.terms, self.values = terms(model)
-
-    def declare(self, names: str) -> SimpleNamespace:
-        """Return a symbol per name."""
-        sizes = {"robust_direction": 3 * self.chain.n, "terms_others": self.terms.numel_in(0)}
-        sizes |= {"upright_means": 9, "camera": 4}
-        sizes |= dict.fromkeys(SCALARS, 1) | dict.fromkeys(("there_f", "there_w", "there_dw", "upright_up", "f"), 3)
-        return SimpleNamespace(**{name: self.ca.SX.sym(name, sizes.get(name, self.chain.n)) for name in names.split()})
+        super().__init__(chain)
+        self.model, self.torque, (self.terms, self.values) = model, chain.torque(), terms(model)
+        others = self.terms.numel_in(0)
+        self.coefficients = f"terms_constant terms_per_slide terms_per_rate terms_others:{others}"
 
     def list_functions(self, robust: bool) -> list[casadi.Function]:
         """Return all of them."""
-        torques = [self.build_moving_torque(), self.build_standing_torque()]
-        return [*torques, self.build_feedback(robust), self.build_cut(), self.build_level()]
+        return [self.build_moving_torque(), self.build_standing_torque(), self.build_feedback(robust), self.build_cut()]
 
     def build_feedback(self, robust: bool) -> casadi.Function:
         """``K ξ + w``, rad/s²: see `Outer.feedback` and, where `robust`, `Robust.correction`."""
         ca, norm = self.ca, self.ca.norm_2
         x = self.declare(
-            "p_dt loop_kp loop_ki loop_kd loop_knee loop_braking robust_direction robust_alpha robust_disturbance "
-            "robust_gain q v aim_q aim_v integral wished"
+            f"p_dt loop_kp loop_ki loop_kd loop_knee loop_braking robust_direction:{3 * self.chain.n} robust_alpha "
+            "robust_disturbance robust_gain q v goal_q goal_v integral wished"
         )
-        e, rate = x.aim_q - x.q, x.aim_v - x.v
+        e, rate = x.goal_q - x.q, x.goal_v - x.v
         total, size = x.integral + x.p_dt * e, ca.fabs(e)
         far = x.loop_kd * ca.sqrt(x.loop_braking * (2 * size - x.loop_knee))
         pull = ca.if_else(size <= x.loop_knee, x.loop_kp * e, ca.copysign(far, e))
@@ -61,7 +74,7 @@ class LawEquations:
 
     def build_moving_torque(self) -> casadi.Function:
         """Torque of the model on a base that moves, N m: see `CarriedTorque.at`."""
-        x = self.declare(f"p_dt {self.TERMS} t there_q there_v there_a there_f there_w there_dw y")
+        x = self.declare(f"p_dt {self.coefficients} t there_q there_v there_a there_f:3 there_w:3 there_dw:3 y")
         q, v, a, base = x.there_q, x.there_v, x.there_a + x.y, (x.there_f, x.there_w, x.there_dw)
         slide = compute_direction(v, x.there_a, x.p_dt)
         rest = self.torque(q, v, a, *base) + self.sum_affine_terms(x, slide, v)
@@ -70,7 +83,7 @@ class LawEquations:
 
     def build_standing_torque(self) -> casadi.Function:
         """Torque of the model on a base that stands upright, N m: see `ComputedTorque.inverse`."""
-        x = self.declare(f"p_tracking_lead p_still p_gravity {self.TERMS} t q v y reference_v reference_a")
+        x = self.declare(f"p_tracking_lead p_still p_gravity {self.coefficients} t q v y reference_v reference_a")
         q, rate = x.q + x.p_tracking_lead * x.v, x.reference_v + x.p_tracking_lead * x.reference_a
         base = (self.ca.vertcat(0, 0, x.p_gravity), 0, 0)
         slide = self.ca.if_else(self.ca.fabs(rate) < x.p_still, 0, self.ca.copysign(1, rate))
@@ -87,29 +100,7 @@ class LawEquations:
         held = ca.logic_or(further, ca.fabs(x.error_angle) > x.loop_knee)
         # What is no number stays none, for the caller to see.
         tau = ca.if_else(ca.fabs(x.wanted) > x.p_limit, ca.copysign(x.p_limit, x.wanted), x.wanted)
-        return self.function("cut_torque", x, kept=ca.if_else(held, x.integral, x.error_integral), tau=tau)
-
-    def build_level(self) -> casadi.Function:
-        """Attitude with what levels it, in the frame that is wanted for the camera, and the means: see `Level.step`."""
-        ca = self.ca
-        x = self.declare(
-            "p_dt p_gravity p_level_span upright_up upright_eased upright_samples upright_means q f camera"
-        )
-        x.q, up, means = self.chain.q, x.upright_up, ca.reshape(x.upright_means, 3, 3)
-        turned = ca.mtimes(self.chain.attitude(self.chain.frame(self.model.rig.camera_frame)).T, x.f)
-        aside = 2 * ca.cross(x.camera[1:], turned)  # v + w t + u × t with t = 2 u × v is (w, u) v (w, u)*
-        force = turned + x.camera[0] * aside + ca.cross(x.camera[1:], aside)
-        count = ca.fmin(x.upright_samples + 1, x.p_level_span)
-        for k in range(3):
-            means[:, k] += (3 + k) / (count + 2 + k) * (force - x.p_gravity * up - means[:, k])
-        mean = ca.mtimes(means, ca.SX([10, -15, 6]))
-        part, axis = ca.fmin(count * x.p_dt / x.upright_eased, 1), ca.cross(mean, up)
-        size, height = ca.norm_2(axis), ca.dot(mean, up) + x.p_gravity
-        half = (part * part * (3 - 2 * part)) ** 2 * ca.atan2(size, height) / 2
-        w, turn = ca.cos(half), ca.sin(half) / ca.fmax(size, 1e-12) * axis
-        own, rest = x.camera[0], x.camera[1:]
-        level = ca.vertcat(w * own - ca.dot(turn, rest), w * rest + own * turn + ca.cross(turn, rest))
-        return self.function("level", x, after_samples=count, after_means=ca.vec(means), leveled=level)
+        return self.function("cut_torque", x, integral_next=ca.if_else(held, x.integral, x.error_integral), tau=tau)
 
     def sum_affine_terms(self, x: SimpleNamespace, slide: Symbols, rate: Symbols) -> Symbols:
         """Torque of the affine terms, N m."""
@@ -130,7 +121,3 @@ class LawEquations:
         last, change = found[3] - found[2], found[2] - found[1]
         slope = self.ca.if_else(change != 0, last / change, 0)
         return found[3] + self.ca.if_else(self.ca.fabs(slope) < 1, last * slope / (1 - slope), 0)
-
-    def function(self, name: str, x: SimpleNamespace, **outputs: Symbols) -> casadi.Function:
-        """Return a function of the declared symbols."""
-        return self.chain.function(name, vars(x), outputs)

@@ -22,6 +22,7 @@ from gimbal_pin.control.tuning import StoredController, Tuning
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.export.ccode import c_function, number
 from gimbal_pin.export.equations import LawEquations
+from gimbal_pin.export.navigation import NavigationEquations
 from gimbal_pin.export.symbolic import Chain, checked, table
 from gimbal_pin.log.io.files import atomic_write, write_run
 from gimbal_pin.log.log import Imu
@@ -136,11 +137,11 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
     pointer, model = holder(stored, imu), stored.model
     rig, sight = model.rig, pointer.navigator.sight
     chain = Chain(rig)
-    kinematics = [chain.camera(), chain.drift(), chain.between()]
-    difference = checked(rig, [chain.torque(), *kinematics], sight, np.random.default_rng(0))
+    kinematics = [chain.torque(), chain.camera(), chain.drift(), chain.between()]
+    difference = checked(rig, kinematics, sight, np.random.default_rng(0))
     law = LawEquations(chain, model)
     robust = isinstance(stored.law, ComputedTorque) and stored.law.robust is not None
-    functions = [*kinematics, *law.list_functions(robust)]
+    functions = [*NavigationEquations(chain).list_functions(), *law.list_functions(robust)]
     equations = [c_function(function, SAYS[function.name()]) for function in functions]
     links, points = gyros_between(rig), [table(*drive) for drive in drives(stored)]
     context: dict[str, Any] = {
@@ -176,12 +177,13 @@ def calls(stored: StoredController, pointer: Pointer) -> dict[str, int]:
     """Return how often a step that holds the camera calls the functions of its model, and the forecast."""
     leads = len(pointer.navigator.forecast.leads)
     if not isinstance(stored.law, ComputedTorque):
-        return {"camera": 1}
+        return {"view": 1}
     return {
         "moving_torque": leads,
-        "camera": leads,
-        "camera_drift": leads,
-        "camera_between": 1,
+        "view": leads,
+        "wish": leads,
+        "fusion": 1,
+        "level": 1,
         "feedback": 1,
         "forecast": leads,
     }
@@ -199,9 +201,18 @@ def state_bytes(n: int, links: int, due: int) -> int:
 
 
 SAYS = {
-    "camera": "Attitude R of the camera in the base link, and J: the camera's rate in its own frame is R^T w + J v.",
-    "camera_drift": "Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s^2.",
     "camera_between": "Attitude of the camera in the base link, and in every link between that has a gyro.",
+    "camera_rate": "What a gyro beside the camera reads, rad/s: joints at rates v on a base that turns with w.",
+    "view": "The camera at angles q.",
+    "approach": "A step towards angles at which the camera looks as wanted from a base, at most `stride`, rad, where it"
+    "\n   is turned by `to` in that; left: the error before it, rad.",
+    "gaze": "Where the camera should look so long after the start of a turn.",
+    "fusion": "Gap between the camera's attitude and what another gyro makes of it, the encoders between as `to`, rad;"
+    "\n   apart: by how much it changes faster than noise, rad.",
+    "aim_joints": "Rates of the joints by the gyros, rad/s, and where they should be.",
+    "trust": "How the forecast that comes due errs, beside what was held instead; none: what is measured now, half a"
+    "\n   sample ago.",
+    "wish": "Base's motion as far as its forecast is trusted, and the joints' that turns the camera as it should.",
     "moving_torque": "Torque of the model on a base that moves, N m; y is added to the wanted accelerations.",
     "standing_torque": "Torque of the model on a base that stands upright with the joints accelerating by y, N m;"
     "\n   dry friction is that of the reference's direction.",
@@ -333,9 +344,9 @@ def list_loops(outer: Outer, inertias: Sequence[float]) -> list[dict[str, float]
 def redesign(robust: Robust | None, n: int) -> dict[str, Any]:
     """Return ``struct gimbal_robust``."""
     if robust is None:
-        return {"direction": [[0.0] * 3] * n, "alpha": 0.0, "disturbance": 0.0, "gain": 0.0}
+        return {"direction": [0.0] * 3 * n, "alpha": 0.0, "disturbance": 0.0, "gain": 0.0}
     return {
-        "direction": [list(row) for row in robust.rows],
+        "direction": [x for row in robust.rows for x in row],
         "alpha": robust.bounds.alpha,
         "disturbance": robust.bounds.inverse * robust.bounds.phi,
         "gain": robust.gain,

@@ -195,11 +195,44 @@ class Chain:
         return self.function("camera_drift", dict(q=self.q, v=v, w=w, dw=dw), dict(drift=swing))
 
     def between(self) -> casadi.Function:
-        """Attitude of the camera in the base link and in each link between with a gyro, row by row."""
-        camera = self.attitude(self.frame(self.rig.camera_frame))
-        links = [self.attitude(self.frame(link)).T for link in gyros_between(self.rig)]
-        rows = [self.rows(self.ca.mtimes(back, camera)) for back in (self.ca.SX.eye(3), *links)]
-        return self.function("camera_between", dict(q=self.q), dict(R=self.ca.vertcat(*rows)))
+        """Attitude of the camera in the base link and in each link between with a gyro, as quaternions."""
+        camera = self.orientation(self.rig.camera_frame)
+        links = [self.inverse(self.orientation(link)) for link in gyros_between(self.rig)]
+        found = [camera, *[self.product(link, camera) for link in links]]
+        return self.function("camera_between", dict(q=self.q), dict(to=self.ca.vertcat(*found)))
+
+    def orientation(self, link: str) -> Symbols:
+        """Attitude of a link's frame in the base link, a quaternion (w, x, y, z)."""
+        ca, frame, path = self.ca, self.frame(link), list[int]()
+        at = int(frame.parentJoint) - 2
+        while at >= 0:
+            path.append(at)
+            at = self.joints[at].parent
+        out = ca.SX([1, 0, 0, 0])
+        for j in reversed(path):
+            half, joint = self.q[j] / 2, self.joints[j]
+            turn = ca.vertcat(ca.cos(half), ca.sin(half) * ca.SX(joint.axis))
+            out = self.product(self.product(out, self.constant(joint.rotation)), turn)
+        return self.product(out, self.constant(frame.placement.rotation))
+
+    def constant(self, rotation: Array) -> Symbols:
+        """Quaternion of a rotation matrix of numbers."""
+        x, y, z, w = drop_rounding(pin.Quaternion(np.asarray(rotation)).coeffs())
+        return self.ca.SX([w, x, y, z])
+
+    def product(self, a: Symbols, b: Symbols) -> Symbols:
+        """Product of two quaternions."""
+        ca, u, v = self.ca, a[1:], b[1:]
+        return ca.vertcat(a[0] * b[0] - ca.dot(u, v), a[0] * v + b[0] * u + ca.cross(u, v))
+
+    def inverse(self, a: Symbols) -> Symbols:
+        """Inverse of a unit quaternion."""
+        return self.ca.vertcat(a[0], -a[1:])
+
+    def log(self, a: Symbols) -> Symbols:
+        """The shorter of the two turns that an attitude is, rad, (3,)."""
+        ca, size = self.ca, self.ca.norm_2(a[1:])
+        return 2 * ca.copysign(ca.atan2(size, ca.fabs(a[0])), a[0]) / ca.fmax(size, 1e-18) * a[1:]
 
     def frame(self, link: str) -> pin.Frame:
         """Return a link's frame."""
@@ -276,13 +309,13 @@ def checked(rig: Rig, functions: Sequence[casadi.Function], sight: Any, rng: np.
         expected = pin.rnea(sight.model, data, state, np.concatenate([np.zeros(3), w, v]), np.concatenate([f, dw, a]))[
             6:
         ]
-        turned = sight.between(q)
+        turned, quaternions = sight.between(q), np.array(between(q)).reshape(-1, 4).tolist()
         pairs = [
             (torque(q, v, a, f, w, dw), expected),
             (camera(q)[0], turned[0].ravel()),
             (turned[0].T @ w + np.array(camera(q)[1]).reshape(3, n) @ v, sight.rate(q, v, w)),
             (drift(q, v, w, dw), sight.drift(q, v, w, dw)),
-            (between(q), np.ravel(turned)),
+            ([pin.Quaternion(*to).matrix() for to in quaternions], np.ravel(turned)),
         ]
         for found, right in pairs:
             gap = np.abs(np.array(found).ravel() - right)

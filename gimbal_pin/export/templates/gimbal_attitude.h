@@ -14,13 +14,4 @@ void gimbal_inverse(const float a[4], float out[4]);
    turn (Kahan 1965): else a million small turns would walk away by as many roundings. Do not build with -ffast-math. */
 void gimbal_turn(struct gimbal_attitude *attitude, const float turn[3]);
 
-/* The shorter of the two turns that an attitude is. */
-void gimbal_log(const float attitude[4], float turn[3]);
-
-/* Quaternion of a rotation matrix, by the largest of its four parts (Shepperd 1978). */
-void gimbal_quaternion(const float R[9], float out[4]);
-
-/* out = R^T x. */
-void gimbal_back(const float R[9], const float x[3], float out[3]);
-
 #endif

@@ -37,10 +37,10 @@ struct gimbal_loop {
 
 /* Lyapunov redesign: w = size z/|z| outside a boundary layer, gain z inside it; all zero without it. */
 struct gimbal_robust {
-    float direction[GIMBAL_JOINTS][3]; /* z of a joint: what multiplies integral, error and rate of the error */
-    float alpha;                       /* bound of the relative error of the model's inertia, below 1 */
-    float disturbance;                 /* acceleration by the rest of the model's error, rad/s^2 */
-    float gain;                        /* slope inside the layer */
+    float direction[3 * GIMBAL_JOINTS]; /* z of a joint: what multiplies integral, error and rate of the error */
+    float alpha;                        /* bound of the relative error of the model's inertia, below 1 */
+    float disturbance;                  /* acceleration by the rest of the model's error, rad/s^2 */
+    float gain;                         /* slope inside the layer */
 };
 
 /* Terms of the model beside the rigid body, joint by joint. */
@@ -255,15 +255,15 @@ struct gimbal_holding {
     float tau[GIMBAL_JOINTS];               /* last torques, N m */
     struct gimbal_attitude others[GIMBAL_GYROS]; /* attitudes by the other gyros, the base's first, in the wanted frame */
     float other_rates[GIMBAL_GYROS][3];     /* their last rates, rad/s */
-    float gaps[GIMBAL_GYROS][3];            /* what they make of the camera's attitude beyond its own gyro, rad */
+    float gaps[3 * GIMBAL_GYROS];           /* what they make of the camera's attitude beyond its own gyro, rad */
     float turn[3];                          /* what the camera's attitude is turned by, rad */
     float past[GIMBAL_TAPS][6];             /* ring of the base's last rates and forces */
     int newest;                             /* place of the newest in it */
-    float due[GIMBAL_DUE][2][6];            /* acceleration and force foreseen, and held, oldest first */
-    float slow_errors[2][6];                /* of both, behind a low-pass */
-    float scores[2][4];                     /* mean squares of both one's errors */
+    float due[GIMBAL_DUE][12];              /* acceleration and force foreseen, and held, oldest first */
+    float slow_errors[12];                  /* of both, behind a low-pass */
+    float scores[8];                        /* mean squares of both one's errors */
     float trust;                            /* share of the forecast that is used, 0 to 1 */
-    float slow_gaps[GIMBAL_GYROS][3];       /* gaps behind a low-pass, rad */
+    float slow_gaps[3 * GIMBAL_GYROS];      /* gaps behind a low-pass, rad */
     bool apart;                             /* whether the gyros differ by more than noise: the camera's own is used */
     bool fallback;                          /* whether the PID is in force that needs no model */
     bool steep;                             /* whether the camera is near a singular pose */

@@ -42,7 +42,7 @@ void gimbal_pid(const struct gimbal_parameters *p, const struct gimbal_loop loop
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         wanted[j] = loop[j].inertia * y[j];
     }
-    gimbal_cut_torque(p, loop, error, wanted, integral, integral, tau);
+    gimbal_cut_torque(p, loop, error, wanted, integral, tau);
 }
 
 /* --- Following a reference ---------------------------------------------------------------------------------------- */
@@ -77,7 +77,7 @@ void gimbal_tracking_step(const struct gimbal_parameters *p, struct gimbal_track
             wanted[j] = commanded(&p->drive[j], wanted[j]);
         }
     }
-    gimbal_cut_torque(p, p->tracking, &error, wanted, state->integral, state->integral, tau);
+    gimbal_cut_torque(p, p->tracking, &error, wanted, state->integral, tau);
     numbers = numbers && gimbal_finite(wanted, GIMBAL_JOINTS) && gimbal_finite(error.angle, GIMBAL_JOINTS) &&
               gimbal_finite(error.rate, GIMBAL_JOINTS) && gimbal_finite(state->integral, GIMBAL_JOINTS) &&
               gimbal_finite(reference->a, GIMBAL_JOINTS);
@@ -110,7 +110,7 @@ void gimbal_hold(const struct gimbal_parameters *p, struct gimbal_memory *memory
             }
         }
     }
-    gimbal_cut_torque(p, p->holding, &error, wanted, memory->integral, memory->integral, tau);
+    gimbal_cut_torque(p, p->holding, &error, wanted, memory->integral, tau);
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         const float most = p->most_owed * p->limit[j];
         memory->owed[j] = fmaxf(-most, fminf(wanted[j] - tau[j], most));

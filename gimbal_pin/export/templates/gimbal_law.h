@@ -21,6 +21,20 @@ struct gimbal_aim {
     struct gimbal_ahead ahead[GIMBAL_LEADS];
 };
 
+/* Where the camera should look at one moment. */
+struct gimbal_gaze {
+    float attitude[4]; /* in the wanted frame */
+    float w[3];        /* rate in its own frame, rad/s */
+    float dw[3];       /* angular acceleration in its own frame, rad/s^2 */
+};
+
+/* The camera at some angles. */
+struct gimbal_view {
+    float R[9];                       /* its attitude in the base link */
+    float against[3 * GIMBAL_JOINTS]; /* rates of the joints that undo a turn of the camera, joint by joint */
+    bool steep;                       /* whether the pose is near a singular one and the inverse damped */
+};
+
 /* Errors of one sample. */
 struct gimbal_error {
     float angle[GIMBAL_JOINTS];    /* rad */
