@@ -83,6 +83,10 @@ def visit(url: str, *steps: Step) -> Visit:
     return seen
 
 
+OPEN = "document.querySelectorAll('details').forEach(one => { one.open = true; })"
+"""Opens all that is folded."""
+
+
 def pause(seconds: float) -> Step:
     """Let the page draw."""
 

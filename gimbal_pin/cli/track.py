@@ -70,8 +70,8 @@ def track(
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.pointing import parse_fault, verify
     from gimbal_pin.report import pages
-    from gimbal_pin.report.camera_chart import draw_camera_chart
     from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.sections.camera import draw_camera_chart
 
     moving, motions = platform != "none" or platform_log is not None, "--platform S, --platform-log FILE"
     if controller is None and not moving:

@@ -11,6 +11,8 @@ from .format import figures as figures
 from .format import list_shown_joints as list_shown_joints
 from .html import Document as Document
 from .html import Section as Section
+from .html import Table as Table
+from .html import join as join
 from .pipeline import FILES as FILES
 from .pipeline import Auto as Auto
 from .pipeline import auto as auto
@@ -30,8 +32,6 @@ from .sections.model import show_torque as show_torque
 from .summary import Summary as Summary
 from .summary import summary as summary
 from .summary import verdict as verdict
-from .table import Table as Table
-from .table import join as join
 from .view import animate as animate
 from .view.gaze import outlook as outlook
 

@@ -49,7 +49,7 @@ def list_sections(found: Auto, evaluated: Evaluated | None = None, recording: st
         *([] if wrong is None else [show_diagnosis(wrong)]),
         *([Section(WRONG, [paragraph(NOT_DIAGNOSED.format(found.undiagnosed))])] if found.undiagnosed else []),
         *([animation(recording, STEPS_CAPTION.format(law))] if recording else []),
-        show_parameters(found.identified, found.payload, evaluated),
+        show_parameters(found.identified, found.payload if wrong is None else None, evaluated),
         show_torque(found.identified, evaluated),
         show_controller(found.tuning),
         show_tracking(found.judged, found.model.rig, found.tracking, found.plant),

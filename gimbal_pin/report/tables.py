@@ -24,8 +24,7 @@ from gimbal_pin.report.format import (
     torque_unit,
     unit,
 )
-from gimbal_pin.report.html import bar, toned
-from gimbal_pin.report.table import Content, Table
+from gimbal_pin.report.html import Content, Table, bar, toned
 
 if TYPE_CHECKING:
     from gimbal_pin.control.judging import Judgement

@@ -17,8 +17,7 @@ from gimbal_pin.export import Exported
 from gimbal_pin.log.limited import describe_limits
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import controller_name, list_shown_joints, listed
-from gimbal_pin.report.html import Section, bullets, folded, list_warnings, notice, paragraph
-from gimbal_pin.report.table import Table
+from gimbal_pin.report.html import Section, Table, bullets, folded, list_warnings, notice, paragraph
 from gimbal_pin.report.tables import TOGETHER
 from gimbal_pin.rig.rig import Rig
 
@@ -50,7 +49,7 @@ def show_controller(tuning: Tuning) -> Section:
         folded("Why these gains", bullets(usual)),
         folded("Gains for drives", tables.drive_gains(tuning), is_detail=False),
         *([paragraph(f"{listed(fast)}: {no_cascade}", "side")] if fast else []),
-        plots.Drawing(tuning.plot, alt, caption, [joint.colour for joint in list_shown_joints(rig)]),
+        folded("The loops", plots.Drawing(tuning.plot, alt, caption, [one.colour for one in list_shown_joints(rig)])),
     ]
     lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
     return Section("Controller", parts, lead)
@@ -93,7 +92,7 @@ def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
     joints, count = list_shown_joints(rig), len(experiments)
     alike = len({joint.unit for joint in joints}) == len({*np.isfinite(rig.tau_max).tolist()}) == 1
     gaps, ratios = (0.35 if alike else 0.85, 0.33), [1.5, 1.2, 1]
-    figure, panels = plots.panels(3, rig.n, 6.6, ratios=ratios, gaps=gaps, share=(True, "row" if alike else False))
+    figure, panels = plots.panels(3, rig.n, 5.4, ratios=ratios, gaps=gaps, share=(True, "row" if alike else False))
     names = [controller_name(one.controller) for one in experiments]
     for j, (joint, (above, middle, below)) in enumerate(zip(joints, panels.T)):
         limit, t = float(rig.tau_max[j]), experiments[0].log.t

@@ -30,9 +30,8 @@ from gimbal_pin.report.format import (
     listed,
     units,
 )
-from gimbal_pin.report.html import Element, Section, bullets, heading, paragraph
+from gimbal_pin.report.html import Content, Element, Section, Table, bullets, folded, heading, paragraph
 from gimbal_pin.report.plots import style
-from gimbal_pin.report.table import Content, Table
 from gimbal_pin.rig.rig import Rig
 
 DRAWN = 3
@@ -62,16 +61,16 @@ def show_rig(rig: Rig, weighed: float | None = None) -> Section:
         if motor.encoder_bits:
             encoder = [f"{motor.encoder_bits:g} bit", joint.text(motor.encoder_step, digits=2)]
         iron = [str(count) if count else DASH for count in (motor.slots, motor.poles)]
-        loads = [figures(x) for x in (dry, viscous, carried)]
-        motors.append([joint.label, *encoder, *iron, *loads])
+        motors.append([joint.label, *encoder, *iron, *(figures(x) for x in (dry, viscous, carried))])
     looks = list_shown_joints(rig)
     force, viscous = (" or ".join(dict.fromkeys(one.in_units(unit) for one in looks)) for unit in ("N m", "N m s/rad"))
     head = ["Joint", "Moves", "Travel", "Rate", "Acceleration", f"Torque limit, {force}", f"Torque constant, {force}/A"]
     more = ["Joint", "Encoder", "Step", "Slots", "Poles", f"Coulomb, {force}", f"Viscous, {viscous}", "Carries, kg"]
+    loads = "Motors, sensors and loads, as given"
     parts = [
         paragraph(describe_rig_and_payload(rig, weighed)),
         Table(head, limits, texts=2, caption="Joints and limits"),
-        Table(more, motors, caption="Motors, sensors and loads, as given"),
+        folded(loads, Table(more, motors, label=loads), is_detail=False),
     ]
     return Section("Rig", parts, rig.config.description)
 
@@ -152,7 +151,8 @@ def show_logs(rig: Rig, logs: Sequence[Log]) -> Section:
     for log in logs[:DRAWN]:
         alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
         caption = f"{file_name(log.name)}: what was recorded; all joints should move, far and at many rates."
-        parts.append(plots.Drawing(partial(draw_overview, rig, log), alt, caption, joint_colours(rig.joints)))
+        drawn = plots.Drawing(partial(draw_overview, rig, log), alt, caption, joint_colours(rig.joints))
+        parts.append(folded(f"Over time: {file_name(log.name)}", drawn))
     events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
     return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.")
 

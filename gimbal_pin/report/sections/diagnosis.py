@@ -18,9 +18,8 @@ from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import ShownJoint, list_altered, list_shown_joints, listed, to_sentence, torque_unit
-from gimbal_pin.report.html import Element, Section, bullets, folded, heading, paragraph, toned
+from gimbal_pin.report.html import Content, Element, Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.sections.model import show_payload
-from gimbal_pin.report.table import Content
 
 WRONG = "What the simulation gets wrong"
 VERDICTS = {
@@ -180,7 +179,7 @@ def ranked(found: Diagnosis, joints: tuple[ShownJoint, ...]) -> list[int]:
 
 def faces(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], held: Evidence) -> plots.Figure:
     """Draw the residuals."""
-    figure, panels = plots.panels(4, len(order), 10.4, gaps=(0.95, 0.68))
+    figure, panels = plots.panels(4, len(order), 7.6, gaps=(0.95, 0.6))
     errors = [compute_filtered_error(held, model) for model in (found.before, found.after)]
     open_ = np.concatenate([part.gate for part in held.parts]) > OPEN
     for column, j in zip(panels.T, order):

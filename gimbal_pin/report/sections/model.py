@@ -32,7 +32,6 @@ from gimbal_pin.report.format import (
     torque_unit,
 )
 from gimbal_pin.report.html import Element, Section, bullets, folded, heading, list_warnings, paragraph
-from gimbal_pin.report.table import Table
 
 STILL_JOINT_RATE = 2.0
 """Rate up to which friction is drawn of a joint that does not move, rad/s."""
@@ -50,16 +49,17 @@ LOOSE = 0.1
 """Standard deviation, in shares of a parameter, beyond which the log is said to leave it open."""
 
 
-def show_parameters(found: Identified, payload: PayloadStatement, evaluated: Evaluated | None = None) -> Section:
+def show_parameters(found: Identified, payload: PayloadStatement | None, evaluated: Evaluated | None = None) -> Section:
     """Return warnings, base parameters and friction with 95 % intervals, the nearest bodies, and the payload's place.
 
-    `evaluated`: the rows that it is judged by; None: nothing is drawn, and no torque told that a parameter moves.
+    `payload`: None where another section has it. `evaluated`: the rows that the model is judged by; None: nothing is
+    drawn, and no torque told that a parameter moves.
     """
     notes = [*found.notes, *list_altered(found.altered), *list_mountings(found)]
     parts: list[object] = [
         *list_warnings(found.warnings),
         *list_parameter_parts(found, evaluated),
-        *(show_payload(payload) if found.model.rig.aims else []),
+        *(show_payload(payload) if payload is not None and found.model.rig.aims else []),
         *([folded("Notes", bullets(notes), is_detail=False)] if notes else []),
     ]
     return Section("Parameters", parts, "What the log says of the rig, with 95 % intervals.")
@@ -76,46 +76,40 @@ def show_cameras(found: Several) -> Section:
 
 
 def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) -> list[object]:
-    """Return base parameters, friction and bodies as parts of a section."""
+    """Return base parameters, friction and bodies as parts of a section; on a page the long tables are folded."""
     rows, width, agreement = known(found, evaluated), len(found.reduction.independent), found.agreement
     every, force = [rows[k] for k in list_shown(found)], forces(list_shown_joints(found.model.rig))
     bound = None if found.bound is None else found.bound[list_shown(found)].tolist()
-    tabled = zip(tables.list_tables(found), find_tables(found).values())
-    return [
+    base, effects = "Base parameters", "Friction and other effects"
+    combined = "The combinations of masses, first moments and inertias that joint torques can show"
+    trust = f"± 95 %, the URDF's bodies trusted to {100 * found.trust:.3g} % (--trust). *: the log hardly shows it, it"
+    parts = [
         paragraph(describe_estimate(found, every)),
-        *([] if evaluated is None else [picture_moved(every, force)]),
-        heading("Base parameters"),
-        paragraph(
-            f"The combinations of masses, first moments and inertias that joint torques can show; {tables.AWAY}.",
-            "side",
+        *([] if evaluated is None else [folded("What each of them moves", picture_moved(every, force))]),
+        folded(
+            base,
+            paragraph(f"{combined}; {tables.AWAY}.", "side"),
+            tables.parameters(every[:width], bound and bound[:width], base, force),
+            is_detail=False,
         ),
-        tables.parameters(every[:width], bound and bound[:width], "Base parameters", force),
-        heading("Friction and other effects"),
-        tables.parameters(every[width:], bound and bound[width:], "Friction and other effects", force),
-        *(show_table(line, tables.parameters([rows[k] for k in place], None, line, force)) for line, place in tabled),
-        *([] if evaluated is None else [picture_effects(found, evaluated)]),
-        *describe_bound(found),
-        *([] if agreement is None else [paragraph(f"{agreement.sentence}.")]),
-        *([] if agreement is None or not agreement.drifting else [tables.drifting_parameters(agreement)]),
-        heading("The nearest bodies"),
-        tables.tabulate_bodies(found.bodies),
-        paragraph(
-            f"± 95 %, the URDF's bodies trusted to {100 * found.trust:.3g} % (--trust). *: the log hardly shows it, it "
-            "stays near the URDF's.",
-            "side",
-        ),
+        heading(effects),
+        tables.parameters(every[width:], bound and bound[width:], effects, force),
     ]
-
-
-def show_table(line: str, table: Table) -> Element:
-    """Return a line on a table of torque; on a page it opens all the table's values."""
-    return Element(folded(line, table).html, f"{line}; all of them in the model's file and --json")
+    for line, place in zip(tables.list_tables(found), find_tables(found).values()):
+        values = tables.parameters([rows[k] for k in place], None, line, force)
+        parts.append(Element(folded(line, values).html, f"{line}; all of them in the model's file and --json"))
+    parts += [] if evaluated is None else [picture_effects(found, evaluated)]
+    parts += describe_bound(found)
+    parts += [] if agreement is None else [paragraph(f"{agreement.sentence}.")]
+    parts += [] if agreement is None or not agreement.drifting else [tables.drifting_parameters(agreement)]
+    bodies = tables.tabulate_bodies(found.bodies), paragraph(f"{trust} stays near the URDF's.", "side")
+    return [*parts, folded("The nearest bodies", *bodies, is_detail=False)]
 
 
 def show_payload(payload: PayloadStatement) -> list[Element]:
     """Where the payload sits and what it weighs against the given model, and how to balance it."""
     lines = (*payload.lines, *payload.advice)
-    return [heading("The payload against its URDF (± 95 %)"), bullets(lines)] if lines else []
+    return [folded("The payload against its URDF (± 95 %)", bullets(lines), is_detail=False)] if lines else []
 
 
 def picture_moved(every: Sequence[KnownParameter], force: str) -> plots.Drawing:
@@ -186,7 +180,7 @@ def short(name: str) -> str:
 def whiskers(every: Sequence[KnownParameter], force: str) -> plots.Figure:
     """Draw dots with whiskers, in the torque that each parameter moves."""
     names = [short(one.name) for one in every]
-    figure, panels = plots.panels(1, 1, 1.0 + 0.2 * len(every), left=0.35 + 0.07 * max(len(name) for name in names))
+    figure, panels = plots.panels(1, 1, 1.0 + 0.17 * len(every), left=0.35 + 0.07 * max(len(name) for name in names))
     axes = panels[0, 0]
     moved = np.array([one.moved for one in every])
     half = np.array([one.half * (one.reach or 0.0) for one in every])
@@ -235,39 +229,30 @@ def compute_band(found: Identified, j: int, v: Array, slide: Array) -> tuple[Arr
 def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Section:
     """Return the fit's figures, and where rows are given the torques and the residual, over time and rate."""
     where = f"on {rows_named(found.held_out.how)}, which the fit did not see" if found.held_out else "on its own rows"
-    parts: list[object] = [
-        paragraph(
-            f"Everything below is filtered at {found.filtering.cutoff:g} Hz, measured and predicted alike. A joint is "
-            "judged where it moves: near standstill dry friction bears any torque, and motion does not tell which.",
-            "side",
-        ),
-        tables.torque_errors(found, evaluated),
-    ]
-    parts += [] if evaluated is None else picture_residuals(list_shown_joints(found.model.rig), evaluated, where)
+    filtered = (
+        f"Everything below is filtered at {found.filtering.cutoff:g} Hz, measured and predicted alike. A joint is "
+        "judged where it moves: near standstill dry friction bears any torque, and motion does not tell which."
+    )
+    parts: list[object] = [paragraph(filtered, "side"), tables.torque_errors(found, evaluated)]
+    if evaluated is not None:
+        joints, names = list_shown_joints(found.model.rig), ", ".join(evaluated.joints)
+        window, whole = worst(evaluated)
+        caption = (
+            f"Filtered torque {where}: measured (grey) and predicted (colour), the residual below. "
+            "Shaded: so slow that dry friction may have any direction; not judged. "
+            f"{file_name(window.log)}, {window.t[0]:.4g} to {window.t[-1]:.4g} s: "
+            f"{'the stretch with the largest error' if whole else 'all of it'}."
+        )
+        left = (
+            "Residual over the joint's rate, where it is judged, and its mean with the error of the mean: flat is "
+            "noise, a bend is what the model does not know. Below, its distribution against a normal one of the same "
+            "size."
+        )
+        alt = f"Measured and predicted torque and residual of {names} over time"
+        over_rates = f"Residual torque of {names} over rate, and its histogram"
+        parts.append(plots.Drawing(partial(overlays, joints, window), alt, caption))
+        parts.append(folded("What is left", plots.Drawing(partial(clouds, joints, evaluated), over_rates, left)))
     return Section("Torque", parts, f"Measured against predicted, {where}.")
-
-
-def picture_residuals(joints: tuple[ShownJoint, ...], evaluated: Evaluated, where: str) -> list[object]:
-    """Return pictures of the torques over time, and of the residual over rate and as a histogram."""
-    window, whole = worst(evaluated)
-    names = ", ".join(evaluated.joints)
-    caption = (
-        f"Filtered torque {where}: measured (grey) and predicted (colour), the residual below. "
-        "Shaded: so slow that dry friction may have any direction; not judged. "
-        f"{file_name(window.log)}, {window.t[0]:.4g} to {window.t[-1]:.4g} s: "
-        f"{'the stretch with the largest error' if whole else 'all of it'}."
-    )
-    left = (
-        "Residual over the joint's rate, where it is judged, and its mean with the error of the mean: flat is noise, a "
-        "bend is what the model does not know. Below, its distribution against a normal one of the same size."
-    )
-    alt = f"Measured and predicted torque and residual of {names} over time"
-    over_rates = f"Residual torque of {names} over rate, and its histogram"
-    return [
-        plots.Drawing(partial(overlays, joints, window), alt, caption),
-        heading("What is left"),
-        plots.Drawing(partial(clouds, joints, evaluated), over_rates, left),
-    ]
 
 
 def worst(evaluated: Evaluated) -> tuple[EvaluatedPart, bool]:
@@ -286,21 +271,16 @@ def worst(evaluated: Evaluated) -> tuple[EvaluatedPart, bool]:
     return best[1], len(evaluated.parts) > 1 or len(best[1].t) < len(evaluated.parts[0].t)
 
 
-def broken(t: Array, values: Array) -> Array:
-    """Return the values with nan at the first sample after each gap, so that no line is drawn across it."""
-    steps = np.diff(t)
-    gaps = np.flatnonzero(steps > 2.5 * np.median(steps)) + 1 if len(steps) else np.zeros(0, int)
-    out = values.copy()
-    out[gaps] = np.nan
-    return out
-
-
 def smooth_curve(t: Array, values: Array) -> tuple[Array, Array]:
-    """Return a curve through the rows, which are as far apart as the filter allows, without corners; broken at gaps."""
-    fine = np.interp(np.arange((len(t) - 1) * BETWEEN + 1) / BETWEEN, np.arange(len(t)), t)
-    smooth = signals.resample(t, values[:, None], fine)[:, 0] if len(t) > 2 else values
-    holes = np.repeat(np.isnan(broken(t, values))[1:], BETWEEN)
-    smooth[1:][holes] = np.nan
+    """Return a curve through the rows, which are as far apart as the filter allows, without corners.
+
+    After each gap it is nan, so that no line is drawn across.
+    """
+    if len(t) < 3:
+        return t, values
+    steps, fine = np.diff(t), np.interp(np.arange((len(t) - 1) * BETWEEN + 1) / BETWEEN, np.arange(len(t)), t)
+    smooth = signals.resample(t, values[:, None], fine)[:, 0]
+    smooth[1:][np.repeat((steps > 2.5 * np.median(steps)) | np.isnan(values[1:]), BETWEEN)] = np.nan
     return fine, smooth
 
 
@@ -308,7 +288,7 @@ def overlays(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> plots.Figur
     """Draw each joint's torques, and its residual below."""
     count, ratios = len(joints), [0.35, 3, 1.2] * len(joints)
     looks: Any = dict(ratios=ratios, gaps=(0, 0.1), share=(True, False), left=1.05)
-    figure, grid = plots.panels(3 * count, 1, 0.6 + 2.2 * count, **looks)
+    figure, grid = plots.panels(3 * count, 1, 0.6 + 1.6 * count, **looks)
     panels = grid[:, 0]
     for j, joint in enumerate(joints):
         room, above, below = panels[3 * j : 3 * j + 3]
@@ -340,7 +320,7 @@ def shade(axes: plots.Axes, t: Array, still: Flags) -> None:
 
 def clouds(joints: tuple[ShownJoint, ...], evaluated: Evaluated) -> plots.Figure:
     """Draw residuals over rates, and their histograms below."""
-    figure, panels = plots.panels(2, len(joints), 4.8, ratios=[1.5, 1], gaps=(0.75, 0.6))
+    figure, panels = plots.panels(2, len(joints), 4.2, ratios=[1.5, 1], gaps=(0.75, 0.6))
     v, error, share = (evaluated.stacked(name) for name in ("v", "error", "share"))
     scale, unit = torque_unit(float(np.abs(error).max()), forces(joints))
     for j, joint in enumerate(joints):
