@@ -78,7 +78,7 @@ ABLATIONS = {
     "structure-3": Ablation("structures from 3 % of the residual", "engine.explained.STRUCTURED", 0.03),
     "misses": Ablation("what is left where a drive bites denies nothing", "engine.explained.misses", false),
     "one-pass": Ablation("one search", "engine.explained.SEARCHES", 1),
-    "prior": Ablation("ten times the prior of the alignment", "engine.alignment.SHIFT_DEVIATION", 2.5e-2),
+    "prior": Ablation("ten times the prior of the alignment", "engine.alignment.LAG_DEVIATION", 2.5e-2),
     "blocks": Ablation("what a few blocks tell is as sure as what all do", "result.moderate", unchanged),
     "turns": Ablation("gate closed at swift turns", "diagnose.open_turns", unchanged),
     "overdone": Ablation("causes of any torque", "score.OVERDONE", 1e9),

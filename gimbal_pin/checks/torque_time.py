@@ -18,6 +18,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import LogError, digits
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
+    LARGEST_LAG,
     Block,
     Design,
     Filtering,
@@ -31,8 +32,6 @@ from gimbal_pin.regression import (
 )
 from gimbal_pin.rig.rig import Rig
 
-EARLIEST = -2e-2
-"""Earliest that a torque acts before its stamp, s: currents are reported late, through filters of 10 Hz and above."""
 SMALL = 5e-3
 """Shift that is not worth a word, s: angles and currents of one sample are as far apart on a bus of 200 Hz."""
 LARGEST_TIME_SHIFT, TIME_SHIFT_STEP = 0.25, 0.01
@@ -91,7 +90,7 @@ def find_time_fault(log: Log, found: Sequence[Shift]) -> Fault | None:
     worst, (said, mend) = find_clearest(beyond), describe_shifts(log, beyond)
     figures = (Parameter("late", -worst.by, "s"), Parameter("left", worst.left / worst.within, "1"))
     sentence = f"{log.name}: {said}; no physics is looked for in it"
-    return Fault("clock", worst.joint, sentence, figures, abs(worst.by / EARLIEST), True, mend)
+    return Fault("clock", worst.joint, sentence, figures, abs(worst.by / LARGEST_LAG), True, mend)
 
 
 def find_clearest(found: Sequence[Shift]) -> Shift:
@@ -134,10 +133,10 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
         left = compute_errors(A, torque[:, j])
         total = left.sum(axis=0)
         sharp = np.ptp(shifts[total <= AS_LIKELY * total.min()]) < 3 * TIME_SHIFT_STEP
-        for beyond, lower in ((True, EARLIEST), (False, -SMALL)):
+        for beyond, lower in ((True, -LARGEST_LAG), (False, -SMALL)):
             inside = (late >= lower) & (late <= LONGEST_DRIVE_DELAY)
             k = find_best_outside(left, inside)
-            if k is not None and (beyond or (sharp and EARLIEST <= late[k] < 0)):
+            if k is not None and (beyond or (sharp and -LARGEST_LAG <= late[k] < 0)):
                 by, within = float(late[k] + TIME_SHIFT_STEP * find_vertex(total, k)), float(total[inside].min())
                 found.append(Shift(joint, by, float(total[k]), within, beyond))
                 break

@@ -37,7 +37,6 @@ def excite(
     log_rate: Annotated[opt.Maybe[float], opt.between("--log-rate", 1, 20000, "Hz")] = None,
     torque_noise: Annotated[opt.Maybe[float], opt.between("--torque-noise", 0, 10)] = None,
     form_error: Annotated[opt.Maybe[float], opt.between("--form-error", 0, 1)] = None,
-    lag: Annotated[opt.Maybe[float], opt.between("--lag", 0, 1, "s")] = None,
     seed: opt.Seed = 0,
     yes: opt.Yes = False,
     json: opt.Json = None,
@@ -61,7 +60,6 @@ def excite(
         log_rate: samples per second of the log to come (default: --rate)
         torque_noise: noise on the reported torque, share of its rms (default: as identified, or 0.01)
         form_error: what neither rigid bodies nor friction do, share of its rms (default: as identified, or 0.015)
-        lag: time by which the torque may act later than its stamp (default: half a sample of the log)
     """
     import numpy as np
 
@@ -87,9 +85,8 @@ def excite(
     )  # fmt: skip
     write_motion(found.motion, found.joints, output)
     told = predict_estimate(
-        plant, found.sample(log_rate), effects=shown, torque_noise=torque_noise, form_error=form_error, lag=lag,
-        rng=seed,
-    )  # fmt: skip
+        plant, found.sample(log_rate), effects=shown, torque_noise=torque_noise, form_error=form_error, rng=seed
+    )
     said = join_text([show_excitation(found), show_expectation(told)])
     said = f"{said}\n{describe_next_step(rig, output, first, bool(read))}".rstrip()
     present(said, {**found.to_dict(), "expected": told.to_dict()}, json)

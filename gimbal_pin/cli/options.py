@@ -129,7 +129,7 @@ Cutoff = Annotated[
 Alignment = Annotated[
     float | None,
     between("--alignment", -1, 1, "s"),
-    optional(None, "the torque acts that much later than its stamp", "half a sample"),
+    optional(None, "the torque acts that much later than its stamp", "as the log says"),
 ]
 Holdout = Annotated[
     str | None, optional("WHAT", "last-third, log:N or none", "the last third of one log, the last of several")

@@ -45,6 +45,8 @@ class Estimated:
         dt: Sampling interval of the logs, s; None: not known.
         missed: What of each joint's torque the model misses and the motion decides, N m rms, (n,); empty: not known.
         noise: Density of the noise on each joint's torque, N m/√Hz, (n,), what the sensors add included; as above.
+        lags: By how much later than half a sample after its stamp each joint's torque acts, s, (n,); empty: as stated.
+        lag_std: Their standard deviations, s, (n,).
     """
 
     names: tuple[str, ...]
@@ -54,6 +56,8 @@ class Estimated:
     dt: float | None = None
     missed: tuple[float, ...] = ()
     noise: tuple[float, ...] = ()
+    lags: tuple[float, ...] = ()
+    lag_std: tuple[float, ...] = ()
 
     __repr__ = brief
 

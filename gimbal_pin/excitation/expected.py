@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import nan
 from typing import Any, Literal
 
@@ -17,15 +18,21 @@ from gimbal_pin.effects import Effect
 from gimbal_pin.errors import finite_or_none
 from gimbal_pin.identification import find_unseen, given_beta
 from gimbal_pin.log.log import Array, Log, Motion
-from gimbal_pin.regression import FORM_ERROR, Design, Estimate, Filtering, compute_blocks, fit_weighted, presume_misfit
+from gimbal_pin.regression import (
+    FORM_ERROR,
+    Design,
+    Filtering,
+    add_lag_spread,
+    compute_blocks,
+    fit_weighted,
+    presume_misfit,
+)
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.inertia import join_names
 from gimbal_pin.rig.types import Rng, make_generator
 
 WEAK_FROM = 0.5
-"""Standard deviation, or change by a lag, in shares of a value, from which even its sign is in doubt at two of them."""
-WELL = 0.1
-"""Share of a value under which its deviation is small."""
+"""Standard deviation, in shares of a value, from which even its sign is in doubt at two of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +49,8 @@ class ExpectedEstimate:
         rate: Samples per second of the log.
         torque_noise: White noise on the reported torques, as a share of each one's rms, (n,).
         form_error: What no rigid body, friction or given effect does, as such a share, (n,).
-        lag: Time by which the torque may act later than its stamp, s.
         sampling: Joint → share of its torque rms that the sampling alone, without any noise, leaves unexplained.
-        per_lag: Change of each parameter per second of lag, (k,).
+        lag_std: Joint → standard deviation that its torque's lag will have, s; the parameters' hold it.
     """
 
     names: tuple[str, ...]
@@ -56,9 +62,8 @@ class ExpectedEstimate:
     rate: float
     torque_noise: Array
     form_error: Array
-    lag: float
     sampling: Mapping[str, float]
-    per_lag: Array
+    lag_std: Mapping[str, float]
 
     __repr__ = brief
 
@@ -70,26 +75,13 @@ class ExpectedEstimate:
         return tuple("not" if n in self.unseen else "weakly" if w else "known" for n, w in zip(self.names, weak))
 
     @property
-    def longest_lag(self) -> tuple[float, str]:
-        """The lag, s, that moves a well-known parameter by half of its value, and which; infinite where none is."""
-        told = self.std < WELL * np.abs(np.nan_to_num(self.values))
-        moved = np.where(told, np.abs(self.per_lag), 0.0)
-        # Of what a log would tell to a tenth: what is nearly zero moves by half of itself at any lag.
-        lags = np.divide(WEAK_FROM * np.abs(self.values), moved, out=np.full(len(moved), np.inf), where=moved > 0)
-        first = int(np.argmin(lags))
-        return float(lags[first]), self.names[first]
-
-    @property
     def warnings(self) -> tuple[str, ...]:
-        """What to change before the motion is run: the log's rate, its lag, the motion."""
-        said, (lag, name) = [], self.longest_lag
+        """What to change before the motion is run: the log's rate, the motion."""
+        said = []
         slow = [f"{100 * share:.2g} % of {joint}'s" for joint, share in self.sampling.items() if share > FORM_ERROR]
         if slow:
             what = f"{self.rate:g} samples per second are too few for this motion: they alone leave {', '.join(slow)}"
             said.append(f"{what} torque unexplained; record faster, or move more slowly")
-        if self.lag > lag:
-            what = f"a lag of {1000 * self.lag:.3g} ms between angles and torque matters: {1000 * lag:.2g} ms move"
-            said.append(f"{what} {name} by half of its value; record faster, or stamp the torque when it acts")
         if self.frictionless:
             who = f"{join_names(self.frictionless)} {'states' if len(self.frictionless) == 1 else 'state'} no friction"
             said.append(
@@ -104,13 +96,11 @@ class ExpectedEstimate:
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
         rows = zip(self.names, self.units, self.values.tolist(), self.std.tolist(), self.known)
-        lag, first = self.longest_lag
         return {
             "rate": self.rate,
             "torque_noise": self.torque_noise.tolist(),
             "form_error": self.form_error.tolist(),
-            "lag": self.lag,
-            "longest_lag": {"seconds": lag, "parameter": first} if np.isfinite(lag) else None,
+            "lag_std": {joint: finite_or_none(std) for joint, std in self.lag_std.items()},
             "parameters": [
                 {"name": name, "unit": unit, "value": finite_or_none(x), "std": finite_or_none(std), "known": known}
                 for name, unit, x, std, known in rows
@@ -127,13 +117,11 @@ def predict_estimate(
     effects: Sequence[Effect] = (),
     torque_noise: float | None = None,
     form_error: float | None = None,
-    lag: float | None = None,
     rng: Rng = None,
 ) -> ExpectedEstimate:
     """Return what `identify` will know from a log of a motion, by its own rows, fit and covariance.
 
-    A log with the noise of the rig's sensors is fitted for the deviations, one without for what the sampling leaves,
-    and that again with the torque a sample later: a short lag moves least squares linearly.
+    A log with the noise of the rig's sensors is fitted for the deviations, one without for what the sampling leaves.
 
     Args:
         model: The rig, its encoders, gyros, friction.
@@ -142,8 +130,6 @@ def predict_estimate(
         torque_noise: White noise on the reported torque, as a share of each joint's torque rms; None: as the model was
             identified with, or 0.01.
         form_error: What no rigid body, friction or given effect does, the same way; or 0.015.
-        lag: Time by which the torque may act later than its stamp, s; None: half a sample, as a drive may hold
-            it from its stamp on.
         rng: Source of the sensors' noise, or its seed.
     """
     rig, step = model.rig, float(np.median(np.diff(motion.t)))
@@ -163,14 +149,13 @@ def predict_estimate(
     truth = np.concatenate([given_beta(rig, design.reduction), terms])
     blocks = compute_blocks(design)
     if sum(block.b.size for block in blocks) < 3 * len(truth):
-        std, unseen, per_lag = np.full(len(truth), np.inf), design.names, np.zeros(len(truth))
-        sampling = np.zeros(rig.n)
+        std, unseen, sampling, late = np.full(len(truth), np.inf), design.names, np.zeros(rig.n), np.full(rig.n, np.inf)
     else:
         estimate = fit_weighted(blocks)
-        plain, late = (_refit(replace(design, logs=(exact,)), alignment) for alignment in (0.0, step))
-        std = presume_misfit(blocks, estimate, missed * size).std
-        unseen, per_lag = find_unseen(design.names, blocks, estimate), late.theta - plain.theta
-        sampling = plain.residual_std / size
+        hedge = partial(presume_misfit, sizes=missed * size)
+        expected, spread = add_lag_spread(blocks, hedge(blocks, estimate), [0.0] * rig.n, hedge)
+        std, late, unseen = expected.std, np.sqrt(np.diag(spread)), find_unseen(design.names, blocks, estimate)
+        sampling = fit_weighted(compute_blocks(replace(design, logs=(exact,)))).residual_std / size
     return ExpectedEstimate(
         names=design.names,
         units=design.units,
@@ -181,9 +166,8 @@ def predict_estimate(
         rate=1 / step,
         torque_noise=noise,
         form_error=missed,
-        lag=step / 2 if lag is None else lag,
         sampling=dict(zip(rig.joints, sampling.tolist())),
-        per_lag=per_lag / step,
+        lag_std=dict(zip(rig.joints, late.tolist())),
     )
 
 
@@ -194,11 +178,6 @@ def _choose_shares(
     if stated is None and identified:
         return np.array(identified) / unit / size
     return np.full(len(size), otherwise if stated is None else stated)
-
-
-def _refit(design: Design, alignment: float) -> Estimate:
-    """Fit with the torque acting so much later than its stamp, s."""
-    return fit_weighted(compute_blocks(replace(design, filtering=replace(design.filtering, alignment=alignment))))
 
 
 def record_log(model: Model, motion: Motion, torque_noise: float | Array, rng: np.random.Generator) -> Log:

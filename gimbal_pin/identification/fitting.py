@@ -40,7 +40,10 @@ from gimbal_pin.regression import (
     Estimate,
     Estimator,
     Filtering,
+    Misfit,
+    add_lag_spread,
     add_misfit,
+    align_rows,
     bound_deviations,
     classify_base_motion,
     compute_blocks,
@@ -126,6 +129,23 @@ def assemble_result(
         given=rig.phi,
         trust=trust,
     )
+
+
+def add_misfit_and_lags(found: Identified, missed: Sequence[Misfit], late: Array) -> Identified:
+    """Return an estimate, and its model, with what the model misses at each joint, and when the torques act.
+
+    Args:
+        found: The estimate.
+        missed: What is missed at each joint.
+        late: Covariance of the lags of the estimate's filter, s², (n, n).
+    """
+    known = found.model.estimated
+    assert known is not None
+    sizes, noise = zip(*((one.size, one.noise / found.filtering.cutoff**0.5) for one in missed))
+    lag_std = tuple(np.sqrt(np.diag(late)).tolist())
+    known = replace(known, missed=sizes, noise=noise, lags=found.filtering.lags, lag_std=lag_std)
+    said = dict(zip(found.model.rig.joints, missed))
+    return replace(found, model=replace(found.model, estimated=known), missed=said)
 
 
 def to_model(design: Design, estimate: Estimate) -> Model:
@@ -220,19 +240,16 @@ def identify(
     )
     check_assignment(blocks, estimate)
     estimate, missed = add_misfit(blocks, estimate)
+    estimate, late = add_lag_spread(blocks, estimate, blocks.design.filtering.lags)
     unused = [log.name for log in test if any(log is one for one in logs)]
     notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
-    found = assemble_result(blocks, estimate, tested, how, trust)
-    density = tuple(one.noise / filters.cutoff**0.5 for one in missed)
-    assert found.model.estimated is not None
-    known = replace(found.model.estimated, missed=tuple(one.size for one in missed), noise=density)
+    found = add_misfit_and_lags(assemble_result(blocks, estimate, tested, how, trust), missed, late)
     found = replace(
         found,
-        model=replace(found.model, doubts=(*left_out, *found.model.doubts), estimated=known),
+        model=replace(found.model, doubts=(*left_out, *found.model.doubts)),
         logs=tuple(log.name for log in logs),
         mountings={one.log.name: one.mountings for one in checked if one.mountings},
         notes=notes,
-        missed=dict(zip(rig.joints, missed)),
         altered=collect_alterations(checked),
         holdout=holdout or choose_holdout(logs),
     )
@@ -347,8 +364,10 @@ def _fit_shown(
     Raises:
         DataError: Too few rows, or parameters without a trace that a fixed base would show.
     """
-    blocks = compute_blocks(Design(rig, reduce_parameters(rig, base=base), effects, logs, filters))
-    check_enough(blocks)
+    design = Design(rig, reduce_parameters(rig, base=base), effects, logs, filters)
+    check_enough(compute_blocks(design))
+    aligned = align_rows(lambda one: compute_blocks(replace(design, filtering=one)), filters, rig.n)
+    blocks = compute_blocks(replace(design, filtering=aligned))
     estimate = estimator(blocks)
     if base != "fixed" and find_unseen(blocks.design.names, blocks, estimate):
         return _fit_shown(rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1])

@@ -220,7 +220,7 @@ class Online:
         Args:
             rig: The rig.
             effects: Effects on top of Coulomb and viscous friction; none with a memory.
-            filtering: Cutoff and alignment; None: the defaults.
+            filtering: Cutoff and alignment; None: the defaults, with the lags of the known model.
             fading: Time constant of exponential forgetting, s of a joint's motion; standing still forgets nothing.
             everything: After a change of payload estimate all parameters anew, not the payload's alone.
             known: An identified model of this gimbal with any payload: the payload's parameters alone are estimated.
@@ -234,7 +234,7 @@ class Online:
         if not fading > 0:
             raise UsageError("fading", f"is {fading:g} s", "give a positive time, or infinity")
         everywhere = build_friction_effects(rig.joints) + tuple(effects)
-        design = Design(rig, reduce_parameters(rig), everywhere, (), filtering or Filtering())
+        design = Design(rig, reduce_parameters(rig), everywhere, (), filtering or _take_lags(known))
         directions, prior = payload_directions(design), None
         if known is not None:
             before = get_known_parameters(known)
@@ -353,7 +353,7 @@ class Online:
         """Return what is known before the first row."""
         n, k = self.design.rig.n, len(self.design.names)
         nothing = np.zeros((0, n))
-        rows = Block(np.zeros(0), np.zeros((0, n, k)), nothing, nothing, nothing, nothing)
+        rows = Block(np.zeros(0), np.zeros((0, n, k)), *[nothing] * 5)
         return Learned(rows, PastRows.empty(n, k), PastRows.empty(n, 1), prior)
 
     def answer(self, memory: LogMemory) -> tuple[Estimate, Block]:
@@ -529,6 +529,11 @@ class Online:
             return learned
         event = Event(now, "known", float(learned.rows.t[0]), f"every parameter shows since {now:.1f} s")
         return replace(learned, ready=True, events=(*learned.events, event))
+
+
+def _take_lags(known: Model | None) -> Filtering:
+    """Return the usual filter with a known model's lags: a stream has no torque left to fit them to."""
+    return Filtering(lags=() if known is None or known.estimated is None else known.estimated.lags)
 
 
 def _append_samples(memory: LogMemory, log: Log) -> LogMemory:

@@ -228,6 +228,15 @@ class Identified:
         std = self.estimate.std
         return (self.estimate.theta - self.stated) / np.where(std > 0, std, np.nan)
 
+    @property
+    def lags(self) -> dict[str, tuple[float, float]]:
+        """Joint → time from its torque's stamp to its acting, and the deviation, s; empty where that is stated."""
+        known = self.model.estimated
+        if known is None or known.dt is None:
+            return {}
+        pairs = zip(self.model.rig.joints, known.lags, known.lag_std)
+        return {joint: (known.dt / 2 + lag, std) for joint, lag, std in pairs}
+
     def to_urdf(self) -> str:
         """Return the rig's URDF with the nearest physical inertias and the identified friction; other tags are kept."""
         model = self.model
@@ -251,6 +260,7 @@ class Identified:
             "condition_number": self.estimate.condition_number,
             "base_motion": self.reduction.base,
             "cutoff_hz": self.filtering.cutoff,
+            "lag_s": {joint: {"value": lag, "std": std} for joint, (lag, std) in self.lags.items()},
             "imus": {
                 log: {link: mounting.to_dict() for link, mounting in links.items()}
                 for log, links in self.mountings.items()

@@ -80,7 +80,7 @@ def describe_uncertainty(estimated: Estimated | None) -> dict[str, Any]:
         return {}
     columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
     rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
-    rest = {name: list(getattr(estimated, name)) for name in ("missed", "noise")}
+    rest = {name: list(getattr(estimated, name)) for name in ("missed", "noise", "lags", "lag_std")}
     return {"base_parameters": rows, "covariance": estimated.covariance.tolist(), "dt": estimated.dt, **rest}
 
 
@@ -151,6 +151,8 @@ class StoredUncertainty:
     dt: float | None = bounded_field(None, 1e-6, 1.0)  # between what `tune` can sample at
     missed: tuple[float, ...] = ()
     noise: tuple[float, ...] = ()
+    lags: tuple[float, ...] = ()
+    lag_std: tuple[float, ...] = ()
 
 
 def read_known_parameters(data: Any, place: str) -> Estimated:
@@ -175,7 +177,7 @@ def read_known_parameters(data: Any, place: str) -> Estimated:
         raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
     names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
     values = np.array([row.value for row in rows])
-    return Estimated(names, units, values, covariance, filed.dt, filed.missed, filed.noise)
+    return Estimated(names, units, values, covariance, filed.dt, filed.missed, filed.noise, filed.lags, filed.lag_std)
 
 
 def is_model(path: str | Path) -> bool:

@@ -253,7 +253,15 @@ def _build_error_block(rows: Design, model: Model, theta: Array, run: SimulatedS
     moved = lfilter(top, bottom, np.linalg.solve(D, columns), axis=0)
     slow = signals.lowpass(WATCHED * LOOP, 1.0 / dt)
     A, error = (signals.zero_phase(x, slow)[keep].copy() for x in (moved, run.error))
-    return Block(run.t[keep].copy(), A, A @ theta - error, run.q[keep].copy(), run.v[keep].copy(), np.ones_like(error))
+    return Block(
+        run.t[keep].copy(),
+        A,
+        A @ theta - error,
+        run.q[keep].copy(),
+        run.v[keep].copy(),
+        np.ones_like(error),
+        np.zeros_like(error),
+    )
 
 
 def fit_idim(blocks: Sequence[Block]) -> Estimate:

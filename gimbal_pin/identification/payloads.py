@@ -18,7 +18,13 @@ from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import RigEffect, get_payload
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification.difference import BaseDifference
-from gimbal_pin.identification.fitting import assemble_result, given_beta, keep_held_out_accuracy, split_logs
+from gimbal_pin.identification.fitting import (
+    add_misfit_and_lags,
+    assemble_result,
+    given_beta,
+    keep_held_out_accuracy,
+    split_logs,
+)
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.known_gimbal import compute_limit, describe_contradiction, update_gimbal
 from gimbal_pin.identification.payload import (
@@ -39,7 +45,9 @@ from gimbal_pin.regression import (
     Estimator,
     Filtering,
     Misfit,
+    add_lag_spread,
     add_misfit,
+    align_rows,
     compute_blocks,
     find_camera_body,
     fit_weighted,
@@ -197,6 +205,15 @@ class _Part(NamedTuple):
     how: str
     notes: tuple[str, ...]
 
+    def refiltered(self, filters: Filtering) -> _Part:
+        """Return the same logs' rows by another filter."""
+        blocks, tested = (
+            None if rows is None else compute_blocks(replace(rows.design, filtering=filters))
+            for rows in (self.blocks, self.tested)
+        )
+        assert blocks is not None
+        return self._replace(blocks=blocks, tested=tested)
+
 
 def _build_part(
     rig: Rig,
@@ -217,6 +234,18 @@ def _build_part(
     blocks = compute_blocks(Design(rig, reduction, tuple(effects), train, filters))
     check_enough(blocks)
     return _Part(checked, blocks, compute_blocks(replace(blocks.design, logs=test)) if test else None, how, notes)
+
+
+def _align_parts(parts: Sequence[_Part], own: CarrierEstimate) -> list[_Part]:
+    """Return the rows of all payloads' logs with the lags of the gimbal's drives, the same with each."""
+    design = parts[0].blocks.design
+
+    def build(filters: Filtering) -> list[Block]:
+        every = [compute_blocks(replace(part.blocks.design, filtering=filters)) for part in parts]
+        return [block for k, blocks in enumerate(every) for block in _widen_blocks(blocks, own, k, len(parts))]
+
+    filters = align_rows(build, design.filtering, design.rig.n)
+    return [part.refiltered(filters) for part in parts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,6 +302,7 @@ def _conclude_camera(
     reference: tuple[str, Rig],
     known: tuple[Array, Array],
     missed: Sequence[Misfit],
+    late: Array,
 ) -> tuple[Identified, CameraEstimate]:
     """Return the gimbal with one camera, ``theta + K_c gamma``, and that camera: the reference's stated one and gamma.
 
@@ -284,6 +314,7 @@ def _conclude_camera(
         reference: The payload whose URDF the cameras' parameters stand on, and the rig with it.
         known: Parameters of the gimbal with the reference, and their covariance.
         missed: What the model misses at each joint.
+        late: Covariance of the torques' lags, s², (n, n).
     """
     design = part.blocks.design
     width = len(design.names)
@@ -299,8 +330,7 @@ def _conclude_camera(
     given[own.parameters] += base - urdf
     mounted, vague = _hedge_camera(mounted, own, reference[0], given, design.mixing, known)
     found = replace(
-        assemble_result(part.blocks, one, part.tested, part.how),
-        missed=dict(zip(design.rig.joints, missed)),
+        add_misfit_and_lags(assemble_result(part.blocks, one, part.tested, part.how), missed, late),
         notes=part.notes,
         holdout="none" if part.tested is None else "last-third",
         faults=(*vague, *describe_faults(part.checked)),
@@ -380,11 +410,13 @@ def identify_several(
     reduction = reduce_parameters(rigs[reference])
     own = CarrierEstimate.of(rigs[reference], reduction)
     everything = (*build_friction_effects(rigs[reference].joints), *effects)
-    parts = {name: _build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order}
+    each = [_build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order]
+    parts = dict(zip(order, _align_parts(each, own)))
     joint = [block for k, part in enumerate(parts.values()) for block in _widen_blocks(part.blocks, own, k, len(order))]
     alone = estimator(joint)
     estimate, missed = add_misfit(joint, alone, len(order))
     first = parts[reference].blocks.design
+    estimate, late = add_lag_spread(joint, estimate, first.filtering.lags)
     names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
     check_seen(first.logs[0].name, names, joint, alone)
     cameras, identified, n = {}, {}, first.rig.n
@@ -393,7 +425,7 @@ def identify_several(
         one = replace(estimate, residual_std=estimate.residual_std[mine])
         known = (estimate.theta, estimate.covariance)
         base = (reference, rigs[reference])
-        identified[name], cameras[name] = _conclude_camera(part, own, one, k, base, known, missed[mine])
+        identified[name], cameras[name] = _conclude_camera(part, own, one, k, base, known, missed[mine], late)
     for part in parts.values():  # by itself: in the sum with the others' a wrong sign may hide
         check_assignment(part.blocks, fit_weighted(part.blocks))
     return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
@@ -412,9 +444,9 @@ def _widen_blocks(blocks: Sequence[Block], own: CarrierEstimate, place: int, cou
         if place:
             A[:, :, place, width + size * (place - 1) : width + size * place] = own.compute_columns(block)
         apart = np.eye(count)[place, :, None]
-        b, share = ((apart * x[:, None]).reshape(m, -1) for x in (block.b, block.share))
+        b, share, slope = ((apart * x[:, None]).reshape(m, -1) for x in (block.b, block.share, block.slope))
         q, v = (np.tile(x, count) for x in (block.q, block.v))
-        yield Block(block.t, A.swapaxes(1, 2).reshape(m, n * count, -1), b, q, v, share)
+        yield Block(block.t, A.swapaxes(1, 2).reshape(m, n * count, -1), b, q, v, share, slope)
 
 
 def identify_new(
@@ -450,20 +482,21 @@ def identify_new(
     width, count = len(reduction.independent), sum(len(effect.coefficients) for effect in effects)
     if before.names[:width] != reduction.base_names or len(before.names) != width + count:
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
-    part = _build_part(rig, logs, effects, holdout or "none", filtering, reduction)
-    blocks, design, place = part.blocks, part.blocks.design, part.checked[0].log.name
     own = CarrierEstimate.of(rig, reduction)
+    (part,) = _align_parts([_build_part(rig, logs, effects, holdout or "none", filtering, reduction)], own)
+    blocks, design, place = part.blocks, part.blocks.design, part.checked[0].log.name
     mine = [block._replace(A=own.compute_columns(block), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [some._replace(b=block.b) for some, block in zip(mine, blocks)]
     check_seen(place, own.reduction.base_names, heard, fit_weighted(mine))
     alone, missed = add_misfit(blocks, estimator(blocks))
+    alone, late = add_lag_spread(blocks, alone, design.filtering.lags)
     reach = np.vstack([own.columns, np.zeros((len(design.names) - width, own.columns.shape[1]))])
     found = update_gimbal(before, alone, reach, place)
     joint = replace(alone, theta=found.theta, covariance=found.covariance, phi=None)
     name, mounted = rig.payload or "camera", known.rig.payload or BARE
     was = (before.theta, before.covariance)
-    identified, one = _conclude_camera(part, own, joint, 1, (mounted, known.rig), was, missed)
+    identified, one = _conclude_camera(part, own, joint, 1, (mounted, known.rig), was, missed, late)
     check_assignment(blocks, identified.estimate)
     identified = replace(identified, faults=(*describe_contradiction(found, before), *identified.faults))
     return Several({name: identified}, {name: one}, mounted, known=known)

@@ -137,6 +137,7 @@ class Block(NamedTuple):
         q: Angles, rad, (m, n).
         v: Rates, rad/s, (m, n).
         share: How much of a row's samples were not masked out, in [0, 1], (m, n).
+        slope: The measured torque's derivative, filtered as it is, N m/s, (m, n).
     """
 
     t: Array
@@ -145,6 +146,7 @@ class Block(NamedTuple):
     q: Array
     v: Array
     share: Array
+    slope: Array
 
     def __repr__(self) -> str:
         """See `brief`."""
@@ -303,6 +305,7 @@ class Design:
         # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
         sections = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
         smoother = partial(filter_rows, sections=sections)
+        slope = way.filter_torque(signals.differentiate(channels.tau, 1.0 / rate)[way.few])
         jumping = _filter_columns(self.compute_effect_columns(moved), smoother, way.few)
         channels, moved = channels.select(way.few), moved.select(way.few)
         rigid = self.compute_rigid_columns(moved)
@@ -311,7 +314,7 @@ class Design:
         share = np.clip(way.low_pass(way.moving, way.rows), 0.0, 1.0)
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
         t, q, v = (x[way.rows].copy() for x in (channels.t, channels.q, channels.v))
-        return Block(t, A, way.filter_torque(tau), q, v, share)
+        return Block(t, A, way.filter_torque(tau), q, v, share, slope)
 
     def compute_rigid_columns(self, channels: Samples) -> Array:
         """Base columns of the regressor, (m, n, b)."""

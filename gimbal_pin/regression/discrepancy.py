@@ -20,12 +20,9 @@ from gimbal_pin.regression.design import Block
 from gimbal_pin.regression.solve import (
     RANK,
     Estimate,
-    Method,
+    compute_gain,
     count_effective_rows,
-    factor_rows,
-    solve_factors,
     triangularise,
-    weigh_joints,
 )
 from gimbal_pin.rig.brief import brief
 
@@ -199,13 +196,12 @@ def _add_spread(
     blocks: Sequence[Block], estimate: Estimate, found: Sequence[Misfit], columns: Sequence[Array], cameras: int = 1
 ) -> Estimate:
     """Return the estimate with the deviations that a misfit found at each joint adds, see `add_misfit`."""
-    weight = np.ones(len(found)) if estimate.method is Method.ORDINARY else weigh_joints(estimate.residual_std**2)
-    gain = solve_factors(factor_rows(blocks), weight).gain
+    gain, scale = compute_gain(blocks, estimate)
     moved = np.zeros((len(found), len(gain), len(GROUPS)))
     for j, one in enumerate(found):
         if one.size > 0:
             through = np.concatenate([block.A[:, j] for block in blocks]).T @ columns[j]
-            moved[j] = weight[j] ** 2 * gain @ (through * np.sqrt(one.variance))
+            moved[j] = scale[j] ** 2 * gain @ (through * np.sqrt(one.variance))
     shared = moved.reshape(cameras, -1, *moved.shape[1:]).sum(axis=0)
     spreads = [np.einsum("jkf,jlf->kl", each, each) for each in ((moved, shared) if cameras > 1 else (moved,))]
     return replace(estimate, covariance=estimate.covariance + sum(spreads))

@@ -59,7 +59,7 @@ class PastRows:
         What weighs the joints then trusts the noise that was known beforehand.
         """
         nothing, one = np.zeros((1, *self.score.shape[:2])), np.ones((1, len(power)))
-        known = Block(one[:, 0], nothing, np.sqrt(TRUSTED * power) * one, one, one, np.sqrt(TRUSTED) * one)
+        known = Block(one[:, 0], nothing, np.sqrt(TRUSTED * power) * one, one, one, np.sqrt(TRUSTED) * one, 0 * one)
         return replace(self.add([known]), rows=self.rows)
 
     def add(self, blocks: Sequence[Block], processes: Sequence[Autoregression] | None = None) -> PastRows:
@@ -82,7 +82,7 @@ class PastRows:
         size = self.factors.shape[1]
         rows = self.factors.swapaxes(0, 1) * np.sqrt(size / max(self.rows, 1))
         nowhere = np.zeros(rows.shape[:2])
-        return Block(np.zeros(size), rows[:, :, :-2], rows[:, :, -2], nowhere, nowhere, rows[:, :, -1])
+        return Block(np.zeros(size), rows[:, :, :-2], rows[:, :, -2], nowhere, nowhere, rows[:, :, -1], nowhere)
 
 
 def loosen_prior(theta: Array, covariance: Array, directions: Array) -> Array:

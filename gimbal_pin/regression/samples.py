@@ -47,6 +47,7 @@ class Filtering:
         smoothing: Low-pass on the channels before they are differentiated, in multiples of the cutoff.
         alignment: Time by which the torque acts later than its stamp, s; None: half a sample, for a torque that is
             held from its sample to the next.
+        lags: By how much later than that each joint's torque acts, s, (n,), see `align_rows`; empty: none.
         direction: Low-pass on the rate whose sign dry friction takes, in multiples of the cutoff; None: the smoother's.
             A rate full of noise tells no sign, its slow part does.
         compact: Rows through a Gaussian with the same half at the cutoff, in the place of Butterworth's: it falls more
@@ -56,6 +57,7 @@ class Filtering:
     cutoff: float = 4.0
     smoothing: float = 8.0
     alignment: float | None = None
+    lags: tuple[float, ...] = ()
     direction: float | None = None
     compact: bool = False
 
@@ -224,13 +226,13 @@ def smooth_samples(
 
 
 def _compute_torque_delay(filtering: Filtering, dt: float) -> float:
-    """Time by which the torque acts later than its stamp, s."""
+    """Time by which the torque acts later than its stamp, lags aside, s."""
     return dt / 2 if filtering.alignment is None else filtering.alignment
 
 
 def compute_reach(filtering: Filtering, dt: float) -> float:
     """Time around a sample of the grid from which it is resampled, s: four samples, and the torque's delay."""
-    return 4 * dt + abs(_compute_torque_delay(filtering, dt))
+    return 4 * dt + abs(_compute_torque_delay(filtering, dt)) + max(map(abs, filtering.lags), default=0.0)
 
 
 def _find_log_rows(segment: Segment, filtering: Filtering, grid: Array) -> slice:
@@ -244,7 +246,10 @@ def resample_torque(segment: Segment, filtering: Filtering, grid: Array) -> Arra
     """The measured torque as it acts at the times of a grid, N m, (m, n), not smoothed."""
     log, near = segment.log, _find_log_rows(segment, filtering, grid)
     assert log.tau is not None
-    return signals.resample(log.t[near] + _compute_torque_delay(filtering, segment.dt), log.tau[near], grid)
+    t, tau = log.t[near] + _compute_torque_delay(filtering, segment.dt), log.tau[near]
+    if not any(filtering.lags):
+        return signals.resample(t, tau, grid)
+    return np.column_stack([signals.resample(t + lag, x[:, None], grid) for lag, x in zip(filtering.lags, tau.T)])
 
 
 class UnfilteredTorque(NamedTuple):

@@ -225,6 +225,13 @@ def weigh_joints(power: Array) -> Array:
     return np.asarray(1.0 / np.sqrt(np.maximum(power, 1e-6 * power.max() + 1e-30)), dtype=np.float64)
 
 
+def compute_gain(blocks: Sequence[Block], estimate: Estimate) -> tuple[Array, Array]:
+    """Return ``G = (AᵀWA)⁻¹`` of an estimate's rows, (k, k), and the root of W, ``1 / σ_j`` or one, (n,)."""
+    ordinary, spread = estimate.method is Method.ORDINARY, estimate.residual_std
+    scale = np.ones(len(spread)) if ordinary else weigh_joints(spread**2)
+    return solve_factors(factor_rows(blocks), scale).gain, scale
+
+
 def count_effective_rows(blocks: Sequence[Block]) -> Array:
     """Rows per joint that were not masked out, (n,)."""
     return np.sum([np.sum(block.share**2, axis=0) for block in blocks], axis=0)

@@ -11,22 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from gimbal_pin.checks.torque_time import EARLIEST
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import LAG_DEVIATION, LAG_ROUNDS, LAGS_WITHIN, LARGEST_LAG
 
 LARGEST_SHIFT = 5e-3
 """Latest shift that is the log's, s: angles are reported late, over buses of 200 Hz. A torque that acts later than that
 is a drive's."""
-SHIFT_DEVIATION = 2.5e-3
-"""Deviation of such shifts, s: where a torque hardly says when it acts, it acts when it was stamped."""
-ALIGNMENT_ROUNDS = 3
-"""Steps: each is nearly exact, as the band's highest frequency times what is left is small."""
-ALIGNED_WITHIN = 5e-5
-"""Step, s, under which it is found: at 12 Hz it leaves four thousandths of the torque."""
 
 
 def later_by(state: State) -> Array:
@@ -36,7 +30,7 @@ def later_by(state: State) -> Array:
     shifts it was given.
     """
     evidence = state.problem.evidence
-    D, prior = np.stack([project_slope(state, j) for j in range(evidence.rig.n)], axis=1), 1.0 / SHIFT_DEVIATION**2
+    D, prior = np.stack([project_slope(state, j) for j in range(evidence.rig.n)], axis=1), 1.0 / LAG_DEVIATION**2
     return np.asarray(
         np.linalg.solve(D.T @ D + prior * np.eye(D.shape[1]), D.T @ state.fit.residual - prior * shifts(evidence))
     )
@@ -73,9 +67,9 @@ def align_torques(evidence: Evidence, causes: tuple[Cause, ...], modelled: Calla
     free = np.array([joint not in timed for joint in evidence.rig.joints])
     late = shifts(evidence) * free
     state = modelled(retimed(evidence, late))
-    for _ in range(ALIGNMENT_ROUNDS):
-        to = np.clip(late + later_by(state), EARLIEST, LARGEST_SHIFT) * free
-        if np.max(np.abs(to - late)) < ALIGNED_WITHIN:
+    for _ in range(LAG_ROUNDS):
+        to = np.clip(late + later_by(state), -LARGEST_LAG, LARGEST_SHIFT) * free
+        if np.max(np.abs(to - late)) < LAGS_WITHIN:
             break
         late, state = to, modelled(retimed(evidence, to))
     return state

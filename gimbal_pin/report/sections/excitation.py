@@ -72,9 +72,9 @@ def show_expectation(found: ExpectedEstimate) -> Section:
         f"of a log of {found.rate:g} samples per second, the rig's encoders and gyros (exact where it states none), "
         f"noise on the torque of {noise} of its rms, and {form} of it that neither rigid bodies nor friction explain"
     )
-    lag, name = found.longest_lag
-    said = f"a lag of {figures(1000 * lag, 2)} ms between angles and torque moves {name} by half of its value"
-    parts = [*list_warnings(found.warnings), paragraph(head), table, *([paragraph(said)] if isfinite(lag) else [])]
+    late = [f"{joint} {figures(1e3 * NORMAL_95 * std, 2)} ms" for joint, std in found.lag_std.items() if isfinite(std)]
+    said = f"by how much later than its stamp a torque acts is fitted as well: ± 95 % {', '.join(late)}"
+    parts = [*list_warnings(found.warnings), paragraph(head), table, *([paragraph(said)] if late else [])]
     return Section("What its log will tell", parts)
 
 

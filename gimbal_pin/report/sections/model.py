@@ -55,7 +55,7 @@ def show_parameters(found: Identified, payload: PayloadStatement | None, evaluat
     `payload`: None where another section has it. `evaluated`: the rows that the model is judged by; None: nothing is
     drawn, and no torque told that a parameter moves.
     """
-    notes = [*found.notes, *list_altered(found.altered), *list_mountings(found)]
+    notes = [*found.notes, *list_altered(found.altered), *list_mountings(found), *describe_lags(found)]
     parts: list[object] = [
         *list_warnings(found.warnings),
         *list_parameter_parts(found, evaluated),
@@ -157,6 +157,15 @@ def describe_bound(found: Identified) -> list[Element]:
     if loose := [short(name) for name, value, std in rows if std > LOOSE * abs(value)]:
         text += f" No closer than to ± {digits(100 * NORMAL_95 * LOOSE, 2)} %, for they are small: {', '.join(loose)}."
     return [paragraph(text, "side")]
+
+
+def describe_lags(found: Identified) -> list[str]:
+    """Say when each joint's torque acts, in one line; nothing where that was stated."""
+    each = [
+        f"{joint} {digits(1e3 * lag, 2)} ± {digits(1e3 * NORMAL_95 * std, 2)} ms"
+        for joint, (lag, std) in found.lags.items()
+    ]
+    return [f"a torque acts later than its stamp by, ± 95 %: {', '.join(each)}"] if each else []
 
 
 def list_mountings(found: Identified) -> list[str]:

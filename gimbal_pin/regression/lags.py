@@ -1,0 +1,99 @@
+"""When each joint's torque acts: fitted with the parameters, and what that leaves open in them.
+
+A torque that acts later by a lag l than it was taken to obeys ``b_j = A_j θ + l_j db_j/dt``: milliseconds of it look
+like viscous friction, which leads the angle by a quarter of a period as the torque's derivative does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gimbal_pin.log.log import Array
+from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.discrepancy import add_misfit
+from gimbal_pin.regression.samples import Filtering
+from gimbal_pin.regression.solve import Estimate, compute_gain, solve
+
+LAG_DEVIATION = 2.5e-3
+"""Deviation of lags beforehand, s: where a torque hardly says when it acts, it acts when it was stamped."""
+LARGEST_LAG = 2e-2
+"""Largest, s, to either side: currents are reported late, through filters of 10 Hz and above; drives act late."""
+LAG_ROUNDS = 3
+"""Steps: each is nearly exact, as the band's highest frequency times what is left is small."""
+LAGS_WITHIN = 5e-5
+"""Step, s, under which they are found: at 12 Hz it leaves four thousandths of the torque."""
+
+
+def hedge_misfit(blocks: Sequence[Block], estimate: Estimate) -> Estimate:
+    """Return the estimate with deviations that hold what the model is found to miss, see `add_misfit`."""
+    return add_misfit(blocks, estimate)[0]
+
+
+def _append_slopes(blocks: Sequence[Block], joints: int) -> list[Block]:
+    """Return blocks with one more column per joint, its torque's derivative; several cameras' share theirs."""
+    own = np.arange(blocks[0].b.shape[1])[:, None] % joints == np.arange(joints)
+    return [block._replace(A=np.concatenate([block.A, block.slope[:, :, None] * own], axis=2)) for block in blocks]
+
+
+def fit_lags(blocks: Sequence[Block], taken: Array) -> Estimate:
+    """Weighted least squares with by how much later, s, each joint's torque acts after the parameters, (k + n,).
+
+    ``min Σ_j ‖b_j - A_j θ - l_j db_j/dt‖²/σ_j² + Σ (l_j + taken_j)²/σ_l²``.
+
+    Args:
+        blocks: Rows with the torque as it acts at the lags that were taken.
+        taken: These, s, (n,).
+    """
+    n, width = len(taken), blocks[0].A.shape[2]
+    prior = np.hstack([np.zeros((n, width)), np.eye(n), -taken[:, None]]) / LAG_DEVIATION
+    return solve(_append_slopes(blocks, n), prior)
+
+
+def align_rows(build: Callable[[Filtering], Sequence[Block]], filtering: Filtering, joints: int) -> Filtering:
+    """Return the filter with the lags at which the model leaves least; as it is where these are known.
+
+    Args:
+        build: Filter → rows.
+        filtering: The filter.
+        joints: Number of joints.
+    """
+    if filtering.alignment is not None or filtering.lags:
+        return filtering
+    lags: Array = np.zeros(joints)
+    for _ in range(LAG_ROUNDS):
+        found = fit_lags(build(replace(filtering, lags=tuple(lags.tolist()))), lags)
+        before, lags = lags, np.clip(lags + found.theta[-joints:], -LARGEST_LAG, LARGEST_LAG)
+        if np.max(np.abs(lags - before)) < LAGS_WITHIN:
+            break
+    return replace(filtering, lags=tuple(lags.tolist()))
+
+
+def add_lag_spread(
+    blocks: Sequence[Block],
+    estimate: Estimate,
+    lags: Sequence[float],
+    hedge: Callable[[Sequence[Block], Estimate], Estimate] = hedge_misfit,
+) -> tuple[Estimate, Array]:
+    """Return the estimate with deviations that hold what the lags leave open, and these' covariance, s², (n, n).
+
+    ``Σ + T C Tᵀ`` with ``T = G AᵀW db/dt`` and C the lags' covariance, what the model misses included.
+
+    Args:
+        blocks: Rows, aligned.
+        estimate: What was estimated from them.
+        lags: Those of their filter, s, (n,); empty: they are known.
+        hedge: What adds to an estimate's deviations what the model misses.
+    """
+    n = len(lags)
+    if not n:
+        return estimate, np.zeros((0, 0))
+    spread = hedge(_append_slopes(blocks, n), fit_lags(blocks, np.array(lags))).covariance[-n:, -n:]
+    (gain, scale), through = compute_gain(blocks, estimate), np.zeros((len(estimate.theta), n))
+    for block in blocks:
+        each = np.einsum("mjk,mj->kj", block.A, block.slope * scale**2)
+        through += each.reshape(len(through), -1, n).sum(axis=1)
+    moved = gain @ through
+    return replace(estimate, covariance=estimate.covariance + moved @ spread @ moved.T), spread
