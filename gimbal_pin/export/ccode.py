@@ -99,7 +99,8 @@ def c_function(function: casadi.Function, told: str) -> tuple[str, str, int]:
     head = f"void gimbal_{function.name()}({', '.join(parameters.values())})"
     text = "\n".join(body)
     unused = [f"    (void)({name});" for name in parameters if not re.search(rf"\b{name}\b", text)]
-    return f"/* {told} */\n{head};", "\n".join([head, "{", *unused, *body, "}"]), count
+    said = told.replace("\n\n", " ").replace("\n", "\n   ")
+    return f"/* {said} */\n{head};", "\n".join([head, "{", *unused, *body, "}"]), count
 
 
 def lines(function: casadi.Function) -> tuple[list[str], int]:

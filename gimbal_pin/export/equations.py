@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from inspect import getdoc
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -31,6 +33,10 @@ class Equations:
         sizes = {name: int(*size) if size else 1 if name in SCALARS else self.chain.n for name, *size in found}
         return SimpleNamespace(**{name: self.ca.SX.sym(name, size) for name, size in sizes.items()})
 
+    def describe(self, *builders: Callable[[], casadi.Function]) -> list[tuple[casadi.Function, str]]:
+        """Return the functions, each with what its builder says of it, which C says, too."""
+        return [(build(), getdoc(build) or "") for build in builders]
+
     def function(self, name: str, x: SimpleNamespace, **outputs: Symbols) -> casadi.Function:
         """Return a function of the declared symbols."""
         return self.chain.function(name, vars(x), outputs)
@@ -40,22 +46,27 @@ class LawEquations(Equations):
     """The laws that follow a reference and hold the camera.
 
     Attributes:
+        robust: Whether there is Lyapunov redesign.
         values: Coefficients of the terms that are not affine.
     """
 
-    def __init__(self, chain: Chain, model: Model) -> None:
+    def __init__(self, chain: Chain, model: Model, robust: bool) -> None:
         """Take the torque of the bodies and of the terms."""
         super().__init__(chain)
-        self.model, self.torque, (self.terms, self.values) = model, chain.torque(), terms(model)
+        self.robust, self.model, self.torque, (self.terms, self.values) = robust, model, chain.torque(), terms(model)
         others = self.terms.numel_in(0)
         self.coefficients = f"terms_constant terms_per_slide terms_per_rate terms_others:{others}"
 
-    def list_functions(self, robust: bool) -> list[casadi.Function]:
-        """Return all of them."""
-        return [self.build_moving_torque(), self.build_standing_torque(), self.build_feedback(robust), self.build_cut()]
+    def list_functions(self) -> list[tuple[casadi.Function, str]]:
+        """Return all of them, and what they are."""
+        builders = self.build_moving_torque, self.build_standing_torque, self.build_feedback, self.build_cut
+        return self.describe(*builders)
 
-    def build_feedback(self, robust: bool) -> casadi.Function:
-        """``K ξ + w``, rad/s²: see `Outer.feedback` and, where `robust`, `Robust.correction`."""
+    def build_feedback(self) -> casadi.Function:
+        """Errors with this sample, and what the loops ask for against them, rad/s^2; wished: accelerations.
+
+        See `Outer.feedback` and `Robust.correction`.
+        """
         ca, norm = self.ca, self.ca.norm_2
         x = self.declare(
             f"p_dt loop_kp loop_ki loop_kd loop_knee loop_braking robust_direction:{3 * self.chain.n} robust_alpha "
@@ -66,14 +77,14 @@ class LawEquations(Equations):
         far = x.loop_kd * ca.sqrt(x.loop_braking * (2 * size - x.loop_knee))
         pull = ca.if_else(size <= x.loop_knee, x.loop_kp * e, ca.copysign(far, e))
         y = x.loop_ki * total + x.loop_kd * rate + pull
-        if robust:
+        if self.robust:
             z = ca.sum2(ca.reshape(x.robust_direction, 3, self.chain.n).T * ca.horzcat(total, e, rate))
             most = (x.robust_alpha * (norm(x.wished) + norm(y)) + x.robust_disturbance) / (1 - x.robust_alpha)
             y += z * ca.if_else(x.robust_gain * norm(z) <= most, x.robust_gain, most / norm(z))
         return self.function("feedback", x, error_angle=e, error_rate=rate, error_integral=total, y=y)
 
     def build_moving_torque(self) -> casadi.Function:
-        """Torque of the model on a base that moves, N m: see `CarriedTorque.at`."""
+        """Torque of the model on a base that moves, N m, y on top of wanted accelerations: see `CarriedTorque.at`."""
         x = self.declare(f"p_dt {self.coefficients} t there_q there_v there_a there_f:3 there_w:3 there_dw:3 y")
         q, v, a, base = x.there_q, x.there_v, x.there_a + x.y, (x.there_f, x.there_w, x.there_dw)
         slide = compute_direction(v, x.there_a, x.p_dt)
@@ -82,7 +93,10 @@ class LawEquations(Equations):
         return self.function("moving_torque", x, tau=rest + self.sum_other_terms(x, (q, v, a, slide), rest, weight, 0))
 
     def build_standing_torque(self) -> casadi.Function:
-        """Torque of the model on a base that stands upright, N m: see `ComputedTorque.inverse`."""
+        """Torque of the model on a base that stands upright with the joints accelerating by y, N m.
+
+        Dry friction is that of the reference's direction: see `ComputedTorque.inverse`.
+        """
         x = self.declare(f"p_tracking_lead p_still p_gravity {self.coefficients} t q v y reference_v reference_a")
         q, rate = x.q + x.p_tracking_lead * x.v, x.reference_v + x.p_tracking_lead * x.reference_a
         base = (self.ca.vertcat(0, 0, x.p_gravity), 0, 0)
@@ -94,7 +108,7 @@ class LawEquations(Equations):
         )
 
     def build_cut(self) -> casadi.Function:
-        """Torques cut to the limits and the integrals that are kept: see `Outer.integrated` and `Outer.clipped`."""
+        """Torques within the limits, N m, and the integrals that are kept: see `Outer.integrated`, `Outer.clipped`."""
         ca, x = self.ca, self.declare("p_limit loop_knee error_angle error_integral wanted integral")
         further = ca.logic_and(ca.fabs(x.wanted) > x.p_limit, x.wanted * x.error_angle > 0)
         held = ca.logic_or(further, ca.fabs(x.error_angle) > x.loop_knee)

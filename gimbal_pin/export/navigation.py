@@ -23,20 +23,14 @@ class NavigationEquations(Equations):
         self.first = 0 if chain.n > 2 else 1  # of two axes those across the line of sight are commanded
         self.undone = f"view_against:{3 * chain.n}"
 
-    def list_functions(self) -> list[casadi.Function]:
-        """Return all of them."""
-        looks = [self.between, self.build_camera_rate(), self.build_view(), self.build_approach(), self.build_gaze()]
-        return [
-            *looks,
-            self.build_level(),
-            self.build_fusion(),
-            self.build_aim(),
-            self.build_trust(),
-            self.build_wish(),
-        ]
+    def list_functions(self) -> list[tuple[casadi.Function, str]]:
+        """Return all of them, and what they are."""
+        looks = self.chain.between, self.build_camera_rate, self.build_view, self.build_approach, self.build_gaze
+        motion = self.build_level, self.build_fusion, self.build_aim, self.build_trust, self.build_wish
+        return self.describe(*looks, *motion)
 
     def build_camera_rate(self) -> casadi.Function:
-        """``Rᵀ ω + J q̇``, see `Sight.rate`."""
+        """What a gyro beside the camera reads, rad/s: rates v on a base that turns with w: see `Sight.rate`."""
         x = self.declare("q v w:3")
         R, J = self.look(x.q)
         return self.function("camera_rate", x, rate=R.T @ x.w + J @ x.v)

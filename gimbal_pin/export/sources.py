@@ -139,10 +139,9 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
     chain = Chain(rig)
     kinematics = [chain.torque(), chain.camera(), chain.drift(), chain.between()]
     difference = checked(rig, kinematics, sight, np.random.default_rng(0))
-    law = LawEquations(chain, model)
-    robust = isinstance(stored.law, ComputedTorque) and stored.law.robust is not None
-    functions = [*NavigationEquations(chain).list_functions(), *law.list_functions(robust)]
-    equations = [c_function(function, SAYS[function.name()]) for function in functions]
+    law = LawEquations(chain, model, isinstance(stored.law, ComputedTorque) and stored.law.robust is not None)
+    functions = [*NavigationEquations(chain).list_functions(), *law.list_functions()]
+    equations = [c_function(*function) for function in functions]
     links, points = gyros_between(rig), [table(*drive) for drive in drives(stored)]
     context: dict[str, Any] = {
         "joints": rig.n,
@@ -162,7 +161,7 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
         "unable": unable(rig, WANTED),
         "stored": stored,
     }
-    counts = {function.name(): count for function, (_, _, count) in zip(functions, equations)}
+    counts = {function.name(): count for (function, _), (*_, count) in zip(functions, equations)}
     cost = {name: times * counts.get(name, PER_TAP * TAPS) for name, times in calls(stored, pointer).items()}
     memory = state_bytes(rig.n, len(links), pointer.navigator.forecast.due)
     made = rendered({**context, "operations": cost, "memory": memory}, EXPORTED_FILES)
@@ -198,30 +197,6 @@ def state_bytes(n: int, links: int, due: int) -> int:
     guarded, gyros = 3 * sensors + 20 + 4 * n, links + 1
     after = 37 + 4 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 5
     return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
-
-
-SAYS = {
-    "camera_between": "Attitude of the camera in the base link, and in every link between that has a gyro.",
-    "camera_rate": "What a gyro beside the camera reads, rad/s: joints at rates v on a base that turns with w.",
-    "view": "The camera at angles q.",
-    "approach": "A step towards angles at which the camera looks as wanted from a base, at most `stride`, rad, where it"
-    "\n   is turned by `to` in that; left: the error before it, rad.",
-    "gaze": "Where the camera should look so long after the start of a turn.",
-    "fusion": "Gap between the camera's attitude and what another gyro makes of it, the encoders between as `to`, rad;"
-    "\n   apart: by how much it changes faster than noise, rad.",
-    "aim_joints": "Rates of the joints by the gyros, rad/s, and where they should be.",
-    "trust": "How the forecast that comes due errs, beside what was held instead; none: what is measured now, half a"
-    "\n   sample ago.",
-    "wish": "Base's motion as far as its forecast is trusted, and the joints' that turns the camera as it should.",
-    "moving_torque": "Torque of the model on a base that moves, N m; y is added to the wanted accelerations.",
-    "standing_torque": "Torque of the model on a base that stands upright with the joints accelerating by y, N m;"
-    "\n   dry friction is that of the reference's direction.",
-    "feedback": "Errors with this sample, and what the loops ask for against them, rad/s^2; wished: accelerations.",
-    "level": "Attitude of the camera in the wanted frame, turned so that the mean of the specific force points up.",
-    "cut_torque": "Torques within the limits, N m, and the integrals that are kept: not of an error that drives its"
-    "\n   motor further into its limit, nor on an approach.",
-}
-"""What the generated functions are."""
 
 
 def describe_library(stored: StoredController) -> dict[str, Any]:

@@ -110,8 +110,8 @@ def test_a_term_is_the_causes_own_formula(name: str) -> None:
 def test_the_laws_equations_are_pythons(full: Twin) -> None:
     """In double precision, before the drives: what C is generated from gives what Python's law gives."""
     model, rng = Model(full.stored.model.rig, full.stored.model.terms), np.random.default_rng(0)
-    law, made, n = replace(full.pointer.law, model=model), LawEquations(Chain(model.rig), model), model.rig.n
-    feedback, torque = made.build_feedback(robust=True), made.build_moving_torque()
+    law, made, n = replace(full.pointer.law, model=model), LawEquations(Chain(model.rig), model, True), model.rig.n
+    feedback, torque = made.build_feedback(), made.build_moving_torque()
     loops, robust = list(zip(*law.outer.rows)), law.robust
     redesign = np.ravel(robust.rows), robust.bounds.alpha, robust.bounds.inverse * robust.bounds.phi, robust.gain
     friction = law.friction.constant, law.friction.per_slide, law.friction.per_rate, made.values

@@ -1,6 +1,7 @@
 #include "gimbal_guard.h"
 
 #include <math.h>
+#include <string.h>
 
 /* Counters stop here: none is compared with so much. */
 static const int MANY = 10000;
@@ -41,6 +42,7 @@ static bool plausible(const struct gimbal_limits *limits, const float x[], int c
 void gimbal_guard_start(const struct gimbal_limits *limits, struct gimbal_guard *guard,
                         const struct gimbal_sensors *seen, uint32_t dt_us)
 {
+    memset(guard, 0, sizeof *guard);
     guard->raw = *seen;
     guard->raw.time_us = seen->time_us - dt_us;
     guard->good = guard->raw;
@@ -51,16 +53,10 @@ void gimbal_guard_start(const struct gimbal_limits *limits, struct gimbal_guard 
         for (int i = 0; i < count && !fine; ++i) {
             x[i] = 0.0f;
         }
-        guard->failing[channel] = 0;
-        guard->repeating[channel] = 0;
         guard->healthy[channel] = -1;
         guard->swings[channel] = limits->first * limits->least[channel];
     }
     guard->before = guard->good;
-    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
-        guard->moved[j] = 0.0f;
-        guard->rates[j] = 0.0f;
-    }
 }
 
 bool gimbal_guard_lost(const struct gimbal_guard *guard, enum gimbal_channel channel)
@@ -89,39 +85,6 @@ static uint32_t timed(const struct gimbal_limits *limits, uint32_t stamp, uint32
     const uint32_t elapsed = stamp - before; /* wraps around as the stamp does */
     const bool even = elapsed > 0u && (float)elapsed <= 1e6f * limits->longest;
     return even ? elapsed : dt_us;
-}
-
-static float square(const float x[], int count)
-{
-    float sum = 0.0f;
-    for (int i = 0; i < count; ++i) {
-        sum += x[i] * x[i];
-    }
-    return sum;
-}
-
-/* Whether any gyro or accelerometer begins with the reading that it had before. */
-static bool repeats(const struct gimbal_sensors *seen, const struct gimbal_sensors *before)
-{
-    bool same = seen->camera_gyro[0] == before->camera_gyro[0] || seen->base_gyro[0] == before->base_gyro[0] ||
-                seen->base_force[0] == before->base_force[0];
-    for (int i = 0; i < GIMBAL_GYROS - 1; ++i) {
-        same = same || seen->link_gyro[i][0] == before->link_gyro[i][0];
-    }
-    return same;
-}
-
-/* Whether all readings are plausible, none is frozen and none repeats. Sizes are looked at, which is stricter. */
-static bool sound(const struct gimbal_limits *limits, const struct gimbal_sensors *seen,
-                  const struct gimbal_sensors *before, const float moved[GIMBAL_JOINTS])
-{
-    const float turning = square(seen->camera_gyro, 3) + square(seen->base_gyro, 3) +
-                          square(seen->link_gyro[0], 3 * (GIMBAL_GYROS - 1));
-    const bool slow = turning < limits->fastest * limits->fastest;
-    const bool moves = square(moved, GIMBAL_JOINTS) < limits->moved * limits->moved;
-    const bool near = square(seen->q, GIMBAL_JOINTS) < limits->farthest * limits->farthest;
-    const bool weak = square(seen->base_force, 3) < limits->strongest * limits->strongest;
-    return slow && moves && near && weak && !(limits->noisy && repeats(seen, before));
 }
 
 /* Whether three readings in a row of a channel are all as before: one sensor of several is enough. */
@@ -177,13 +140,11 @@ static int judged(const struct gimbal_limits *limits, int failing, int healthy)
 }
 
 /* Change of a channel from a sample to another. */
-static float changed(const struct gimbal_sensors *from, const struct gimbal_sensors *to, enum gimbal_channel channel)
+static float changed(struct gimbal_sensors *from, struct gimbal_sensors *to, enum gimbal_channel channel)
 {
-    struct gimbal_sensors now = *to;
-    struct gimbal_sensors then = *from;
     int count;
-    const float *x = values(&now, channel, &count);
-    const float *last = values(&then, channel, &count);
+    const float *x = values(to, channel, &count);
+    const float *last = values(from, channel, &count);
     float sum = 0.0f;
     for (int i = 0; i < count; ++i) {
         sum += (x[i] - last[i]) * (x[i] - last[i]);
@@ -198,32 +159,40 @@ static bool spikes(const struct gimbal_limits *limits, const struct gimbal_guard
     return !(change <= fmaxf(limits->times * guard->swings[channel], limits->least[channel]));
 }
 
-/* Look at one channel by itself, and put in what may be used of it. */
-static void sift(const struct gimbal_limits *limits, struct gimbal_guard *guard, struct gimbal_sensors *good,
-                 enum gimbal_channel channel, float elapsed, const float v[], const float moved[], float *change)
+/* Look at one channel by itself, and put in what may be used of it; late: samples are missing before. Whether its change
+   is no spike. */
+static bool sift(const struct gimbal_limits *limits, struct gimbal_guard *guard, struct gimbal_sensors *good,
+                 enum gimbal_channel channel, float elapsed, bool late, const float v[])
 {
     int count;
     float *x = values(good, channel, &count);
     const float *last = values(&guard->good, channel, &count);
     const float *raw = values(&guard->raw, channel, &count);
+    float change = late ? 0.0f : changed(&guard->good, good, channel);
+    const float back = late ? 0.0f : changed(&guard->before, good, channel);
+    const bool steady = !spikes(limits, guard, channel, change);
+    if (!steady && !spikes(limits, guard, channel, back)) {
+        change = back; /* a wrong reading went through before: this is its end */
+    }
     bool fine = plausible(limits, x, count, channel) &&
-                (guard->failing[channel] > 0 || !spikes(limits, guard, channel, *change));
+                (guard->failing[channel] > 0 || !spikes(limits, guard, channel, change));
     if (channel == GIMBAL_ENCODERS) {
-        fine = fine && encoders_fine(limits, guard, moved);
+        fine = fine && encoders_fine(limits, guard, guard->moved);
     } else if (limits->noisy) {
         guard->repeating[channel] = fine && frozen(x, raw, count) ? more(guard->repeating[channel]) : 0;
         fine = fine && guard->repeating[channel] < limits->repeats;
     }
     guard->failing[channel] = fine ? 0 : more(guard->failing[channel]);
-    *change = fine ? *change : 0.0f;
     if (!fine && channel == GIMBAL_ENCODERS) {
-        bridged(guard, last, moved, elapsed, v, x);
+        bridged(guard, last, guard->moved, elapsed, v, x);
     } else if (!fine) {
         for (int i = 0; i < count; ++i) {
             x[i] = last[i];
         }
     }
     guard->healthy[channel] = judged(limits, guard->failing[channel], guard->healthy[channel]);
+    guard->swings[channel] = fmaxf(limits->kept * guard->swings[channel], fine ? change : 0.0f);
+    return steady;
 }
 
 /* Joint rates from the encoders. */
@@ -244,13 +213,9 @@ uint32_t gimbal_guard_step(const struct gimbal_limits *limits, struct gimbal_gua
     const float elapsed = 1e-6f * (float)elapsed_us;
     const bool late = (float)elapsed_us > 1.5f * (float)dt_us;
     struct gimbal_sensors good = *seen;
-    float changes[GIMBAL_CHANNELS];
+    const bool calm = gimbal_guard_calm(guard);
     bool steady = true;
     bool all = true;
-    for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
-        changes[channel] = late ? 0.0f : changed(&guard->good, seen, (enum gimbal_channel)channel);
-        steady = steady && !spikes(limits, guard, (enum gimbal_channel)channel, changes[channel]);
-    }
     for (int j = 0; j < GIMBAL_JOINTS; ++j) {
         all = all && seen->q[j] == guard->raw.q[j];
     }
@@ -258,23 +223,13 @@ uint32_t gimbal_guard_step(const struct gimbal_limits *limits, struct gimbal_gua
         const bool stands = steep ? all : seen->q[j] == guard->raw.q[j];
         guard->moved[j] = stands ? guard->moved[j] + elapsed * v[j] : 0.0f;
     }
-    if (gimbal_guard_calm(guard) && steady && sound(limits, seen, &guard->raw, guard->moved)) {
-        for (int j = 0; j < GIMBAL_JOINTS; ++j) {
-            guard->rates[j] = v[j];
-        }
-    } else {
-        for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
-            const float back = late ? 0.0f : changed(&guard->before, seen, (enum gimbal_channel)channel);
-            if (spikes(limits, guard, (enum gimbal_channel)channel, changes[channel]) &&
-                !spikes(limits, guard, (enum gimbal_channel)channel, back)) {
-                changes[channel] = back; /* a wrong reading went through before: this is its end */
-            }
-            sift(limits, guard, &good, (enum gimbal_channel)channel, elapsed, v, guard->moved, &changes[channel]);
-        }
-        smooth(limits, good.q, guard->good.q, elapsed, guard->rates);
-    }
     for (int channel = 0; channel < GIMBAL_CHANNELS; ++channel) {
-        guard->swings[channel] = fmaxf(limits->kept * guard->swings[channel], changes[channel]);
+        steady = sift(limits, guard, &good, (enum gimbal_channel)channel, elapsed, late, v) && steady;
+    }
+    if (calm && steady && gimbal_guard_calm(guard)) {
+        memcpy(guard->rates, v, sizeof guard->rates);
+    } else {
+        smooth(limits, good.q, guard->good.q, elapsed, guard->rates);
     }
     guard->raw = *seen;
     guard->before = guard->good;
