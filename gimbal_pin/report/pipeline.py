@@ -187,7 +187,11 @@ def auto(
         camera = replace(camera, mass=mass)
     identified = fit(examined="noisy") if camera is None else camera.first
     generator, seed = make_generator(rng)
-    wrong, undiagnosed = examined(rig, logs, generator, holdout, mass)
+    wrong, undiagnosed = None, ""
+    try:
+        wrong = planned(diagnose(rig, logs, rng=generator, holdout=holdout, mass=mass), rng=generator)
+    except DataError as error:
+        undiagnosed = str(error)
     extended = wrong is not None and finds_more(wrong, known)
     model = wrong.after if wrong is not None and extended else identified.model
     asked = wish or Wish.sampled(find_interval(log.dt for log in logs))
@@ -198,18 +202,17 @@ def auto(
     animated = simulate(model, law, tour(model, law.dt), rng=generator, name="all axes to and fro", delay=late)
     held, why = (None, BARRED) if first.doubts else hold_camera(rig, logs[0], model, law, plant, asked.holding_samples)
     stood = TRUE_PLANT if plant is not None else EXTENDED_PLANT if extended else MODEL_PLANT
-    files = paths(rig, Path(folder), wrong, held)
     causes = refittable_effects(model) if extended else ()
     beside = fit(causes) if causes else None
-    steps = identified, wrong, model, first, tracking, judged, animated
     payload = compare_payload(identified, mass) if wrong is None else wrong.given
     if camera is not None and (wrong is None or not wrong.spoiling):
         (payload,) = camera.payloads.values()
     head = summary(rig, identified, first, tracking, logs, stood, wrong, undiagnosed, judged, payload, held, why)
     if camera is not None:
         head = replace(head, doubts=(*(to_sentence(said) for said in identified.faults), *head.doubts))
-    found = Auto(*steps, files, stood, head, payload, held, why, undiagnosed, beside=beside, camera=camera, seed=seed)
-    return replace(found, notes=write_results(rig, logs, found, Path(folder), run or {}))
+    steps = identified, wrong, model, first, tracking, judged, animated
+    found = Auto(*steps, {}, stood, head, payload, held, why, undiagnosed, beside=beside, camera=camera, seed=seed)
+    return write_results(rig, logs, found, Path(folder), run or {})
 
 
 def finds_more(wrong: Diagnosis, known: Model | None) -> bool:
@@ -221,17 +224,6 @@ def finds_more(wrong: Diagnosis, known: Model | None) -> bool:
     found = {(finding.cause, finding.joint or "rig") for finding in wrong.lacking}
     found |= {(TorqueTable.name, joint) for joint, left in wrong.residual.items() if left.curve}
     return not found <= {(cause.name, cause.place) for cause in causes}
-
-
-def examined(
-    rig: Rig, logs: Sequence[Log], rng: np.random.Generator, holdout: str | None, mass: float | None
-) -> tuple[Diagnosis | None, str]:
-    """Diagnose logs, and plan the next experiment where they leave a choice; return it, or why they cannot answer."""
-    try:
-        found = diagnose(rig, logs, rng=rng, holdout=holdout, mass=mass)
-    except DataError as error:
-        return None, str(error)
-    return planned(found, rng=rng), ""
 
 
 def hold_camera(
@@ -249,20 +241,14 @@ def hold_camera(
         return None, str(error)
 
 
-def paths(rig: Rig, folder: Path, wrong: Diagnosis | None, held: Verified | None) -> Mapping[str, Path]:
-    """Return what `write_results` leaves in a folder, and where."""
-    found = {} if wrong is None or wrong.held is None else list_writers(wrong)
-    kept = {name: name in found for name in ("extended model", "next experiment")} | {"camera": held is not None}
-    names = {"urdf": f"{rig.name}.urdf", **FILES}
-    return {what: folder / name for what, name in names.items() if kept.get(what, True)}
-
-
-def write_results(
-    rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping[str, object]
-) -> tuple[str, ...]:
-    """Write every file; return the notes of `write_run`."""
+def write_results(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping[str, object]) -> Auto:
+    """Write every file into a folder; return the results with where they lie, and the notes of `write_run`."""
     identified, wrong = found.identified, found.diagnosis
-    animation = view.record(rig, found.animated)
+    names, animation = {"urdf": f"{rig.name}.urdf", **FILES}, view.record(rig, found.animated)
+    diagnosed = {} if wrong is None or wrong.held is None else list_writers(wrong)
+    absent = {"extended model", "next experiment", "camera"} - diagnosed.keys()
+    absent -= {"camera"} if found.held is not None else set()
+    found = replace(found, files={what: folder / name for what, name in names.items() if what not in absent})
     writers: dict[str, Callable[[Path], object]] = {
         "model": partial(write_model, identified),
         "urdf": partial(atomic_write, content=(found.beside or identified).to_urdf()),
@@ -274,8 +260,8 @@ def write_results(
     }
     if found.held is not None:
         writers["camera"] = partial(atomic_write, content=pages.moving(rig, found.held))
-    writers |= {} if wrong is None or wrong.held is None else list_writers(wrong)
-    return write_run(folder, {found.files[what].name: write for what, write in writers.items()}, run)
+    notes = write_run(folder, {names[what]: write for what, write in (writers | diagnosed).items()}, run)
+    return replace(found, notes=notes)
 
 
 def hidden(rig: Rig) -> Term | Signal | RigEffect:

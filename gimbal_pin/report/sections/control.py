@@ -56,38 +56,34 @@ def show_controller(tuning: Tuning) -> Section:
 
 
 def show_tracking(judged: Judgement, rig: Rig, result: Tracking | None = None, plant: str = "") -> Section:
-    """Return how controllers are judged on perturbed plants, and their steps.
+    """Return how controllers are judged on perturbed plants, and their steps: who is at the torque limit, a picture.
 
     `plant`: what the steps are simulated on, within a sentence.
     """
-    parts = [
-        tables.judgement(judged, list_shown_joints(rig)),
-        *([] if result is None else list_steps(rig, result, plant)),
-    ]
+    joints = list_shown_joints(rig)
+    parts: list[object] = [tables.judgement(judged, joints)]
+    if result is not None:
+        steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
+        note = f" The plant is {plant}, with the rig's sensors, delay and torque limits." if plant else ""
+        said = f"Minimum-jerk steps of {steps}.{note} All of it is simulated, not run on the gimbal."
+        shares = [(one, {name: own.saturated for name, own in one.joints.items()}) for one in result.experiments]
+        limits = [
+            f"{one.name}, {controller_name(one.controller)}: {text}"
+            for one, share in shares
+            if (text := describe_limits(share))
+        ]
+        # The baseline is drawn in grey, behind the others.
+        drawn = sorted((x for x in result.experiments if x.name == TOGETHER), key=lambda x: x.controller != RIVAL)
+        names = listed(controller_name(one.controller) for one in drawn)
+        alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
+        caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
+        parts.append(paragraph(said))
+        parts += [notice("At the torque limit, of the time", bullets(limits))] if limits else []
+        parts.append(plots.Drawing(partial(draw_steps, rig, drawn), alt, caption))
     return Section("Tracking", parts, "Every controller meets the same steps and the same noise.")
 
 
-def list_steps(rig: Rig, result: Tracking, plant: str) -> list[object]:
-    """Return what is simulated, who is at the torque limit for long, and the picture of all axes together."""
-    steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in list_shown_joints(rig))
-    note = f" The plant is {plant}, with the rig's sensors, delay and torque limits." if plant else ""
-    parts: list[object] = [
-        paragraph(f"Minimum-jerk steps of {steps}.{note} All of it is simulated, not run on the gimbal.")
-    ]
-    shares = {
-        one: describe_limits({name: own.saturated for name, own in one.joints.items()}) for one in result.experiments
-    }
-    limits = [f"{one.name}, {controller_name(one.controller)}: {share}" for one, share in shares.items() if share]
-    parts += [notice("At the torque limit, of the time", bullets(limits))] if limits else []
-    # The baseline is drawn in grey, behind the others.
-    drawn = sorted((one for one in result.experiments if one.name == TOGETHER), key=lambda e: e.controller != RIVAL)
-    names = listed(controller_name(one.controller) for one in drawn)
-    alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
-    caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
-    return [*parts, plots.Drawing(partial(steps_figure, rig, drawn), alt, caption)]
-
-
-def steps_figure(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
+def draw_steps(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
     """Draw angle, error and torque of every joint, one column each; the last controller has the joint's colour."""
     joints, count = list_shown_joints(rig), len(experiments)
     alike = len({joint.unit for joint in joints}) == len({*np.isfinite(rig.tau_max).tolist()}) == 1

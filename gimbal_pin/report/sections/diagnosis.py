@@ -16,6 +16,7 @@ from gimbal_pin.diagnosis.result import Likeness
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
+from gimbal_pin.regression import Flags
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import ShownJoint, list_altered, list_shown_joints, listed, to_sentence, torque_unit
 from gimbal_pin.report.html import Content, Element, Section, bullets, folded, heading, paragraph, toned
@@ -63,14 +64,14 @@ def show_diagnosis(found: Diagnosis) -> Section:
         parts += [paragraph(f"{tables.ALONE}.", "side")] if len(found.findings) > 1 else []
         parts += [paragraph(to_sentence(found.hidden), "side")] if found.hidden else []
         parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
-        parts.append(residuals(found, joints, found.held))
+        parts.append(picture_residuals(found, joints, found.held))
     if found.held is not None and (found.findings or found.is_extended):
         parts += [heading("What knowing it gains"), tables.gain(found, joints), paragraph(GAINS, "side")]
         if found.tracking:
             parts.append(paragraph(f"Tracking errors: {describe_motion(found.after.rig)}.", "side"))
         parts += [paragraph(f"{line}.") for line in describe_worse_tracking(found.tracking)]
     if found.given.lines and found.after.rig.aims:
-        parts += [*show_payload(found.given), *qualify_payload(found)]
+        parts += show_payload(found.given, *qualify_payload(found))
     notes = [*found.notes, *tables.list_unnamed(found), *list_altered(found.altered)]
     parts += [folded("Notes", bullets(notes), is_detail=False)] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
@@ -155,9 +156,16 @@ def cells(known: Likeness, colour: str) -> plots.Figure:
     return figure
 
 
-def residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Evidence) -> plots.Drawing:
-    """Return the residual's four faces, one column per joint, in the rig's order."""
-    order = sorted(ranked(found, joints)[:MOST_DRAWN_JOINTS])
+def picture_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Evidence) -> plots.Drawing:
+    """Return the residual's four faces, one column per joint, in the rig's order.
+
+    Where not all joints find room these are, first, those with findings, the strongest first, then those with
+    something left.
+    """
+    place = {joint.name: j for j, joint in enumerate(joints)}
+    named = [place[each.joint] for each in found.findings if each.joint in place]
+    open_ = [place[name] for name, left in found.residual.items() if left.state == "structured"]
+    order = sorted(list(dict.fromkeys([*named, *open_, *place.values()]))[:MOST_DRAWN_JOINTS])
     shown = [joints[j] for j in order]
     alt = f"Held-out residual torque of {', '.join(joint.name for joint in shown)} over angle, rate, time and frequency"
     caption = (
@@ -166,18 +174,10 @@ def residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Evidence) 
     )
     if any(found.residual[joint.name].curve is not None for joint in shown):
         caption += " Black: what no cause explains and the extended model carries, within two standard deviations."
-    return plots.Drawing(partial(faces, found, joints, order, held), alt, caption)
+    return plots.Drawing(partial(draw_residuals, found, joints, order, held), alt, caption)
 
 
-def ranked(found: Diagnosis, joints: tuple[ShownJoint, ...]) -> list[int]:
-    """Joints with findings first, the strongest finding's first; then those with something left; then the others."""
-    place = {joint.name: j for j, joint in enumerate(joints)}
-    named = [place[each.joint] for each in found.findings if each.joint in place]
-    open_ = [place[name] for name, left in found.residual.items() if left.state == "structured"]
-    return list(dict.fromkeys([*named, *open_, *place.values()]))
-
-
-def faces(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], held: Evidence) -> plots.Figure:
+def draw_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], held: Evidence) -> plots.Figure:
     """Draw the residuals."""
     figure, panels = plots.panels(4, len(order), 7.6, gaps=(0.95, 0.6))
     errors = [compute_filtered_error(held, model) for model in (found.before, found.after)]
@@ -185,14 +185,14 @@ def faces(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], he
     for column, j in zip(panels.T, order):
         joint = joints[j]
         scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
+        drawn = [(scale * error[:, j], colour) for error, colour in zip(errors, (plots.PLAIN, joint.colour))]
         column[0].set_title(joint.name, color=joint.colour)
         rows = np.flatnonzero(open_[:, j])
         rows = rows[:: max(1, len(rows) // MOST_POINTS)]
         for axes, name, per in ((column[0], "q", ""), (column[1], "v", "/s")):
-            x = joint.scale * channel(held, name, j)[rows]
-            for error, colour in zip(errors, (plots.PLAIN, joint.colour)):
-                plots.dots(axes, x, scale * error[rows, j], colour)
-            plots.zero_line(axes)
+            x = joint.scale * np.concatenate([getattr(part.channels, name)[:, j] for part in held.parts])[rows]
+            for error, colour in drawn:
+                plots.dots(axes, x, error[rows], colour)
             axes.set_xlabel(f"{'rate' if per else 'angle'}, {joint.unit}{per}")
             curve = found.residual[joint.name].curve
             if curve is not None and curve.over == ("rate" if per else "angle"):
@@ -200,11 +200,10 @@ def faces(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], he
                 axes.plot(joint.scale * knots, scale * torque, color=plots.INK, lw=1.0)
                 edges = (scale * (torque + side * band) for side in (-2.0, 2.0))
                 axes.fill_between(joint.scale * knots, *edges, color=plots.INK, alpha=0.15)
-        for error, colour in zip(errors, (plots.PLAIN, joint.colour)):
-            broken = np.where(open_[:, j], scale * error[:, j], np.nan)
-            over_time(column[2], held, broken, colour)
-            over_frequency(column[3], held, scale * error[:, j], colour)
-        plots.zero_line(column[2])
+        for error, colour in drawn:
+            draw_over_time_and_frequency(column[2:], held, error, open_[:, j], colour)
+        for axes in column[:3]:
+            plots.zero_line(axes)
         column[2].set_xlabel("time, s")
         column[3].set(xlabel="frequency, Hz", yscale="log", xlim=(0, held.band))
         for axes, name in zip(column, ("residual", "residual", "residual", "amplitude")):
@@ -212,28 +211,18 @@ def faces(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], he
     return figure
 
 
-def over_time(axes: plots.Axes, held: Evidence, error: Array, colour: str) -> None:
-    """Draw an error over time, broken where it is not judged and between stretches."""
-    at = 0
-    for part in held.parts:
-        length = len(part.gate)
-        axes.plot(*plots.thinned(part.channels.t, error[at : at + length], MOST_POINTS), color=colour, lw=0.9)
-        at += length
-
-
-def over_frequency(axes: plots.Axes, held: Evidence, error: Array, colour: str) -> None:
-    """Draw the amplitude density of an error over the longest stretch."""
+def draw_over_time_and_frequency(
+    panels: Sequence[plots.Axes], held: Evidence, error: Array, is_judged: Flags, colour: str
+) -> None:
+    """Draw an error over time, broken where it is not judged, and its amplitude density over the longest stretch."""
     from scipy.signal import welch
 
-    lengths = [len(part.gate) for part in held.parts]
-    k = int(np.argmax(lengths))
-    first, part = sum(lengths[:k]), held.parts[k]
-    segment = min(lengths[k], max(8, round(SEGMENT / part.dt)))
-    frequency, power = welch(error[first : first + lengths[k]], 1 / part.dt, nperseg=segment)
+    ends = np.cumsum([len(part.gate) for part in held.parts])
+    stretches = list(zip(held.parts, np.split(error, ends[:-1]), np.split(is_judged, ends[:-1])))
+    for part, own, judged in stretches:
+        shown = plots.thinned(part.channels.t, np.where(judged, own, np.nan), MOST_POINTS)
+        panels[0].plot(*shown, color=colour, lw=0.9)
+    part, own, _ = max(stretches, key=lambda each: len(each[1]))
+    frequency, power = welch(own, 1 / part.dt, nperseg=min(len(own), max(8, round(SEGMENT / part.dt))))
     kept = (frequency > 0) & (frequency <= held.band)
-    axes.plot(frequency[kept], np.sqrt(np.maximum(power[kept], 1e-300)), color=colour, lw=1.3)
-
-
-def channel(held: Evidence, name: str, joint: int) -> Array:
-    """One channel of one joint over all parts."""
-    return np.concatenate([getattr(part.channels, name)[:, joint] for part in held.parts])
+    panels[1].plot(frequency[kept], np.sqrt(np.maximum(power[kept], 1e-300)), color=colour, lw=1.3)

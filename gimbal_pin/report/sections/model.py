@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from math import degrees, isnan
 from typing import Any
 
@@ -14,7 +15,6 @@ from gimbal_pin.errors import NORMAL_95, digits
 from gimbal_pin.identification import Identified, PayloadStatement, Several
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import Flags
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.evaluation import Evaluated, EvaluatedPart, KnownParameter, find_tables, known, list_shown
 from gimbal_pin.report.format import (
@@ -106,27 +106,69 @@ def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) 
     return [*parts, folded("The nearest bodies", *bodies, is_detail=False)]
 
 
-def show_payload(payload: PayloadStatement) -> list[Element]:
-    """Where the payload sits and what it weighs against the given model, and how to balance it."""
+def show_payload(payload: PayloadStatement, *more: Element) -> list[Element]:
+    """Where the payload sits and what it weighs against the given model, and how to balance it; then `more` of that."""
     lines = (*payload.lines, *payload.advice)
-    return [folded("The payload against its URDF (± 95 %)", bullets(lines), is_detail=False)] if lines else []
+    return [folded("The payload against its URDF (± 95 %)", bullets(lines), *more, is_detail=False)] if lines else []
 
 
 def picture_moved(every: Sequence[KnownParameter], force: str) -> plots.Drawing:
-    """Return the parameters in the torque that each moves, as a picture."""
+    """Return the parameters in the torque that each moves, as dots with whiskers."""
+
+    def draw() -> plots.Figure:
+        names = [short(one.name) for one in every]
+        left = 0.35 + 0.07 * max(len(name) for name in names)
+        figure, panels = plots.panels(1, 1, 1.0 + 0.17 * len(every), left=left)
+        axes = panels[0, 0]
+        moved = np.array([one.moved for one in every])
+        half = np.array([one.half * (one.reach or 0.0) for one in every])
+        least = 0.5 * max(float(np.min(np.where(moved > half, moved - half, moved))), 1e-6 * float(moved.max()))
+        for row, (one, value, width) in enumerate(zip(every, moved.tolist(), half.tolist())):
+            ends = [max(value - width, least), value + width]
+            axes.plot(ends, [row, row], color=one.colour, lw=2.2, alpha=0.55)
+            inside = plots.PAPER if one.value < 0 else one.colour
+            axes.plot(max(value, least), row, "o", ms=5.5, mec=one.colour, mfc=inside, mew=1.5)
+        axes.set_yticks(range(len(every)), names, fontsize=8.5)
+        axes.set(xscale="log", xlim=(least, None), ylim=(len(every) - 0.4, -0.6), xlabel=f"torque moved, {force} rms")
+        axes.tick_params(length=0)
+        return figure
+
     caption = (
         "How much torque each parameter moves (dot; hollow where it is negative), and how much of that is "
         "uncertain (95 % whiskers): far right matters, short whiskers are known, at the left edge is zero."
     )
     alt = f"Dot-and-whisker plot of {len(every)} parameters, scaled by the torque they move"
-    return plots.Drawing(partial(whiskers, every, force), alt, caption)
+    return plots.Drawing(draw, alt, caption)
 
 
 def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
-    """Return every joint's effects over its rate as a picture."""
+    """Return every joint's effects over its rate, ``A theta``, with its 95 % band."""
+    joints, every = list_shown_joints(found.model.rig), [term for term in found.model.terms for _ in term.values]
+    first = len(found.reduction.independent)
+
+    def draw() -> plots.Figure:
+        figure, panels = plots.panels(1, len(joints), 2.6, share=(False, True), gaps=(0.35, 0.35))
+        for axes, (j, joint) in zip(panels[0], enumerate(joints)):
+            reach = 1.05 * float(np.abs(evaluated.stacked("v")[:, j]).max()) or STILL_JOINT_RATE
+            v = np.concatenate([np.linspace(-reach, 0, 100), np.linspace(0, reach, 100)])
+            zero, slide = np.zeros_like(v), np.repeat([-1.0, 1.0], 100)
+            at = Sample(zero, zero, v, zero, slide, zero)
+            own = dict.fromkeys(term.effect for term in every if term.effect.joint == joint.name)
+            A = np.column_stack([column + zero for effect in own for column in effect.basis(at)])
+            places = [first + k for k, term in enumerate(every) if term.effect.joint == joint.name]
+            torque, covariance = A @ found.estimate.theta[places], found.estimate.covariance[np.ix_(places, places)]
+            variance = np.einsum("mk,kl,ml->m", A, covariance, A)
+            half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
+            axes.fill_between(joint.scale * v, torque - half, torque + half, color=joint.colour, alpha=0.25)
+            axes.plot(joint.scale * v, torque, color=joint.colour)
+            plots.zero_line(axes)
+            axes.set_title(joint.name, color=joint.colour)
+            axes.set(xlabel=f"rate, {joint.unit}/s", ylabel=f"torque, {forces(joints)}" if j == 0 else "")
+        return figure
+
     alt = f"Friction torque over rate of {', '.join(found.model.rig.joints)}"
     caption = "Torque of all effects over the joint's rate, to one scale: where the 95 % band is wide, it is guessed."
-    return plots.Drawing(partial(draw_friction_curves, found, evaluated), alt, caption)
+    return plots.Drawing(draw, alt, caption)
 
 
 def describe_estimate(found: Identified, every: Sequence[KnownParameter]) -> str:
@@ -184,55 +226,6 @@ def short(name: str) -> str:
     """Return a regrouping's first term, with an ellipsis if there are more."""
     first, *others = name.replace("*", "·").replace(" - ", " + ").split(" + ")
     return f"{first.replace('-', '−')} + …" if others else first.replace("-", "−")
-
-
-def whiskers(every: Sequence[KnownParameter], force: str) -> plots.Figure:
-    """Draw dots with whiskers, in the torque that each parameter moves."""
-    names = [short(one.name) for one in every]
-    figure, panels = plots.panels(1, 1, 1.0 + 0.17 * len(every), left=0.35 + 0.07 * max(len(name) for name in names))
-    axes = panels[0, 0]
-    moved = np.array([one.moved for one in every])
-    half = np.array([one.half * (one.reach or 0.0) for one in every])
-    left = 0.5 * max(float(np.min(np.where(moved > half, moved - half, moved))), 1e-6 * float(moved.max()))
-    for row, (one, value, width) in enumerate(zip(every, moved.tolist(), half.tolist())):
-        axes.plot([max(value - width, left), value + width], [row, row], color=one.colour, lw=2.2, alpha=0.55)
-        inside = plots.PAPER if one.value < 0 else one.colour
-        axes.plot(max(value, left), row, "o", ms=5.5, mec=one.colour, mfc=inside, mew=1.5)
-    axes.set_yticks(range(len(every)), names, fontsize=8.5)
-    axes.set(xscale="log", xlim=(left, None), ylim=(len(every) - 0.4, -0.6), xlabel=f"torque moved, {force} rms")
-    axes.tick_params(length=0)
-    return figure
-
-
-def draw_friction_curves(found: Identified, evaluated: Evaluated) -> plots.Figure:
-    """Draw every joint's effects over its rate."""
-    joints = list_shown_joints(found.model.rig)
-    figure, panels = plots.panels(1, len(joints), 2.6, share=(False, True), gaps=(0.35, 0.35))
-    for axes, (j, joint) in zip(panels[0], enumerate(joints)):
-        reach = 1.05 * float(np.abs(evaluated.stacked("v")[:, j]).max()) or STILL_JOINT_RATE
-        v = np.concatenate([np.linspace(-reach, 0, 100), np.linspace(0, reach, 100)])
-        torque, half = compute_band(found, j, v, np.repeat([-1.0, 1.0], 100))
-        rate = joint.scale * v
-        axes.fill_between(rate, torque - half, torque + half, color=joint.colour, alpha=0.25)
-        axes.plot(rate, torque, color=joint.colour)
-        plots.zero_line(axes)
-        axes.set_title(joint.name, color=joint.colour)
-        axes.set(xlabel=f"rate, {joint.unit}/s", ylabel=f"torque, {forces(joints)}" if j == 0 else "")
-    return figure
-
-
-def compute_band(found: Identified, j: int, v: Array, slide: Array) -> tuple[Array, Array]:
-    """``A theta`` of one joint's effects at rates `v`, and half the width of its 95 % band, N m, (m,) each."""
-    zero = np.zeros_like(v)
-    at = Sample(zero, zero, v, zero, slide, zero)
-    every = [(term, k) for term in found.model.terms for k in range(len(term.values))]
-    numbered = enumerate(every, start=len(found.reduction.independent))
-    own = [(place, *one) for place, one in numbered if one[0].effect.joint == found.model.rig.joints[j]]
-    A = np.column_stack([term.effect.basis(at)[k] + zero for _, term, k in own])
-    places = [place for place, _, _ in own]
-    covariance = found.estimate.covariance[np.ix_(places, places)]
-    variance = np.einsum("mk,kl,ml->m", A, covariance, A)
-    return A @ found.estimate.theta[places], NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
 
 
 def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Section:
@@ -309,8 +302,10 @@ def overlays(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> plots.Figur
             plots.curve(
                 axes, *smooth_curve(part.t, values[:, j]), color=colour, lw=width, alpha=0.6 if width > 2 else 1.0
             )
-        for axes in (above, below):
-            shade(axes, part.t, part.share[:, j] < JUDGED_SHARE)
+        edges = np.flatnonzero(np.diff(np.pad(part.share[:, j] < JUDGED_SHARE, 1).astype(int)))
+        for axes, (start, end) in product((above, below), edges.reshape(-1, 2).tolist()):
+            stretch = part.t[max(start - 1, 0)], part.t[min(end, len(part.t) - 1)]
+            axes.axvspan(*stretch, color=plots.MUTED, alpha=0.13, zorder=0)  # near standstill
         plots.zero_line(below)
         plots.put_legend(above, [(f"{joint.name}: measured", plots.PLAIN), ("predicted", joint.colour)])
         above.set(ylabel=f"torque, {joint.force}")
@@ -320,55 +315,44 @@ def overlays(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> plots.Figur
     return figure
 
 
-def shade(axes: plots.Axes, t: Array, still: Flags) -> None:
-    """Shade the stretches of time in which a joint is near standstill."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-    for first, last in edges.reshape(-1, 2).tolist():
-        axes.axvspan(t[max(first - 1, 0)], t[min(last, len(t) - 1)], color=plots.MUTED, alpha=0.13, zorder=0)
-
-
 def clouds(joints: tuple[ShownJoint, ...], evaluated: Evaluated) -> plots.Figure:
-    """Draw residuals over rates, and their histograms below."""
+    """Draw residuals over rates, and their histograms below, beside the normal distribution of the same mean and size.
+
+    Over a cloud lies its mean in stretches of the rate, with twice its error.
+    """
+    from scipy.stats import norm
+
     figure, panels = plots.panels(2, len(joints), 4.2, ratios=[1.5, 1], gaps=(0.75, 0.6))
-    v, error, share = (evaluated.stacked(name) for name in ("v", "error", "share"))
-    scale, unit = torque_unit(float(np.abs(error).max()), forces(joints))
-    for j, joint in enumerate(joints):
-        rows = np.flatnonzero(share[:, j] > JUDGED_SHARE)
-        whole = scale * error[rows, j] / share[rows, j]
-        panels[0, j].set_title(joint.name, color=joint.colour)
-        if len(rows):
-            over_rate(panels[0, j], joint, v[rows, j], whole)
-            histogram(panels[1, j], joint, whole)
-        panels[0, j].set_xlabel(f"rate, {joint.unit}/s")
-        panels[1, j].set_xlabel(f"residual, {unit}")
+    rates, errors, shares = (evaluated.stacked(name) for name in ("v", "error", "share"))
+    scale, unit = torque_unit(float(np.abs(errors).max()), forces(joints))
+    for j, (joint, (above, below)) in enumerate(zip(joints, panels.T)):
+        above.set_title(joint.name, color=joint.colour)
+        above.set(xlabel=f"rate, {joint.unit}/s")
+        below.set(xlabel=f"residual, {unit}")
+        rows = np.flatnonzero(shares[:, j] > JUDGED_SHARE)
+        if not len(rows):
+            continue
+        v, error, every = (
+            joint.scale * rates[rows, j],
+            scale * errors[rows, j] / shares[rows, j],
+            len(rows) // MOST_DOTS,
+        )
+        plots.dots(above, v[:: max(1, every)], error[:: max(1, every)], joint.colour)
+        order = np.argsort(v)
+        for way in (order[v[order] < 0], order[v[order] > 0]):
+            groups = np.array_split(way, min(RATE_BINS, max(1, len(way) // 6)))
+            pairs = [(v[group], error[group]) for group in groups if len(group) > 1]
+            middle, mean = (np.array([pair[k].mean() for pair in pairs]) for k in (0, 1))
+            sure = np.array([own.std() / np.sqrt(len(own)) for _, own in pairs])
+            above.fill_between(middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18)
+            above.plot(middle, mean, color=plots.INK, lw=1.3)
+        plots.zero_line(above)
+        bins, normal = int(np.clip(1.5 * len(error) ** 0.5, 8, 40)), norm(error.mean(), error.std())
+        below.hist(error, bins=bins, density=True, color=joint.colour, alpha=0.45)
+        if normal.std() > 0:
+            x = normal.mean() + normal.std() * np.linspace(-4, 4, 120)
+            below.plot(x, normal.pdf(x), color=plots.INK, lw=1.0)
+        below.set_yticks([])
     panels[0, 0].set_ylabel(f"residual, {unit}")
     panels[1, 0].set_ylabel("density")
     return figure
-
-
-def over_rate(axes: plots.Axes, joint: ShownJoint, v: Array, error: Array) -> None:
-    """Draw a joint's residual over its rate, and its mean in stretches of the rate, with twice its error."""
-    every = max(1, len(v) // MOST_DOTS)
-    plots.dots(axes, joint.scale * v[::every], error[::every], joint.colour)
-    order = np.argsort(v)
-    for way in (order[v[order] < 0], order[v[order] > 0]):
-        groups = np.array_split(way, min(RATE_BINS, max(1, len(way) // 6)))
-        groups = [group for group in groups if len(group) > 1]
-        middle = joint.scale * np.array([v[group].mean() for group in groups])
-        mean = np.array([error[group].mean() for group in groups])
-        sure = np.array([error[group].std() / np.sqrt(len(group)) for group in groups])
-        axes.fill_between(middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18)
-        axes.plot(middle, mean, color=plots.INK, lw=1.3)
-    plots.zero_line(axes)
-
-
-def histogram(axes: plots.Axes, joint: ShownJoint, error: Array) -> None:
-    """Draw a joint's residuals as a histogram, and the normal distribution of the same mean and size."""
-    from scipy.stats import norm
-
-    axes.hist(error, bins=int(np.clip(1.5 * len(error) ** 0.5, 8, 40)), density=True, color=joint.colour, alpha=0.45)
-    mean, std = float(error.mean()), float(error.std())
-    if std > 0:
-        x = np.linspace(mean - 4 * std, mean + 4 * std, 120)
-        axes.plot(x, norm.pdf(x, mean, std), color=plots.INK, lw=1.0)
-    axes.set_yticks([])
