@@ -90,13 +90,13 @@ def judge_controllers(
         rng: Source of plants and noise, or its seed; None: a fresh one, whose seed is in the result.
         plants: How many.
         delay: Time from measurement to torque, s, as believed.
-        sensors: The sensors; None: the rig's encoders and gyros.
+        sensors: The sensors; None: those of `assume_sensors`.
         rest: Time before the step in which starts off balance settle, s; None: five time constants of the slowest
             integral action, four seconds at most.
     """
     generator, seed = make_generator(rng)
     rig, laws = model.rig, list(controllers.values())
-    sense = sensors or Sensors.of(rig, laws[0].dt)
+    sense = sensors or assume_sensors(model, laws[0].dt)
     if rest is None:
         slow = [kp / ki for law in laws for kp, ki, _ in getattr(law, "gains", ()) if ki]
         rest = min(4 * max(slow, default=0.25), 4.0)
@@ -108,6 +108,15 @@ def judge_controllers(
             error = measure_error(plant, law, reference, rest, sense, own)
             rows[k] = np.maximum(np.nan_to_num(error, nan=np.inf), resolved)
     return Judgement(rig.joints, plants, dict(zip(controllers, errors)), resolved, seed)
+
+
+def assume_sensors(model: Model, dt: float) -> Sensors:
+    """Return the rig's sensors; an encoder that is not stated has the step of the rounding in the model's logs."""
+    sense, known = Sensors.of(model.rig, dt), model.estimated
+    if known is None or not known.angle_noise:
+        return sense
+    steps = np.where(sense.encoder_step > 0, sense.encoder_step, np.sqrt(12) * np.array(known.angle_noise))
+    return replace(sense, encoder_step=steps)
 
 
 def plan_step(model: Model, dt: float, rest: float) -> Motion:

@@ -47,6 +47,7 @@ class Estimated:
         noise: Density of the noise on each joint's torque, N m/√Hz, (n,), what the sensors add included; as above.
         lags: By how much later than half a sample after its stamp each joint's torque acts, s, (n,); empty: as stated.
         lag_std: Their standard deviations, s, (n,).
+        angle_noise: Standard deviation of each angle's noise and rounding in the logs, rad, (n,); empty: not known.
     """
 
     names: tuple[str, ...]
@@ -58,6 +59,7 @@ class Estimated:
     noise: tuple[float, ...] = ()
     lags: tuple[float, ...] = ()
     lag_std: tuple[float, ...] = ()
+    angle_noise: tuple[float, ...] = ()
 
     __repr__ = brief
 

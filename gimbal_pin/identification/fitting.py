@@ -48,6 +48,7 @@ from gimbal_pin.regression import (
     classify_base_motion,
     compute_blocks,
     fit_weighted,
+    resolution,
 )
 from gimbal_pin.regression.consistency import Consistent, find_likeliest_bodies, find_nearest_bodies
 from gimbal_pin.rig.rig import Rig
@@ -156,7 +157,10 @@ def to_model(design: Design, estimate: Estimate) -> Model:
     width = len(design.reduction.independent)
     phi = design.to_bodies(estimate.theta[:width]) if estimate.phi is None else estimate.phi
     dt = find_interval(log.dt for log in design.logs)
-    known = Estimated(design.names, design.units, estimate.theta, estimate.covariance, dt)
+    noise = np.mean([resolution(log) for log in design.logs] or [np.zeros(0)], axis=0)
+    known = Estimated(
+        design.names, design.units, estimate.theta, estimate.covariance, dt, angle_noise=tuple(noise.tolist())
+    )
     return Model(design.rig.with_phi(phi), (*design.to_terms(estimate.theta), *design.stated), known)
 
 

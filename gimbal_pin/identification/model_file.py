@@ -80,7 +80,7 @@ def describe_uncertainty(estimated: Estimated | None) -> dict[str, Any]:
         return {}
     columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
     rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
-    rest = {name: list(getattr(estimated, name)) for name in ("missed", "noise", "lags", "lag_std")}
+    rest = {name: list(getattr(estimated, name)) for name in ("missed", "noise", "lags", "lag_std", "angle_noise")}
     return {"base_parameters": rows, "covariance": estimated.covariance.tolist(), "dt": estimated.dt, **rest}
 
 
@@ -153,6 +153,7 @@ class StoredUncertainty:
     noise: tuple[float, ...] = ()
     lags: tuple[float, ...] = ()
     lag_std: tuple[float, ...] = ()
+    angle_noise: tuple[float, ...] = ()
 
 
 def read_known_parameters(data: Any, place: str) -> Estimated:
@@ -177,7 +178,8 @@ def read_known_parameters(data: Any, place: str) -> Estimated:
         raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
     names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
     values = np.array([row.value for row in rows])
-    return Estimated(names, units, values, covariance, filed.dt, filed.missed, filed.noise, filed.lags, filed.lag_std)
+    rest = (filed.dt, filed.missed, filed.noise, filed.lags, filed.lag_std, filed.angle_noise)
+    return Estimated(names, units, values, covariance, *rest)
 
 
 def is_model(path: str | Path) -> bool:

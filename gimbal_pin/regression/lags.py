@@ -15,7 +15,7 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.regression.design import Block
 from gimbal_pin.regression.discrepancy import add_misfit
 from gimbal_pin.regression.samples import Filtering
-from gimbal_pin.regression.solve import Estimate, compute_gain, solve
+from gimbal_pin.regression.solve import Estimate, compute_gain, fit_weighted
 
 LAG_DEVIATION = 2.5e-3
 """Deviation of lags beforehand, s: where a torque hardly says when it acts, it acts when it was stamped."""
@@ -38,18 +38,25 @@ def _append_slopes(blocks: Sequence[Block], joints: int) -> list[Block]:
     return [block._replace(A=np.concatenate([block.A, block.slope[:, :, None] * own], axis=2)) for block in blocks]
 
 
-def fit_lags(blocks: Sequence[Block], taken: Array) -> Estimate:
-    """Weighted least squares with by how much later, s, each joint's torque acts after the parameters, (k + n,).
+def fit_lags(
+    blocks: Sequence[Block], taken: Array, hedge: Callable[[Sequence[Block], Estimate], Estimate] = hedge_misfit
+) -> tuple[Array, Array]:
+    """Return each joint's lag, s, (n,), and their covariance, s², (n, n).
 
-    ``min Σ_j ‖b_j - A_j θ - l_j db_j/dt‖²/σ_j² + Σ (l_j + taken_j)²/σ_l²``.
+    ``min Σ_j ‖b_j - A_j θ - (l_j - taken_j) db_j/dt‖²/σ_j²`` gives l to a covariance C, what the model misses included;
+    with σ_l of `LAG_DEVIATION` beforehand it is ``K l`` to ``(I - K) σ_l²``, ``K = σ_l² (σ_l² I + C)⁻¹``.
 
     Args:
         blocks: Rows with the torque as it acts at the lags that were taken.
         taken: These, s, (n,).
+        hedge: What adds to an estimate's deviations what the model misses.
     """
-    n, width = len(taken), blocks[0].A.shape[2]
-    prior = np.hstack([np.zeros((n, width)), np.eye(n), -taken[:, None]]) / LAG_DEVIATION
-    return solve(_append_slopes(blocks, n), prior)
+    n, wide, prior = len(taken), _append_slopes(blocks, len(taken)), LAG_DEVIATION**2
+    alone = hedge(wide, fit_weighted(wide))
+    late, spread = taken + alone.theta[-n:], alone.covariance[-n:, -n:]
+    seen, K = np.isfinite(np.diag(spread)), np.zeros((n, n))
+    K[np.ix_(seen, seen)] = prior * np.linalg.inv(prior * np.eye(seen.sum()) + spread[np.ix_(seen, seen)])
+    return K @ late, prior * (np.eye(n) - K)
 
 
 def align_rows(build: Callable[[Filtering], Sequence[Block]], filtering: Filtering, joints: int) -> Filtering:
@@ -64,8 +71,8 @@ def align_rows(build: Callable[[Filtering], Sequence[Block]], filtering: Filteri
         return filtering
     lags: Array = np.zeros(joints)
     for _ in range(LAG_ROUNDS):
-        found = fit_lags(build(replace(filtering, lags=tuple(lags.tolist()))), lags)
-        before, lags = lags, np.clip(lags + found.theta[-joints:], -LARGEST_LAG, LARGEST_LAG)
+        found = fit_lags(build(replace(filtering, lags=tuple(lags.tolist()))), lags)[0]
+        before, lags = lags, np.clip(found, -LARGEST_LAG, LARGEST_LAG)
         if np.max(np.abs(lags - before)) < LAGS_WITHIN:
             break
     return replace(filtering, lags=tuple(lags.tolist()))
@@ -79,18 +86,18 @@ def add_lag_spread(
 ) -> tuple[Estimate, Array]:
     """Return the estimate with deviations that hold what the lags leave open, and these' covariance, s², (n, n).
 
-    ``Σ + T C Tᵀ`` with ``T = G AᵀW db/dt`` and C the lags' covariance, what the model misses included.
+    ``Σ + T C Tᵀ`` with ``T = G AᵀW db/dt`` and C the lags' covariance.
 
     Args:
         blocks: Rows, aligned.
         estimate: What was estimated from them.
         lags: Those of their filter, s, (n,); empty: they are known.
-        hedge: What adds to an estimate's deviations what the model misses.
+        hedge: As for `fit_lags`.
     """
     n = len(lags)
     if not n:
         return estimate, np.zeros((0, 0))
-    spread = hedge(_append_slopes(blocks, n), fit_lags(blocks, np.array(lags))).covariance[-n:, -n:]
+    spread = fit_lags(blocks, np.array(lags), hedge)[1]
     (gain, scale), through = compute_gain(blocks, estimate), np.zeros((len(estimate.theta), n))
     for block in blocks:
         each = np.einsum("mjk,mj->kj", block.A, block.slope * scale**2)

@@ -16,6 +16,7 @@ from gimbal_pin.identification import identify
 from gimbal_pin.log import Log, Motion
 from gimbal_pin.regression import find_base_columns
 from gimbal_pin.rig import Motor, Rig
+from tests.bench_logs import prescribed
 
 DT = 0.004
 
@@ -68,6 +69,20 @@ def test_no_error_is_smaller_than_the_encoders_resolve() -> None:
     found = judge_controllers(model, pair_rivals(tune(model, dt=DT).stored), rng=0, plants=2)
     np.testing.assert_allclose(found.resolved, 2 * np.pi / 2**8 / np.sqrt(12))
     assert all((rows >= found.resolved).all() for rows in found.errors.values())
+
+
+def test_an_encoder_that_nobody_states_is_the_one_of_the_log() -> None:
+    """Rounding to a step has a deviation of step/√12; a stated encoder is believed."""
+    rig, step = Rig.load("turret"), 2 * np.pi / 2**14
+    bare = replace(rig, motors=tuple(replace(motor, encoder_bits=None) for motor in rig.motors))
+    log = prescribed(nominal(rig), dt=2e-3)
+    model = identify(bare, [replace(log, q=step * np.round(log.q / step))], holdout="none").model
+    found, told = (
+        judge_controllers(one, pair_rivals(tune(one, dt=DT).stored), rng=0, plants=2).resolved
+        for one in (model, replace(model, rig=rig))
+    )
+    np.testing.assert_allclose(found, step / np.sqrt(12), rtol=0.1)
+    np.testing.assert_allclose(told, [motor.encoder_step / np.sqrt(12) for motor in rig.motors])
 
 
 def test_the_pid_keeps_the_disk_margin_of_the_controller() -> None:
