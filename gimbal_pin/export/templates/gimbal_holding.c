@@ -387,15 +387,18 @@ static void restart(const struct gimbal_parameters *p, struct gimbal_holding *st
 {
     struct gimbal_attitudes known;
     struct gimbal_sensors last = state->guard.good;
-    const struct gimbal_holding before = *state;
+    struct gimbal_upright upright = state->upright;
+    const int64_t time_us = state->time_us;
+    const uint32_t refused = state->refused;
+    const uint32_t distrusted = state->distrusted;
     gimbal_attitudes_now(last.q, &known);
     last.time_us += p->dt_us; /* of the sample to come, as a start is */
     gimbal_holding_start(p, state, &last, &known);
-    state->time_us = before.time_us;
-    state->upright = before.upright;
-    begin_upright(&state->upright, before.upright.eased > 0.0f ? p->level_span * p->dt : 0.0f);
-    state->refused = before.refused;
-    state->distrusted = before.distrusted;
+    begin_upright(&upright, upright.eased > 0.0f ? p->level_span * p->dt : 0.0f);
+    state->upright = upright;
+    state->time_us = time_us;
+    state->refused = refused;
+    state->distrusted = distrusted;
 }
 
 static void report(const struct gimbal_parameters *p, struct gimbal_holding *state, bool steep, const float tau[])
