@@ -331,7 +331,10 @@ static void command(const struct gimbal_parameters *p, struct gimbal_holding *st
         struct gimbal_error error;
         float y[GIMBAL_JOINTS];
         gimbal_feedback(p, loop, &none, q, fix->v, fix->aim.q, fix->aim.v, state->memory.integral, still, &error, y);
-        gimbal_pid(p, loop, state->memory.integral, &error, y, tau);
+        for (int j = 0; j < GIMBAL_JOINTS; ++j) {
+            y[j] *= loop[j].inertia; /* N m */
+        }
+        gimbal_cut_torque(p, loop, &error, y, state->memory.integral, tau);
         return;
     }
     gimbal_hold(p, &state->memory, 1e-6f * (float)state->time_us, q, fix->v, &fix->aim, tau);

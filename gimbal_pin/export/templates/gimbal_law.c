@@ -34,17 +34,6 @@ static float commanded(const struct gimbal_drive *drive, float torque)
     return points[low].command + share * (points[high].command - points[low].command);
 }
 
-void gimbal_pid(const struct gimbal_parameters *p, const struct gimbal_loop loop[GIMBAL_JOINTS],
-                float integral[GIMBAL_JOINTS], const struct gimbal_error *error, const float y[GIMBAL_JOINTS],
-                float tau[GIMBAL_JOINTS])
-{
-    float wanted[GIMBAL_JOINTS];
-    for (int j = 0; j < GIMBAL_JOINTS; ++j) {
-        wanted[j] = loop[j].inertia * y[j];
-    }
-    gimbal_cut_torque(p, loop, error, wanted, integral, tau);
-}
-
 /* --- Following a reference ---------------------------------------------------------------------------------------- */
 
 void gimbal_tracking_start(struct gimbal_tracking *state)

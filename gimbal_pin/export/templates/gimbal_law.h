@@ -47,11 +47,6 @@ void gimbal_hold(const struct gimbal_parameters *p, struct gimbal_memory *memory
                  const float q[GIMBAL_JOINTS], const float v[GIMBAL_JOINTS], const struct gimbal_aim *aim,
                  float tau[GIMBAL_JOINTS]);
 
-/* A PID on every joint's own inertia, y being what its loop asks for, rad/s^2. */
-void gimbal_pid(const struct gimbal_parameters *p, const struct gimbal_loop loop[GIMBAL_JOINTS],
-                float integral[GIMBAL_JOINTS], const struct gimbal_error *error, const float y[GIMBAL_JOINTS],
-                float tau[GIMBAL_JOINTS]);
-
 /* Whether all of some values are numbers. */
 bool gimbal_finite(const float x[], int count);
 
