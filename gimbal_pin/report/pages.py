@@ -16,7 +16,7 @@ from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Verified
 from gimbal_pin.report.evaluation import Evaluated, evaluate
 from gimbal_pin.report.format import controller_name, listed
-from gimbal_pin.report.html import Document, Section, embed, join, join_text, paragraph
+from gimbal_pin.report.html import Document, Section, embed, join_text, paragraph
 from gimbal_pin.report.sections.camera import show_camera
 from gimbal_pin.report.sections.control import show_controller, show_tracking
 from gimbal_pin.report.sections.data import show_logs, show_rig
@@ -29,11 +29,6 @@ from gimbal_pin.rig.rig import Rig
 if TYPE_CHECKING:
     from gimbal_pin.report.pipeline import Auto
 
-STEPS_CAPTION = "All axes to and fro under {}; the ghost is the reference."
-HELD_CAPTION = "The plant is {}; the controllers know the model and no more."
-NOT_DIAGNOSED = "These logs could not be diagnosed. {}."
-SCENE = "The platform turns, the camera stands; in blue the same rig with its joints locked."
-
 
 def list_sections(found: Auto, evaluated: Evaluated | None = None, recording: str = "") -> list[Section]:
     """Return what every step of a run found.
@@ -44,17 +39,23 @@ def list_sections(found: Auto, evaluated: Evaluated | None = None, recording: st
         recording: The page of the animation, which shows the controller that was asked for.
     """
     wrong, held, law = found.diagnosis, found.held, controller_name(found.tuning.wish.kind)
-    return [
-        found.summary.section,
-        *([] if wrong is None else [show_diagnosis(wrong)]),
-        *([Section(WRONG, [paragraph(NOT_DIAGNOSED.format(found.undiagnosed))])] if found.undiagnosed else []),
-        *([animation(recording, STEPS_CAPTION.format(law))] if recording else []),
+    sections = [found.summary.section]
+    if wrong is not None:
+        sections.append(show_diagnosis(wrong))
+    if found.undiagnosed:
+        sections.append(Section(WRONG, [paragraph(f"These logs could not be diagnosed. {found.undiagnosed}.")]))
+    if recording:
+        sections.append(animation(recording, f"All axes to and fro under {law}; the ghost is the reference."))
+    sections += [
         show_parameters(found.identified, found.payload if wrong is None else None, evaluated),
         show_torque(found.identified, evaluated),
         show_controller(found.tuning),
         show_tracking(found.judged, found.model.rig, found.tracking, found.plant),
-        *([] if held is None else [show_camera(held, HELD_CAPTION.format(found.held_on))]),
     ]
+    if held is not None:
+        known = f"The plant is {found.held_on}; the controllers know the model and no more."
+        sections.append(show_camera(held, known))
+    return sections
 
 
 def describe_auto(rig: Rig, logs: Sequence[Log], found: Auto, recording: str) -> Document:
@@ -82,11 +83,10 @@ def describe_tracking(
     rig: Rig, held: Verified | None, steps: Tracking | None, plant: str, judged: Judgement | None = None
 ) -> Document:
     """Return the report of a tracking; `plant`: what the steps were simulated on, within a sentence."""
-    parts: list[Section] = []
-    if judged is not None:
-        parts.append(show_tracking(judged, rig, steps, plant))
+    parts = [] if judged is None else [show_tracking(judged, rig, steps, plant)]
     if held is not None:
-        parts += [show_camera(held), animation(moving(rig, held), SCENE)]
+        lead = "The platform turns, the camera stands; in blue the same rig with its joints locked."
+        parts += [show_camera(held), animation(moving(rig, held), lead)]
     return Document(rig.title, rig.config.description, [*parts, show_rig(rig)])
 
 
@@ -103,5 +103,5 @@ def animation(page: str, lead: str) -> Section:
         "this.closest('.animation').querySelector('iframe').requestFullscreen()"
     )
     how = paragraph("Drag to turn, scroll to zoom; the bar plays, pauses and seeks.")
-    below = Markup('<div class="below">{}{}</div>').format(how, button)
-    return Section("Animation", [Markup('<div class="animation">{}</div>').format(join([frame, below]))], lead)
+    whole = Markup('<div class="animation">{}<div class="below">{}{}</div></div>').format(frame, how, button)
+    return Section("Animation", [whole], lead)

@@ -169,12 +169,6 @@ def rate_controller(tuning: Tuning | None, judged: Judgement | None, held: Verif
     return found
 
 
-def outdone(judged: Judgement) -> list[str]:
-    """Return the joints that the PID follows at least as closely as the controller on half of the plants."""
-    median = np.median(judged.compute_ratios(next(iter(judged.errors))), axis=0)
-    return [joint for joint, ratio in zip(judged.joints, median.tolist()) if ratio <= 1]
-
-
 def missed(wrong: Diagnosis | None) -> str:
     """Return what the rigid model misses, or what is wrong with the logs, as a sentence without its full stop."""
     if wrong is None or wrong.beside == "nothing":
@@ -244,17 +238,18 @@ def cautions(tuning: Tuning | None, result: Tracking | None, judged: Judgement |
     if tuning is not None:  # where the controller is not to be run, a PID for the same model is no safer
         safer = [to_sentence(why.sentence) for why in tuning.reasons if why.kind is ReasonKind.PID_SAFER]
         found = [f"{doubt}." for doubt in tuning.doubts] or safer
-    if judged is not None and (worse := outdone(judged)):
-        found.append(f"On {listed(worse)}, a {controller_name(RIVAL)} follows at least as closely.")
+    if judged is not None:  # joints that the PID follows at least as closely on half of the plants
+        median = np.median(judged.compute_ratios(next(iter(judged.errors))), axis=0)
+        worse = [joint for joint, ratio in zip(judged.joints, median.tolist()) if ratio <= 1]
+        found += [f"On {listed(worse)}, a {controller_name(RIVAL)} follows at least as closely."] if worse else []
     if result is None:
         return found
     for name in dict.fromkeys(one.controller for one in result.experiments):
-        shares = {joint: own.saturated for joint, own in result.of(TOGETHER, name).joints.items()}
-        joint = max(shares, key=lambda joint: shares[joint])
-        if shares[joint] >= LEAST_SHARE_TOLD:
-            unfair = ": no fair rival, so that its errors say little" if name == RIVAL else ""
+        share, joint = max((own.saturated, joint) for joint, own in result.of(TOGETHER, name).joints.items())
+        if share >= LEAST_SHARE_TOLD:
+            step = "step: no fair rival, so that its errors say little" if name == RIVAL else "step"
             law = controller_name(name)
-            found.append(f"{law} is at the torque limit of {joint} in {100 * shares[joint]:.0f} % of the step{unfair}.")
+            found.append(f"{law} is at the torque limit of {joint} in {100 * share:.0f} % of the {step}.")
     return found
 
 

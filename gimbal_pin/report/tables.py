@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.judging import Judgement
     from gimbal_pin.control.laws import Margins
     from gimbal_pin.control.tuning import Tuning
-    from gimbal_pin.diagnosis import Diagnosis, Finding, Residual
+    from gimbal_pin.diagnosis import Diagnosis, Finding
     from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.identification import Agreement, Identified
     from gimbal_pin.identification.bodies import Body, Figure
@@ -91,11 +91,10 @@ def parameters(
 
 def tabulate_camera(found: CameraEstimate) -> Table:
     """A camera's own parameters with 95 % intervals, beside what its URDF states."""
+    every = zip(found.names, found.units, found.value.tolist(), found.std.tolist(), found.urdf.tolist())
     rows = [
         [regrouping(name), unit(unit_of), *interval(x, NORMAL_95 * std), figures(given, 4)]
-        for name, unit_of, x, std, given in zip(
-            found.names, found.units, found.value.tolist(), found.std.tolist(), found.urdf.tolist()
-        )
+        for name, unit_of, x, std, given in every
     ]
     return Table(["Parameter", "Unit", "Value", "± 95 %", "URDF"], rows, texts=2, label="The camera's parameters")
 
@@ -134,12 +133,10 @@ def drifting_parameters(found: Agreement) -> Table:
     """The parameters that drift: each log's own value and deviation, and the chance of as much in logs that agree."""
     rows: list[list[Content]] = []
     for one in found.drifting:
-        each = (
-            " ".join(interval(x, NORMAL_95 * std)) if isfinite(std) else DASH
-            for x, std in zip(one.values.tolist(), one.std.tolist())
-        )
-        rows.append([regrouping(one.name), unit(one.unit), *each, figures(one.shared, 3)])
-        rows[-1].append(figures(one.p_value, 2) if one.p_value >= 1e-3 else "< 0.001")
+        pairs = zip(one.values.tolist(), one.std.tolist())
+        each = (" ".join(interval(x, NORMAL_95 * std)) if isfinite(std) else DASH for x, std in pairs)
+        chance = figures(one.p_value, 2) if one.p_value >= 1e-3 else "< 0.001"
+        rows.append([regrouping(one.name), unit(one.unit), *each, figures(one.shared, 3), chance])
     return Table(["Drifts", "Unit", *found.logs, "Shared", "p"], rows, texts=2, label="Parameters that drift")
 
 
@@ -151,37 +148,26 @@ def regrouping(name: str) -> Markup:
 
 def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Table:
     """How well the model predicts each joint's torque; with `evaluated`, the rows themselves, beside what it was."""
-    held, train = found.held_out or found.train, found.train
-    force = forces(list_shown_joints(found.model.rig))
+    held, train, joints = found.held_out or found.train, found.train, list_shown_joints(found.model.rig)
+    force = forces(joints)
     scale, name = torque_unit(max(held.torque_rmse.values()), force)
     head = ["Joint", f"Error, {name} rms", "Fit", "What is left", "Samples judged"]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
     head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}"] * (evaluated is not None)
     rows: list[list[Content]] = []
-    for j, joint in enumerate(list_shown_joints(found.model.rig)):
-        rmse, fit = held.torque_rmse[joint.name], held.fit_percent[joint.name]
+    for j, joint in enumerate(joints):
+        rmse, fit, opinion = held.torque_rmse[joint.name], held.fit_percent[joint.name], found.opinions.get(joint.name)
         row: list[Content] = [joint.label, figures(scale * rmse), toned(percent(fit), grade(fit))]
-        opinion = found.opinions.get(joint.name)
         row.append(DASH if opinion is None else toned(opinion.value, OPINIONS[opinion.value]))
         row.append(f"{100 * held.used[joint.name]:.0f} %")
         if held is not train:
             row += [figures(scale * train.torque_rmse[joint.name]), percent(train.fit_percent[joint.name])]
         if evaluated is not None:
-            torque = float(evaluated.torque_rms[j])
-            share = rmse / torque if torque else nan  # nothing drove this joint
-            largest = float(np.abs(evaluated.stacked("error")[:, j]).max())
-            part = DASH if isnan(share) else f"{figures(100 * share, 2)} %"
-            row += [figures(torque), part, figures(scale * largest)]
+            torque, largest = float(evaluated.torque_rms[j]), float(np.abs(evaluated.stacked("error")[:, j]).max())
+            share = f"{figures(100 * rmse / torque, 2)} %" if torque else DASH  # nothing drove this joint
+            row += [figures(torque), share, figures(scale * largest)]
         rows.append(row)
     return Table(head, rows, label="Torque error")
-
-
-def state_rest(left: Residual, fit: float) -> Content:
-    """Return what is left of a joint's torque, in the words of `identify`, and where."""
-    from gimbal_pin.identification import Opinion
-
-    said = Opinion.of(left.state == "structured", fit).value
-    return toned(f"{said} {left.where}".strip(), OPINIONS[said])
 
 
 def grade(fit: float) -> str:
@@ -197,16 +183,18 @@ def residual(found: Diagnosis) -> Table:
 
     The last is less than the noise that is left: over a whole log noise averages out, and a cause's form does not.
     """
-    most = max([*found.baseline["torque_rmse"].values(), *found.extended["torque_rmse"].values()], default=0.0)
+    from gimbal_pin.identification import Opinion
+
+    parts = [part["torque_rmse"] for part in (found.baseline, found.extended)]
+    most = max((error for part in parts for error in part.values()), default=0.0)
     joints = {} if found.held is None else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
     rows: list[list[Content | None]] = []
-    for joint, left in found.residual.items():
-        fit = found.extended.get("fit_percent", {}).get(joint, nan)
-        errors = (part["torque_rmse"][joint] for part in (found.baseline, found.extended))
-        limit = found.detection_limit.get(joint)
-        row: list[Content | None] = [joints[joint].label if joints else joint, state_rest(left, fit)]
-        force = joints[joint].force if joints else "N m"
-        row += [torque_text(x, most, force) for x in errors]
+    for name, left in found.residual.items():
+        limit, force = found.detection_limit.get(name), joints[name].force if joints else "N m"
+        said = Opinion.of(left.state == "structured", found.extended.get("fit_percent", {}).get(name, nan)).value
+        row: list[Content | None] = [joints[name].label if joints else name]
+        row.append(toned(f"{said} {left.where}".strip(), OPINIONS[said]))
+        row += [torque_text(part[name], most, force) for part in parts]
         rows.append([*row, torque_text(limit, most, force) if limit else None])
     head = ["Joint", "Left where fitted", "Held-out error before", "After", "A cause shows from"]
     return Table(head, rows, texts=2, label="Torque error before and after")
@@ -287,17 +275,10 @@ def rivals(finding: Finding) -> Table:
     rows: list[list[Content]] = []
     chances = {name: chance for name, _, chance in finding.probabilities}
     for rival in finding.rivals[:MOST]:
-        out = toned("no", "fair") if rival.cause in finding.alike else toned("yes", "good")
         chance = chances.get(rival.cause, 0.0)
-        rows.append(
-            [
-                rival.cause,
-                figures(rival.delta),
-                f"{rival.z:.1f}",
-                bar(chance, f"{figures(100 * chance, 2)} %" if chance >= 1e-3 else "under 0.1 %"),
-                out,
-            ]
-        )
+        probable = bar(chance, f"{figures(100 * chance, 2)} %" if chance >= 1e-3 else "under 0.1 %")
+        out = toned("no", "fair") if rival.cause in finding.alike else toned("yes", "good")
+        rows.append([rival.cause, figures(rival.delta), f"{rival.z:.1f}", probable, out])
     head = ["Instead of it", "Log-likelihood lost", "Standard deviations worse", "Probability", "Ruled out by this log"]
     label = f"Causes that were fitted in the place of {finding.cause}"
     return Table(head, rows, label=label, is_detail=True)
@@ -326,20 +307,17 @@ def safe(value: float, enough: float) -> str:
 
 def loops(found: Tuning) -> Table:
     """Bandwidth, margins and gains of each joint; where models were drawn from the covariance, their worst margin."""
-    wish, wanted = found.wish, found.wish.per_joint(found.model.rig)
-    drawn = f"Disk margin, worst of {found.draws} draws"
+    wish, drawn = found.wish, f"Disk margin, worst of {found.draws} draws"
     head: list[Content] = ["Joint", "Bandwidth", *MARGINS, *([drawn] if found.draws else [])]
     head += [Markup("K<sub>{}</sub>, {}").format(*pair) for pair in (("P", "1/s²"), ("I", "1/s³"), ("D", "1/s"))]
     rows: list[list[Content]] = []
-    for j, joint in enumerate(list_shown_joints(found.model.rig)):
-        hertz, pid = found.bandwidth_hz[j], found.gains[j]
-        less = isfinite(wanted[j]) and hertz < wanted[j] * (1 - 1e-9)
-        shown = toned(f"{figures(hertz)} of {figures(wanted[j])} Hz", "fair") if less else f"{figures(hertz)} Hz"
-        row: list[Content] = [joint.label, shown, *margins(found.margins[j], wish.disk)]
-        if found.draws:
-            worst = found.worst[j].disk_margin
-            row.append(toned(figures(worst), safe(worst, wish.disk)))
-        rows.append([*row, figures(pid.kp), figures(pid.ki), figures(pid.kd)])
+    each = zip(list_shown_joints(found.model.rig), found.bandwidth_hz, wish.per_joint(found.model.rig), found.gains)
+    for j, (joint, hertz, wanted, pid) in enumerate(each):
+        less = isfinite(wanted) and hertz < wanted * (1 - 1e-9)
+        shown = toned(f"{figures(hertz)} of {figures(wanted)} Hz", "fair") if less else f"{figures(hertz)} Hz"
+        worst = [found.worst[j].disk_margin] if found.draws else []
+        rows.append([joint.label, shown, *margins(found.margins[j], wish.disk)])
+        rows[-1] += [*(toned(figures(x), safe(x, wish.disk)) for x in worst), *map(figures, (pid.kp, pid.ki, pid.kd))]
     return Table(head, rows, label=f"Gains and margins, {controller_name(wish.kind)}")
 
 
@@ -393,12 +371,12 @@ def contest(found: Verified) -> Table:
     from gimbal_pin.log.limited import describe_limits
 
     rows: list[list[Content]] = []
-    for row in found.rows:
-        cells: list[Content] = [controller_name(row.controller)]
-        cells.append(better(angle(row.jitter_rms), row.jitter_rms, [one.jitter_rms for one in found.rows]))
-        cells.append(better(angle(row.jitter_max), row.jitter_max, [one.jitter_max for one in found.rows]))
+    every = [(row.jitter_rms, row.jitter_max) for row in found.rows]
+    for row, own in zip(found.rows, every):
+        cells = [better(angle(one), one, several) for one, several in zip(own, zip(*every))]
         cells += [angle(row.drift), *(figures(torque) for torque in row.torque_rms.values())]
-        rows.append([*cells, describe_limits(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"])
+        limited = describe_limits(row.at_limit) or f"{figures(100 * max(row.at_limit.values()), 2)} %"
+        rows.append([controller_name(row.controller), *cells, limited])
     head = ["Controller", "Jitter, rms", "Largest", "Drift", *(f"{joint}, N m rms" for joint in found.joints)]
     return Table([*head, "At torque limit, of the time"], rows, label="Controllers on the platform")
 
@@ -421,9 +399,8 @@ def held_margins(found: Verified) -> Table:
 
 def channels(several: Sequence[Channel]) -> Table:
     """What each column of a file is, and why."""
-    rows = [
-        [c.column, c.kind, c.joint or "", c.unit, "; ".join(c.reasons), figures(c.low, 4), figures(c.high, 4),
-         figures(c.step) if c.step else ""]
-        for c in several
-    ]  # fmt: skip
+    rows = []
+    for c in several:
+        ends = figures(c.low, 4), figures(c.high, 4), figures(c.step) if c.step else ""
+        rows.append([c.column, c.kind, c.joint or "", c.unit, "; ".join(c.reasons), *ends])
     return Table(["Column", "Is", "Of", "In", "Because", "From", "To", "Step"], rows, texts=5, label="Channels")

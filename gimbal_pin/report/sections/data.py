@@ -21,7 +21,6 @@ from gimbal_pin.report import plots, tables
 from gimbal_pin.report.format import (
     DASH,
     PALETTE,
-    ShownJoint,
     figures,
     file_name,
     forces,
@@ -31,7 +30,6 @@ from gimbal_pin.report.format import (
     units,
 )
 from gimbal_pin.report.html import Content, Element, Section, Table, bullets, folded, heading, paragraph
-from gimbal_pin.report.plots import style
 from gimbal_pin.rig.rig import Rig
 
 DRAWN = 3
@@ -126,27 +124,32 @@ def describe_rig_and_payload(rig: Rig, weighed: float | None) -> Markup:
         parts.append(Markup("Payload <b>{}</b>{}.").format(rig.payload, weight))
     parts.append(Markup("Base link <code>{}</code>.").format(rig.base))
     parts += [Markup("Line of sight along x of <code>{}</code>.").format(rig.camera_frame)] if rig.aims else []
-    if rig.config.imus:
-        parts.append(Markup("IMUs on {}.").format(listed(rig.config.imus)))
+    parts += [Markup("IMUs on {}.").format(listed(rig.config.imus))] if rig.config.imus else []
     return Markup(" ").join(parts)
 
 
 def show_logs(rig: Rig, logs: Sequence[Log]) -> Section:
-    """Return the logs' size, the range they cover, and their angles and torques over time."""
+    """Return the logs' size, the range of its limits that each joint covers, and angles and torques over time."""
+    joints = list_shown_joints(rig)
+    force = forces(joints)
+    rows: list[list[Content]] = []
+    for log in logs:
+        length, rate = (figures(x, 4) for x in (float(log.t[-1] - log.t[0]), 1 / log.dt))
+        measured = "measured" if log.v is not None else "from angles"
+        samples = f"{len(log):,}".replace(",", " ")
+        rows.append([file_name(log.name), log.payload or DASH, length, rate, samples, measured])
+    each: list[list[Content]] = []
+    for j, joint in enumerate(joints):
+        low, high = min(float(log.q[:, j].min()) for log in logs), max(float(log.q[:, j].max()) for log in logs)
+        rates = (np.gradient(log.q[:, j], log.t) if log.v is None else log.v[:, j] for log in logs)
+        tau = np.concatenate([log.tau[:, j] for log in logs if log.tau is not None] or [np.zeros(1)])
+        top, limit = float(np.abs(tau).max()), float(rig.tau_max[j])
+        fastest = joint.text(max(float(np.abs(rate).max()) for rate in rates), "/s")
+        torques = figures(float(np.sqrt(np.mean(tau**2)))), figures(top)
+        share = f"{100 * top / limit:.0f} %" if isfinite(limit) else DASH
+        each.append([joint.label, f"{joint.text(low)} … {joint.text(high)}", fastest, *torques, share])
     head = ["Log", "Payload", "Length, s", "Rate, Hz", "Samples", "Joint rates"]
-    rows: list[list[Content]] = [
-        [
-            file_name(log.name),
-            log.payload or DASH,
-            *(figures(x, 4) for x in (float(log.t[-1] - log.t[0]), 1 / log.dt)),
-            f"{len(log):,}".replace(",", " "),
-            "measured" if log.v is not None else "from angles",
-        ]
-        for log in logs
-    ]
-    force = forces(list_shown_joints(rig))
     cover = ["Joint", "Travel", "Largest rate", f"Torque rms, {force}", f"Largest torque, {force}", "of the limit"]
-    each = [covered(rig, logs, j, joint) for j, joint in enumerate(list_shown_joints(rig))]
     parts: list[object] = [Table(head, rows, texts=2, caption="Logs"), Table(cover, each, caption="Covered")]
     for log in logs[:DRAWN]:
         alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
@@ -155,22 +158,6 @@ def show_logs(rig: Rig, logs: Sequence[Log]) -> Section:
         parts.append(folded(f"Over time: {file_name(log.name)}", drawn))
     events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
     return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.")
-
-
-def covered(rig: Rig, logs: Sequence[Log], j: int, joint: ShownJoint) -> list[Content]:
-    """Return a joint's row: what range of its limits the logs cover."""
-    low, high = min(log.q[:, j].min() for log in logs), max(log.q[:, j].max() for log in logs)
-    rates = (np.gradient(log.q[:, j], log.t) if log.v is None else log.v[:, j] for log in logs)
-    tau = np.concatenate([log.tau[:, j] for log in logs if log.tau is not None] or [np.zeros(1)])
-    top, limit = float(np.abs(tau).max()), float(rig.tau_max[j])
-    return [
-        joint.label,
-        f"{joint.text(float(low))} … {joint.text(float(high))}",
-        joint.text(max(float(np.abs(rate).max()) for rate in rates), "/s"),
-        figures(float(np.sqrt(np.mean(tau**2)))),
-        figures(top),
-        f"{100 * top / limit:.0f} %" if isfinite(limit) else DASH,
-    ]
 
 
 def draw_overview(rig: Rig, log: Log) -> plots.Figure:
@@ -223,7 +210,7 @@ def draw_channels(found: Inspected) -> plots.Figure:
 
 def write_picture(found: Inspected, path: Path) -> None:
     """Write the picture alone, in the format of the suffix; PNG where there is none."""
-    with style():
+    with plots.style():
         figure = draw_channels(found)
         for axes in figure.axes:
             axes.grid(color="#dde1e6")

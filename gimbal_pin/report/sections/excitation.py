@@ -7,7 +7,7 @@ from statistics import median
 
 from gimbal_pin.diagnosis import Rehearsal, Rehearsed
 from gimbal_pin.errors import NORMAL_95
-from gimbal_pin.excitation import AssumedLimit, Excitation, ExpectedEstimate
+from gimbal_pin.excitation import Excitation, ExpectedEstimate
 from gimbal_pin.report.format import figures
 from gimbal_pin.report.html import Section, Table, bullets, list_warnings, paragraph
 
@@ -35,25 +35,19 @@ def show_excitation(found: Excitation) -> Section:
         lines.append(f"not kept from hitting anything, as its mesh is not there: {', '.join(found.unchecked)}")
     start = ", ".join(f"{joint} {figures(q)}" for joint, q in zip(found.joints, found.motion.q[0].tolist()))
     lines.append(f"starts and ends at rest at {start} (rad, or m of a slide): bring it there slowly")
-    for one in found.assumed:
-        lines.append(f"assumed {one.joint}.{one.quantity} = {figures(one.value)} {one.unit}: {_explain_assumed(one)}")
-    if found.assumed:
-        one = found.assumed[0]
-        lines.append(
-            f"state real limits in the rig's YAML under limits, or as --limit {one.joint}.{one.quantity}=NUMBER"
-        )
-    lines += [] if found.finished else ["interrupted: this is the best it had found"]
-    return Section("Excitation", [paragraph(head), paragraph(found.repeated), table, bullets(lines)])
-
-
-def _explain_assumed(one: AssumedLimit) -> str:
-    """Say what is stated in place of an assumed limit, and what that is derived from."""
-    why = {
+    derived = {
         "velocity": "0.25 m/s at the farthest point with all joints turning, the reduced speed of ISO 10218-1",
         "acceleration": "half a hertz at its rate limit, as no torque limit bounds it",
     }
-    stated = "nothing is stated" if isinf(one.stated) else f"{figures(one.stated)} is stated"
-    return f"{stated}; {why.get(one.quantity, 'a small range, as its rate or torque is assumed')}"
+    for one in found.assumed:
+        stated = "nothing is stated" if isinf(one.stated) else f"{figures(one.stated)} is stated"
+        why = derived.get(one.quantity, "a small range, as its rate or torque is assumed")
+        lines.append(f"assumed {one.joint}.{one.quantity} = {figures(one.value)} {one.unit}: {stated}; {why}")
+    for one in found.assumed[:1]:
+        option = f"--limit {one.joint}.{one.quantity}=NUMBER"
+        lines.append(f"state real limits in the rig's YAML under limits, or as {option}")
+    lines += [] if found.finished else ["interrupted: this is the best it had found"]
+    return Section("Excitation", [paragraph(head), paragraph(found.repeated), table, bullets(lines)])
 
 
 def show_expectation(found: ExpectedEstimate) -> Section:

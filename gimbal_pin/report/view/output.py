@@ -62,7 +62,7 @@ def animate(
         ghost: As for `record`.
         colour: As for `record`.
         size: Width and height, pixels; HTML fills its window.
-        at: Time of a picture, s of the log; None: where rig and reference are farthest apart.
+        at: Time of a picture, s of the log; None: where the rig is farthest from its reference, or from its mean pose.
         camera: Where it is looked at from, a name of `view.stage.VIEWS`; None: three-quarter.
         written: Whether title, time, legend and joint angles stand in pictures and films.
         beside: A second log of the rig, played to the right of the first for as long as both last.
@@ -80,7 +80,10 @@ def animate(
         raise UsageError(str(path), f"has the suffix '{suffix}'", f"use one of {', '.join(FRAME_RATES)}")
     if len(log) == 1 and suffix != ".png":
         raise LogError(log.name, "has one sample, which does not move", "write a picture: .png")
-    check_picture_size(size)
+    if not all(16 <= side <= 4096 for side in size):
+        raise UsageError("size", f"is {size[0]} × {size[1]} pixels", "give 16 to 4096 each way")
+    if at is not None and not log.t[0] <= at <= log.t[-1]:
+        raise UsageError("at", f"is {at} s", f"log {log.name} runs from {log.t[0]:.6g} to {log.t[-1]:.6g} s")
     rate = FRAME_RATES[suffix] if fps is None else fps
     if camera is not None and camera not in VIEWS:
         raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
@@ -95,33 +98,15 @@ def animate(
     if suffix == ".html":
         atomic_write(path, recorded)
     elif suffix == ".png":
-        instant = (moment(rig, log) if at is None else within(at, log)) - log.t[0]
+        away = (log.q - (log.q.mean(axis=0) if log.q_ref is None else log.q_ref))[:, log.columns(rig)]
+        farthest = log.t[int(np.argmax(np.sum(np.nan_to_num(away) ** 2, axis=1)))]
         found: list[bytes] = []
-        take_pictures(recorded, [float(instant / speed)], size, found.append)
+        instant = ((farthest if at is None else at) - log.t[0]) / speed
+        take_pictures(recorded, [float(instant)], size, found.append)
         atomic_write(path, found[0])
     else:
         film(recorded, shown, rate, size, Path(path))
     return drawn.events
-
-
-def check_picture_size(size: tuple[int, int]) -> None:
-    """Raise `UsageError` unless the size is one that a browser draws."""
-    if not all(16 <= side <= 4096 for side in size):
-        raise UsageError("size", f"is {size[0]} × {size[1]} pixels", "give 16 to 4096 each way")
-
-
-def within(at: float, log: Log) -> float:
-    """Return `at`, s, if the log has it."""
-    if not log.t[0] <= at <= log.t[-1]:
-        raise UsageError("at", f"is {at} s", f"log {log.name} runs from {log.t[0]:.6g} to {log.t[-1]:.6g} s")
-    return at
-
-
-def moment(rig: Rig, log: Log) -> float:
-    """Return the time, s, of greatest distance from the reference; without one, from the mean pose."""
-    order = log.columns(rig)
-    away = log.q - (log.q.mean(axis=0) if log.q_ref is None else log.q_ref)
-    return float(log.t[int(np.argmax(np.sum(np.nan_to_num(away[:, order]) ** 2, axis=1)))])
 
 
 def film(recorded: str, shown: Frames, fps: float, size: tuple[int, int], path: Path) -> None:
