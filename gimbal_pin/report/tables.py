@@ -338,14 +338,6 @@ def drive_gains(found: Tuning) -> Table:
     return Table(["For a drive, at home", *(joint.label for joint in joints)], shown, label="Gains for drives")
 
 
-JUDGED = (
-    "steps simulated on {} plants that are off as the model may be, with the drives' noise and a delay up to a third "
-    "more or less, from settled starts: error rms, median (worst), no less than the encoders resolve; ratio: the "
-    "error of a PID of the same disk margin, with gravity and friction fed forward, over the controller's"
-)
-"""What the figures of a `Judgement` are; within it the number of plants."""
-
-
 def judgement(found: Judgement, joints: Sequence[ShownJoint]) -> Table:
     """Errors on the perturbed plants, median (worst), and how many times the PID's are larger, by joint and of all."""
     data, names, rows = found.to_dict(), list(found.errors), list[list[Content]]()
@@ -360,7 +352,7 @@ def judgement(found: Judgement, joints: Sequence[ShownJoint]) -> Table:
         rows.append([place if joint is None else joint.label, *errors, *ratios])
     others = [controller_name(name) for name in names[1:-1]]
     head = ["Joint", *(f"{who} error" for who in ("Tuned", *others, "PID")), "Ratio", *(f"Ratio, {x}" for x in others)]
-    return Table(head, rows, caption=JUDGED.format(found.plants))
+    return Table(head, rows, label=f"Errors on {found.plants} perturbed plants")
 
 
 # -- the camera --------------------------------------------------------------------------------------------------------
