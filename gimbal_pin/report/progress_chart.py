@@ -9,10 +9,8 @@ import numpy as np
 
 from gimbal_pin.errors import NORMAL_95, DataError
 from gimbal_pin.identification import Progress
-from gimbal_pin.log.log import Array
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 DRAWN_PARAMETERS = 5
@@ -36,7 +34,21 @@ def draw_progress_chart(history: Sequence[Progress]) -> Figure:
     t = np.array([one.t for one in history])
     value, std = (np.array([getattr(one, name) for one in history]) for name in ("value", "std"))
     for axes, k in zip(panels, shown):
-        draw_band(axes, t, value[:, k], NORMAL_95 * std[:, k])
+        x, half = value[:, k], NORMAL_95 * std[:, k]
+        axes.fill_between(t, x - half, x + half, alpha=0.25, lw=0)
+        axes.plot(t, x, lw=1.2)
+        # The axis shows the values, however wide the first bands are.
+        known = np.isfinite(x)
+        settled = known & (half <= 4 * np.median(half[known]))
+        low, high = (x - half)[settled].min(), (x + half)[settled].max()
+        room = 0.15 * (high - low) + 1e-12
+        axes.set_ylim(low - room, high + room)
+        axes.grid(alpha=0.3)
+        # A payload moves a parameter by so much more than its band that this would not be seen.
+        narrow = axes.twinx()
+        narrow.semilogy(t, half, color="tab:gray", lw=0.9)
+        narrow.set_ylabel("± 95 %", color="tab:gray", fontsize="small")
+        narrow.tick_params(which="both", colors="tab:gray", labelsize="small")
         axes.set_title(f"{complete[-1].names[k]}, {complete[-1].units[k]}", loc="left", fontsize="medium")
     for joint in complete[-1].torque_error:
         last.semilogy(t, [one.torque_error.get(joint, np.nan) for one in history], label=joint)
@@ -49,20 +61,3 @@ def draw_progress_chart(history: Sequence[Progress]) -> Figure:
             axes.axvline(event.t, color="tab:red" if event.what == "changed" else "tab:green", lw=0.9, ls="--")
         panels[0].annotate(f" {event.what}", (event.t, 0.85), xycoords=("data", "axes fraction"), fontsize="small")
     return figure
-
-
-def draw_band(axes: Axes, t: Array, x: Array, y: Array) -> None:
-    """Draw a value x with its band ± y; the axis shows the values, however wide the first bands are."""
-    axes.fill_between(t, x - y, x + y, alpha=0.25, lw=0)
-    axes.plot(t, x, lw=1.2)
-    known = np.isfinite(x)
-    settled = known & (y <= 4 * np.median(y[known]))
-    low, high = (x - y)[settled].min(), (x + y)[settled].max()
-    room = 0.15 * (high - low) + 1e-12
-    axes.set_ylim(low - room, high + room)
-    axes.grid(alpha=0.3)
-    # A payload moves a parameter by so much more than its band that this would not be seen.
-    narrow = axes.twinx()
-    narrow.semilogy(t, y, color="tab:gray", lw=0.9)
-    narrow.set_ylabel("± 95 %", color="tab:gray", fontsize="small")
-    narrow.tick_params(which="both", colors="tab:gray", labelsize="small")

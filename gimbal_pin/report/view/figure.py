@@ -115,8 +115,9 @@ def apart(
 def colour_tracks(rig: Rig, solids: Sequence[Solid], motion: Frames, root: str) -> Tracks:
     """Return what turns each moved link from its own colours (0) to red (1); empty without `motion.colour`."""
     found: Tracks = {}
-    for joint, path in enumerate(list_scene_paths(rig, root)[1:] if motion.colour is not None else (), start=1):
-        assert motion.colour is not None
+    if motion.colour is None:
+        return found
+    for joint, path in enumerate(list_scene_paths(rig, root)[1:], start=1):
         first: dict[tuple[float, ...], int] = {}
         for k, solid in enumerate(moved_by(solids, joint)):
             first.setdefault((*solid.rgba, float(solid.facets)), k)  # equal looks share one material

@@ -137,36 +137,27 @@ class Picture:
 
 
 def build_pictures(seen: Outlook) -> tuple[Picture, ...]:
-    """Return the bolted camera and ours through a wide lens, then all that were held through one long lens."""
-    ours, step = seen.held[-1], scale(seen)
-    wide = [wide_picture("Bolted to the platform", seen.bolted), wide_picture(f"Held by {ours.called}", ours)]
-    long = [
-        Picture(
-            f"{one.called[:1].upper()}{one.called[1:]}, long lens",
-            f"jitter {degrees(one.jitter):.4f}° rms",
-            2.6 * step,
-            np.column_stack([np.zeros(len(seen.t)), one.shaken]),
-            (step, 2 * step),
-            True,
-        )
-        for one in seen.held
-    ]
-    return (*wide, *long)
+    """Return the bolted camera and ours through a wide lens, then all that were held through one long lens.
 
-
-def wide_picture(title: str, one: Shot) -> Picture:
-    """Return a wide picture; below it, how far the line of sight strays, drift and roll included."""
-    away = float(np.degrees(np.hypot(*one.turned[:, 1:].T).max()))
-    note = f"the line of sight strays up to {away:.{1 if away > 1 else 3}f}°"
-    note += "" if one.controller is None else ", drift included"
-    return Picture(title, note, WIDE_TANGENT, one.turned, RINGS, False)
-
-
-def scale(seen: Outlook) -> float:
-    """Return a round angle, rad, of which the largest jitter of what was held is about two."""
+    Below a wide picture stands how far the line of sight strays, drift and roll included. The long lens's scale is a
+    round angle of which the largest jitter of what was held is about two.
+    """
+    wide = []
+    for one in (seen.bolted, seen.held[-1]):
+        title = "Bolted to the platform" if one.controller is None else f"Held by {one.called}"
+        away = float(np.degrees(np.hypot(*one.turned[:, 1:].T).max()))
+        note = f"the line of sight strays up to {away:.{1 if away > 1 else 3}f}°"
+        note += "" if one.controller is None else ", drift included"
+        wide.append(Picture(title, note, WIDE_TANGENT, one.turned, RINGS, False))
     largest = max(degrees(float(np.hypot(*one.shaken.T).max())) for one in seen.held) or 1e-6
     decade = 10.0 ** floor(log10(largest / 2))
-    return radians(min((k * decade for k in (1, 2, 5, 10)), key=lambda step: abs(np.log(2 * step / largest))))
+    step = radians(min((k * decade for k in (1, 2, 5, 10)), key=lambda step: abs(np.log(2 * step / largest))))
+    long = []
+    for one in seen.held:
+        title, note = f"{one.called[:1].upper()}{one.called[1:]}, long lens", f"jitter {degrees(one.jitter):.4f}° rms"
+        shaken = np.column_stack([np.zeros(len(seen.t)), one.shaken])
+        long.append(Picture(title, note, 2.6 * step, shaken, (step, 2 * step), True))
+    return (*wide, *long)
 
 
 def scenery(wanted: Array) -> tuple[Array, Array, Array]:

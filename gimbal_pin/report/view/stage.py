@@ -201,7 +201,12 @@ def marks(
     level = three.Drawable(ring, three.pose(eye), three.flat(LEVEL, 0.75), order=2)
     disc = {"type": "CylinderGeometry", "radiusTop": DECK_SIZE * size, "radiusBottom": DECK_SIZE * size}
     disc |= {"height": DECK_HIGH * size, "radialSegments": 72}
-    at = np.array([0.0, 0.0, find_deck_height(rig, solids, size)])
+    # The deck is on the far side of the base from what the joints move.
+    heights = np.concatenate([np.zeros(0), *(solid.corners[:, 2] for solid in moved_by(solids, 0))])
+    low, high = (float(heights.min()), float(heights.max())) if len(heights) else (0.0, 0.0)
+    is_above = float(rig.model.jointPlacements[1].translation[2]) >= (low + high) / 2
+    middle = low - DECK_HIGH / 2 * size if is_above else high + DECK_HIGH / 2 * size
+    at = np.array([0.0, 0.0, middle])
     deck = three.Drawable(disc, three.pose(at) @ Y_TO_Z, three.glossy((*DECK, 0.55)), receives=True, order=1)
     drawn = [
         three.draw_group("/meshcat/target", rings, "target"),
@@ -213,12 +218,3 @@ def marks(
     rim = at + DECK_SIZE * size * np.column_stack([np.cos(angle), np.sin(angle), np.zeros(8)])
     some = poses.world[:: max(1, len(poses.world) // 40), 0]
     return drawn, np.vstack([corners, *(rim @ one[:3, :3].T + one[:3, 3] for one in some)])
-
-
-def find_deck_height(rig: Rig, solids: Sequence[Solid], size: float) -> float:
-    """Return the height of the deck's middle in the base, m: on the far side of it from what the joints move."""
-    fixed = moved_by(solids, 0)
-    heights = np.concatenate([solid.corners[:, 2] for solid in fixed]) if fixed else np.zeros(1)
-    low, high = float(heights.min()), float(heights.max())
-    is_above = float(rig.model.jointPlacements[1].translation[2]) >= (low + high) / 2
-    return (low if is_above else high) + (-1 if is_above else 1) * DECK_HIGH / 2 * size
