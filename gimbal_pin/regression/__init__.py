@@ -54,10 +54,12 @@ from gimbal_pin.regression.instrumental import fit_repeated as fit_repeated
 from gimbal_pin.regression.instrumental import solve_moments as solve_moments
 from gimbal_pin.regression.lags import LAG_DEVIATION as LAG_DEVIATION
 from gimbal_pin.regression.lags import LAG_ROUNDS as LAG_ROUNDS
+from gimbal_pin.regression.lags import LAG_SPREAD as LAG_SPREAD
 from gimbal_pin.regression.lags import LAGS_WITHIN as LAGS_WITHIN
 from gimbal_pin.regression.lags import LARGEST_LAG as LARGEST_LAG
 from gimbal_pin.regression.lags import add_lag_spread as add_lag_spread
 from gimbal_pin.regression.lags import align_rows as align_rows
+from gimbal_pin.regression.lags import fit_lags as fit_lags
 from gimbal_pin.regression.missing_samples import Filled as Filled
 from gimbal_pin.regression.missing_samples import Indices as Indices
 from gimbal_pin.regression.missing_samples import fill_gaps as fill_gaps

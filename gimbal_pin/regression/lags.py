@@ -19,6 +19,8 @@ from gimbal_pin.regression.solve import Estimate, compute_gain, fit_weighted
 
 LAG_DEVIATION = 2.5e-3
 """Deviation of lags beforehand, s: where a torque hardly says when it acts, it acts when it was stamped."""
+LAG_SPREAD = 1e-3
+"""The same of one joint's lag beside those of the others, whose drives are alike."""
 LARGEST_LAG = 2e-2
 """Largest, s, to either side: currents are reported late, through filters of 10 Hz and above; drives act late."""
 LAG_ROUNDS = 3
@@ -44,19 +46,20 @@ def fit_lags(
     """Return each joint's lag, s, (n,), and their covariance, s², (n, n).
 
     ``min Σ_j ‖b_j - A_j θ - (l_j - taken_j) db_j/dt‖²/σ_j²`` gives l to a covariance C, what the model misses included;
-    with σ_l of `LAG_DEVIATION` beforehand it is ``K l`` to ``(I - K) σ_l²``, ``K = σ_l² (σ_l² I + C)⁻¹``.
+    with the covariance P beforehand it is ``K l`` to ``P - K P``, ``K = P (P + C)⁻¹``.
 
     Args:
         blocks: Rows with the torque as it acts at the lags that were taken.
         taken: These, s, (n,).
         hedge: What adds to an estimate's deviations what the model misses.
     """
-    n, wide, prior = len(taken), _append_slopes(blocks, len(taken)), LAG_DEVIATION**2
+    n, wide = len(taken), _append_slopes(blocks, len(taken))
+    prior = np.full((n, n), LAG_DEVIATION**2) + LAG_SPREAD**2 * np.eye(n)
     alone = hedge(wide, fit_weighted(wide))
     late, spread = taken + alone.theta[-n:], alone.covariance[-n:, -n:]
-    seen, K = np.isfinite(np.diag(spread)), np.zeros((n, n))
-    K[np.ix_(seen, seen)] = prior * np.linalg.inv(prior * np.eye(seen.sum()) + spread[np.ix_(seen, seen)])
-    return K @ late, prior * (np.eye(n) - K)
+    seen = np.isfinite(np.diag(spread))
+    K = prior[:, seen] @ np.linalg.inv((prior + spread)[np.ix_(seen, seen)])
+    return K @ late[seen], prior - K @ prior[seen]
 
 
 def align_rows(build: Callable[[Filtering], Sequence[Block]], filtering: Filtering, joints: int) -> Filtering:

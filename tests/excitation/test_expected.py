@@ -53,7 +53,7 @@ def test_predicted_deviations_are_the_spread_of_what_is_identified(name: str) ->
 
 def test_twice_the_noise_is_twice_the_deviation() -> None:
     """As long as it is the log that says when the torque acts."""
-    once, twice = (expected("turret", torque_noise=noise, form_error=0.0).std for noise in (0.02, 0.04))
+    once, twice = (expected("turret", torque_noise=noise, form_error=0.0).std for noise in (0.01, 0.02))
     assert twice == pytest.approx(2 * once, rel=0.05)
 
 

@@ -10,7 +10,16 @@ import pytest
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.identification import Identified, identify
 from gimbal_pin.log import Array, Log
-from gimbal_pin.regression import LAG_DEVIATION, Filtering, add_lag_spread, compute_blocks, fit_weighted
+from gimbal_pin.regression import (
+    LAG_DEVIATION,
+    LAG_SPREAD,
+    Filtering,
+    add_lag_spread,
+    align_rows,
+    compute_blocks,
+    fit_lags,
+    fit_weighted,
+)
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed, rows_of, true_theta
 
@@ -74,8 +83,21 @@ def test_a_torque_that_never_changes_does_not_say_when_it_acts(rig: str) -> None
     still = [block._replace(slope=0 * block.slope) for block in blocks]
     alone = fit_weighted(blocks)
     estimate, spread = add_lag_spread(still, alone, (0.0,) * len(log.joints))
-    np.testing.assert_allclose(np.sqrt(np.diag(spread)), LAG_DEVIATION, rtol=1e-6)
+    np.testing.assert_allclose(np.sqrt(np.diag(spread)), np.hypot(LAG_DEVIATION, LAG_SPREAD), rtol=1e-6)
     np.testing.assert_allclose(estimate.covariance, alone.covariance)
+
+
+@RIGS
+def test_a_joint_that_does_not_say_is_as_late_as_the_others(rig: str) -> None:
+    """Its lag is theirs, shrunk by what one drive may differ; it is known less well, and better than beforehand."""
+    log, silent = logged(rig, 4e-3), 1.0 * (np.arange(Rig.load(rig).n) > 0)
+    rows = align_rows(lambda one: compute_blocks(rows_of(Rig.load(rig), log, one)), Filtering(), len(log.joints))
+    blocks = compute_blocks(rows_of(Rig.load(rig), log, rows))
+    still = [block._replace(slope=block.slope * silent) for block in blocks]
+    lags, spread = fit_lags(still, np.array(rows.lags))
+    std = np.sqrt(np.diag(spread))
+    assert 3.2e-3 < lags[0] < lags[1] and lags[1] == pytest.approx(4e-3, rel=0.05)
+    assert std[1:].max() < LAG_SPREAD < std[0] < LAG_DEVIATION
 
 
 @RIGS
