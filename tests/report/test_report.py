@@ -233,6 +233,14 @@ def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
         assert found.text_content().split() == text.split()
 
 
+def test_what_is_folded_is_said_in_the_terminal_but_for_pictures() -> None:
+    """Of a picture, which needs a page, not even the line that opens it."""
+    picture = plots.Drawing(lambda: plots.panels(1, 1, 2.0)[0], "alt", "caption")
+    for parts, said in (((picture,), ""), ((picture, html.paragraph("a")), "\nOpens\na")):
+        assert Section("x", [html.folded("Opens", *parts)]).to_text(detailed=True) == said
+        assert Section("x", [html.folded("Opens", *parts)]).to_text() == ""
+
+
 @given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
 def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
     page = parsed(Document("page", "", [Section(title, [Markup("")]) for title in titles]).to_html())
