@@ -34,6 +34,7 @@ from gimbal_pin.pointing import (
     run_controllers,
     simulate_holding,
 )
+from gimbal_pin.pointing.sight import STEEP
 from gimbal_pin.rig import Rig
 from tests.command_line import Run, refused, result
 from tests.effects.test_effects import TORQUES, planted
@@ -80,7 +81,12 @@ def pid(tmp_path_factory: pytest.TempPathFactory) -> Twin:
 # --- Equations -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("rig", [bundled("thesis"), bundled("turret"), chain(1), chain(5)], ids=lambda rig: rig.name)
+SEVERAL = pytest.mark.parametrize(
+    "rig", [bundled("thesis"), bundled("turret"), chain(1), chain(5)], ids=lambda rig: rig.name
+)
+
+
+@SEVERAL
 def test_the_equations_are_pinocchios(rig: Rig) -> None:
     """`checked` refuses what differs by more than 1e-12, and finds a rig whose bodies weigh otherwise."""
     chained = Chain(rig)
@@ -88,6 +94,21 @@ def test_the_equations_are_pinocchios(rig: Rig) -> None:
     assert checked(rig, functions, Sight(rig), np.random.default_rng(0)) < 1e-12
     with pytest.raises(ModelError, match="Pinocchio"):
         checked(rig, functions, Sight(rig.with_phi(rig.phi * 1.001)), np.random.default_rng(0))
+
+
+@SEVERAL
+def test_the_view_is_pythons_near_singular_poses_too(rig: Rig) -> None:
+    sight, rng, view = Sight(rig), np.random.default_rng(0), NavigationEquations(Chain(rig)).build_view()
+    steep = []
+    for _ in range(200):
+        q = rng.uniform(-np.pi, np.pi, rig.n)
+        right = sight.view(q)
+        R, against, damped = (np.array(x) for x in view(STEEP, 1 / (2 * STEEP), q))
+        assert R.ravel() == pytest.approx(right.R.ravel(), abs=1e-12)
+        assert against.ravel() == pytest.approx(right.against.ravel(), rel=1e-9, abs=1e-9)
+        assert bool(damped.item()) == right.steep
+        steep.append(right.steep)
+    assert any(steep) or rig.n > 3
 
 
 @pytest.mark.parametrize("name", TORQUES)
