@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -113,17 +113,28 @@ def judge_gimbal(found: Identified, truth: Truth, joint: int) -> Iterator[tuple[
             yield "friction", is_inside(found.estimate.theta[width + k], found.estimate.std[width + k], true)
 
 
+def locate_camera(camera: Mapping[str, Any], mass: float) -> list[float | None]:
+    """``c(m) = c₀ + c₀' m₀ (1 - m₀/m)``: where a log places a camera of a mass, mm; None where it does not show.
+
+    The first moment is what shows: the place goes with 1/m, of which the slope c₀' at the stated m₀ is the tangent.
+
+    Args:
+        camera: `given_model` of `PayloadStatement.to_dict`.
+        mass: Its mass; where the log shows one, the place is that one's.
+    """
+    stated = camera["stated_mass"]
+    lacks = 0.0 if camera["mass"] is not None else stated * (1 - stated / mass)
+    return [None if x is None else x + lacks * slope for x, slope in zip(camera["com_mm"], camera["com_mm_per_g"])]
+
+
 def judge_payload(said: PayloadStatement, truth: Truth) -> Iterator[tuple[str, bool]]:
     """Yield whether the intervals of place and mass hold the truth, as far as they are stated."""
     if said.apart is None:
         return
     row: dict[str, Any] = said.apart.to_dict()["camera"]
-    # The first moment is what shows: at another mass the place goes with 1/m, of which the stated slope is the tangent.
-    stated = row["stated_mass"]
-    lacks = 0.0 if row["mass"] is not None else stated * (1 - stated / (1e3 * truth.mass))
-    for x, std, more, true in zip(row["com_mm"], row["com_std_mm"], row["com_mm_per_g"], 1e3 * truth.shift):
+    for x, std, true in zip(locate_camera(row, 1e3 * truth.mass), row["com_std_mm"], 1e3 * truth.shift):
         if x is not None:
-            yield "place", is_inside(x + lacks * more, std, true)
+            yield "place", is_inside(x, std, true)
     if row["mass"] is not None:
         yield "mass", is_inside(row["mass"] + row["stated_mass"], row["mass_std"], 1e3 * truth.mass)
 

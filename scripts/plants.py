@@ -29,6 +29,7 @@ from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.identification import given_beta
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.rig import Rig
+from scripts.coverage import locate_camera
 from tests.mujoco_peer import rigid_bodies
 
 Vector = tuple[float, float, float]
@@ -466,13 +467,11 @@ def judge_camera(told: dict[str, Any], result: dict[str, Any]) -> tuple[list[str
         scores.append(abs(found - truth["mass"]) * 1000 / camera["mass_std"])
         good &= abs(share) <= MASS_SHARE or (camera["mass_std"] > 1000 * MASS_SHARE * truth["mass"] and is_told)
     first, last = result["last_body"]
-    # The first moment is what shows: at another mass the place goes with 1/m, of which the stated slope is the tangent.
-    per_gram = np.array(camera.get("com_mm_per_g") or np.zeros(3))
-    unknown = 1000 * found * (1 - found / truth["mass"]) * per_gram
-    for axis, (moved, std) in enumerate(zip(camera.get("com_mm") or [], camera.get("com_std_mm") or [])):
+    places = locate_camera(camera, 1000 * truth["mass"]) if camera else []
+    for axis, (moved, std) in enumerate(zip(places, camera.get("com_std_mm") or [])):
         if moved is None or not std:
             continue
-        centre = stated["centre"][axis] + (moved + unknown[axis]) / 1000
+        centre = stated["centre"][axis] + moved / 1000
         errors.append(abs(centre - truth["centre"][axis]) * 1000)
         scores.append(errors[-1] / std)
         good &= errors[-1] <= CENTRE_MM or (std > CENTRE_MM and is_told)
