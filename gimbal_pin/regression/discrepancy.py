@@ -1,10 +1,11 @@
 """What a joint's torque holds beyond the model, as a flexible function of its motion, and what that does to deviations.
 
 ``b_j = A_j θ + Φ_j γ_j + e``, γ with variances S_j: columns Φ over the joint's angle and rate, smooth and jumping with
-the direction (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001). S is the most likely one, nothing where the
-residual is noise. The parameters stay those of the estimator; with ``θ = G Σ AᵀWb`` its covariance grows by
-``Σ_j G w_j AᵀΦ S ΦᵀA w_j Gᵀ``: a residual that is a function of the state comes back whenever the state does, so more
-periods of a motion do not average it away as the residual's colour in time says.
+the direction (Kennedy and O'Hagan, J. R. Statist. Soc. B 63, 2001). S is nothing where the residual is noise, else the
+mean under the likelihood: few columns tell a variance badly, and the most likely one of four is half of that mean. The
+parameters stay those of the estimator; with ``θ = G Σ AᵀWb`` its covariance grows by ``Σ_j G w_j AᵀΦ S ΦᵀA w_j Gᵀ``: a
+residual that is a function of the state comes back whenever the state does, so more periods of a motion do not average
+it away as the residual's colour in time says.
 """
 
 from __future__ import annotations
@@ -88,11 +89,15 @@ def build_discrepancy_columns(q: Array, v: Array) -> Array:
     """Return δ's columns over a joint's angle, its rate, and its angle times the direction of motion, (m, f).
 
     Cosines over the range of each; of an angle that goes beyond a turn the harmonics of the turn. They vary slowly
-    beside the rows' low-pass, which is left out.
+    beside the rows' low-pass, which is left out. The slowest over the angle fall as 1/k²: of like variance, their sum
+    is as smooth as a cubic spline, ``∫ δ''²`` (Wahba, J. R. Statist. Soc. B 40, 1978), and what gravity hides of a
+    spring, k = 1, is larger than what shows. Over the rate nothing is smooth: friction has its edge at rest.
     """
     turn = np.outer(q, np.arange(1, ANGLE_COSINES // 2 + 1))
     whole = np.hstack([np.cos(turn), np.sin(turn)]) if np.ptp(q) > 2 * np.pi else _build_cosines(q, ANGLE_COSINES)
-    return np.hstack([whole, _build_cosines(v, RATE_COSINES), np.sign(v)[:, None] * whole[:, :SIGNED_COSINES]])
+    signed = np.sign(v)[:, None] * whole[:, :SIGNED_COSINES]
+    whole[:, :SLOWEST_COSINES] /= np.arange(1, SLOWEST_COSINES + 1) ** 2
+    return np.hstack([whole, _build_cosines(v, RATE_COSINES), signed])
 
 
 def _build_cosines(x: Array, count: int) -> Array:
@@ -102,7 +107,9 @@ def _build_cosines(x: Array, count: int) -> Array:
 
 
 def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
-    """Fit δ's variances by the likelihood of what A cannot take, the noise's power profiled, by Akaike's rule.
+    """Fit δ's variances by the likelihood of what A cannot take, the noise's power profiled.
+
+    Which there are is chosen by Akaike's rule; how large each is, is averaged with Akaike's weights.
 
     Args:
         A: Columns that the joint feels, (m, k).
@@ -133,17 +140,25 @@ def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
         spread = 2 * np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1)
         return free * np.log(np.maximum(noise, 1e-300)) + spread + 2 * np.sum(sizes > 0, axis=1), noise
 
+    def vary_size(group: int) -> Array:
+        """The choices of one variance beside those of the others, (c, groups)."""
+        tried = np.tile(sizes, (len(SIZES), 1))
+        tried[:, group] = SIZES
+        return tried
+
     sizes: Array = np.zeros(len(each))
     for _ in range(SWEEPS):
         before = sizes
         for group in range(len(each)):
-            tried = np.tile(sizes, (len(SIZES), 1))
-            tried[:, group] = SIZES
+            tried = vary_size(group)
             sizes = tried[np.argmin(compute_costs(tried)[0])]
         if np.array_equal(sizes, before):
             break
-    noise = float(compute_costs(sizes[None])[1][0])
-    return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * sizes[GROUPS])
+    noise, means = float(compute_costs(sizes[None])[1][0]), sizes.copy()
+    for group in np.flatnonzero(sizes).tolist():
+        costs = compute_costs(vary_size(group)[1:])[0]
+        means[group] = np.average(SIZES[1:], weights=np.exp((costs.min() - costs) / 2))
+    return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * means[GROUPS])
 
 
 def propagate_misfit(gain: Array, A: Array, X: Array, missed: Misfit) -> Array:
@@ -184,11 +199,8 @@ def presume_misfit(blocks: Sequence[Block], estimate: Estimate, sizes: Array) ->
         sizes: Root mean square of δ at each joint, the same from every group of its columns, N m, (n,).
     """
     columns = _build_columns(blocks)
-    share = 1 / (len(np.unique(GROUPS)) * np.bincount(GROUPS))[GROUPS]  # of δ's power, alike for every group
-    found = [
-        Misfit(size, 0.0, size**2 * share / np.maximum(np.mean(X**2, axis=0), 1e-300))
-        for size, X in zip(sizes.tolist(), columns)
-    ]
+    powers = [np.bincount(GROUPS, np.mean(X**2, axis=0)) for X in columns]
+    found = [Misfit(x, 0.0, (x**2 / np.maximum(len(p) * p, 1e-300))[GROUPS]) for x, p in zip(sizes.tolist(), powers)]
     return _add_spread(blocks, replace(estimate, residual_std=np.hypot(estimate.residual_std, sizes)), found, columns)
 
 

@@ -26,7 +26,16 @@ from gimbal_pin.identification import (
     write_model,
 )
 from gimbal_pin.log import Array, Log, write_log
-from gimbal_pin.regression import GROUPS, add_misfit, compute_blocks, find_likeliest_bodies, fit_misfit, fit_weighted
+from gimbal_pin.regression import (
+    GROUPS,
+    add_misfit,
+    build_discrepancy_columns,
+    compute_blocks,
+    find_likeliest_bodies,
+    fit_misfit,
+    fit_weighted,
+    propagate_misfit,
+)
 from gimbal_pin.report import show_controller, show_parameters, show_torque
 from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, fourier, prescribed, rows_of
@@ -102,6 +111,24 @@ def test_noise_is_nothing_that_the_model_misses(seed: int) -> None:
     missed = 2.0 * X[:, GROUPS == 1] @ rng.standard_normal(int(np.sum(GROUPS == 1)))
     found = fit_misfit(A, X, A.sum(axis=1) + missed + noise, 600.0)
     assert found.size == pytest.approx(np.std(missed), rel=0.15) and found.noise == pytest.approx(1.0, rel=0.15)
+
+
+def test_a_spring_that_passes_for_gravity_is_held_by_its_deviations() -> None:
+    """A joint turns by 30° to 60° either way against gravity, friction and a spring; over draws, most are held."""
+    rng, held = np.random.default_rng(0), list[bool]()
+    t = np.linspace(0.0, 10.0, 1000)[:, None]
+    for _ in range(60):
+        size, phase = rng.normal(size=5) / np.arange(1, 6), rng.uniform(0, 2 * np.pi, 5)
+        turning = np.sin(0.86 * np.arange(1, 6) * t + phase) @ size
+        q = rng.uniform(0.5, 1.0) * turning / np.abs(turning).max() + rng.uniform(-0.5, 0.5)
+        v = np.gradient(q, t[:, 0])
+        A, X = np.column_stack([np.sin(q), np.cos(q), np.sign(v), v]), build_discrepancy_columns(q, v)
+        b = np.tanh(3 * (q - q.mean())) + 0.01 * rng.standard_normal(len(q))
+        gain = np.linalg.inv(A.T @ A)
+        root = propagate_misfit(gain, A, X, fit_misfit(A, X, b, 1000.0))
+        std = np.sqrt(np.sum(root**2, axis=1) + 0.01**2 * np.diag(gain))
+        held += (np.abs(gain @ A.T @ b) < 1.96 * std)[:2].tolist()
+    assert np.mean(held) > 0.85
 
 
 def test_a_joint_that_is_not_explained_is_said_first(turret: Rig) -> None:
