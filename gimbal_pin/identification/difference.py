@@ -118,6 +118,8 @@ class BaseDifference:
     def explain(self, wanted: Array, unknown: Array, limit: float) -> ShownChange:
         """Least squares for the wanted parameters, whatever the unknown ones are.
 
+        Axes whose own deviation is small enough are shown, whatever the others are; of the others, directions.
+
         Args:
             wanted: Base parameters per wanted parameter, (b, p).
             unknown: The same of what is to be left open, (b, m).
@@ -125,10 +127,16 @@ class BaseDifference:
         """
         W = self.whitener
         left, size, right = np.linalg.svd(project_rows(W @ wanted, W @ unknown), full_matrices=False)
-        floor = LEAST_KEPT * max(float(np.linalg.norm(W @ wanted)), 1e-300)
-        shown = (size > floor) & (size * limit > 1.0)
-        gain = (left[:, shown] / size[shown]).T @ W
-        return ShownChange(right[shown].T, gain @ self.change, gain @ self.covariance @ gain.T, gain)
+        seen = size > LEAST_KEPT * max(float(np.linalg.norm(W @ wanted)), 1e-300)
+        basis, gain = right[seen].T, (left[:, seen] / size[seen]).T @ W
+        spread = gain @ self.covariance @ gain.T
+        known = (np.sum(basis**2, axis=1) > 0.99) & (np.sum(basis @ spread * basis, axis=1) < limit**2)
+        count, turned = int(known.sum()), np.linalg.qr(np.hstack([basis[known].T, np.eye(basis.shape[1])]))[0]
+        axes, rest = turned[:, :count], turned[:, count:]
+        variance, turn = np.linalg.eigh(rest.T @ spread @ rest)
+        shown = np.hstack([axes, rest @ turn[:, variance < limit**2]])
+        gain = shown.T @ gain
+        return ShownChange(basis @ shown, gain @ self.change, shown.T @ spread @ shown, gain)
 
     def compute_rest(self, columns: Array) -> tuple[float, int]:
         """Power of the change outside the reach of some columns, (b, m), in units of noise, and in how many ways."""

@@ -63,7 +63,7 @@ class PayloadDiscrepancy:
         products: Difference of Ixy, Ixz and Iyz of the whole body, beyond what shift and mass make of them, kg m².
         camera: Forward, left and up as the camera sees them, as columns in the payload's frame, (3, 3).
         gyration: The payload's radius of gyration as stated, m.
-        std_if_known: Deviation of the shift, m, if the body that carries the payload were as the URDF says.
+        std_if_known: Deviation of the shift, m, if the bodies beside the payload were as the URDF says.
         moment: The body's largest moment of inertia as stated, kg m².
         is_physical: Whether a body can be so; if not, nothing of it is shown.
     """
@@ -267,11 +267,9 @@ def compare_places(
         return None
     whole, turn = new.found_mass[0], new.camera.T
     ratio, shift = stated / whole - 1, new.shift._replace(basis=turn @ new.shift.basis)
-    carrier = own.rig.phi[mine] - inertia.toDynamicParameters()
     columns = first.responses[:, mine]
-    doubt = first.widen(trust * columns @ compute_deformation_root(carrier)) if carrier[0] > 1e-3 * stated else first
     moments = stated * columns[:, MOMENT_PLACES] @ frame.rotation @ turn.T
-    old = doubt.explain(moments, columns[:, INERTIA_PLACES], 1e3)  # however loosely
+    old = _doubt_bodies(first, trust).explain(moments, columns[:, INERTIA_PLACES], 1e3)  # however loosely
     spread = ratio**2 * shift.basis.T @ old.basis @ old.covariance @ old.basis.T @ shift.basis
     # Of two deviations whose correlation is not known, the sum is no larger than this.
     share = np.sqrt(np.trace(spread) / np.trace(shift.covariance))
@@ -368,15 +366,15 @@ def explain_by_payload(
     """Explain a difference by the payload's ten parameters; None where the rig carries nothing with a mass.
 
     Inertias are left open: a shift is read from first moments, a mass from what it alone moves (arms that carry it off
-    an axis). Torques show the payload together with the link that carries it, so what that link may differ by from its
-    URDF widens all deviations. Where the payload cannot explain the difference, the other bodies differ from the URDF,
-    too, by a share that is estimated, see `_allow_other_bodies`.
+    an axis). Torques show the payload together with the bodies that carry it, so what these may differ by from the URDF
+    widens all deviations. Where the payload cannot explain the difference, they do differ, by what the trust allows and
+    a share more that is estimated, see `_allow_other_bodies`.
 
     Args:
         found: The refitted base parameters against the given ones.
         weighed: The payload's mass, kg, where it was weighed.
-        trust: Relative deviation of the carrying link's mass from the URDF's (`compute_deformation_root`); none of a
-            rig whose YAML says ``inertia: trusted``.
+        trust: Relative standard deviation of the bodies' masses beside the payload's (`compute_deformation_root`); none
+            of a rig whose YAML says ``inertia: trusted``.
 
     Raises:
         UsageError: The weighed mass is far from the stated one.
@@ -387,16 +385,13 @@ def explain_by_payload(
     except UsageError:
         return None
     _check_weighed(weighed, float(inertia.mass))
-    own, std_if_known = found.responses[:, 10 * body : 10 * body + 10], np.inf
-    carrier = rig.phi[10 * body : 10 * body + 10] - inertia.toDynamicParameters()
-    # Where nothing carries it, the difference of two sums is rounding.
-    if trust > 0 and rig.config.inertia != "trusted" and carrier[0] > 1e-3 * inertia.mass:
+    own, doubted, std_if_known = found.responses[:, 10 * body : 10 * body + 10], _doubt_bodies(found, trust), np.inf
+    if doubted is not found:
         known = explain_by_payload(found, weighed, 0.0)
         std_if_known = float(known.shift.std.max()) if known is not None and any(known.shift.axes) else np.inf
-        found = found.widen(trust * own @ compute_deformation_root(carrier))
     power, freedom = found.compute_rest(own)
     is_sufficient = freedom == 0 or bool(chi2.sf(power, freedom) > FALSE_ALARM)
-    found, open_ = (found, own[:, INERTIA_PLACES]) if is_sufficient else _allow_other_bodies(found, body)
+    found, open_ = (doubted, own[:, INERTIA_PLACES]) if is_sufficient else _allow_other_bodies(doubted, body)
     asked = _PayloadColumns(found, body, inertia, frame, open_)
     mass = asked.explain_mass(weighed)
     shift, per_mass = asked.explain_shift(mass, weighed is not None)
@@ -522,6 +517,17 @@ class _PayloadColumns:
         off = float(np.linalg.norm(np.cross(find_joint_axis(rig, body), total[MOMENT_PLACES])))
         heavy = self.stated + float(mass.change[0]) > 0
         return heavy and is_physical_inertia(float(about @ self.found.refitted), float(total[0]), off)
+
+
+def _doubt_bodies(found: BaseDifference, trust: float) -> BaseDifference:
+    """Return the difference, deviations holding what all bodies beside the payload may differ by from the URDF."""
+    body, inertia, _ = get_payload(found.rig)
+    if trust == 0 or found.rig.config.inertia == "trusted":
+        return found
+    bare = found.rig.phi.reshape(-1, 10).copy()
+    bare[body] -= inertia.toDynamicParameters()
+    solid = bare[:, 0] > 1e-3 * inertia.mass  # where nothing carries it, the difference of two sums is rounding
+    return found.widen(trust * found.responses[:, np.repeat(solid, 10)] @ compute_deformation_root(bare[solid].ravel()))
 
 
 def _allow_other_bodies(found: BaseDifference, body: int) -> tuple[BaseDifference, Array]:
