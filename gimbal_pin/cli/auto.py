@@ -42,17 +42,16 @@ def auto(
     import numpy as np
 
     from gimbal_pin.identification import ESTIMATORS
-    from gimbal_pin.log.log import find_interval
     from gimbal_pin.regression import Method
     from gimbal_pin.report.pages import describe_outcome
     from gimbal_pin.report.pipeline import auto as run
 
     loaded, read = load_logs(rig, payload, logs, map, moving=known is None)
     first = None if known is None else read_known_gimbal(rig, payload, logs, known)
-    wish = gains.to_wish(find_interval(log.dt for log in read))
     found = run(
         loaded, read, output, rng=np.random.default_rng(seed), estimator=ESTIMATORS[Method(estimator)], holdout=holdout,
-        filtering=choose_filter(cutoff, alignment), wish=wish, run=asked, mass=mass, plants=plants, known=first,
+        filtering=choose_filter(cutoff, alignment), wish=gains.to_wish, run=asked, mass=mass, plants=plants,
+        known=first,
     )  # fmt: skip
     tell(found.notes)
     present(describe_outcome(found, verbose), found.to_dict(), json)

@@ -15,6 +15,7 @@ from gimbal_pin.errors import UsageError, shortened
 
 if TYPE_CHECKING:
     from gimbal_pin.control.laws.design import Wish
+    from gimbal_pin.dynamics.model import Model
 
 T = TypeVar("T")
 Maybe = Annotated[T | None, arg(help_behavior_hint="")]
@@ -165,7 +166,7 @@ class Gains:
         disk_margin: disk margin that every joint keeps over the model's uncertainty
         damping: damping of the tracking error
         integral: speed of the integral action, in bandwidths; 0: none
-        delay: time from measurement to torque, without the hold (default: one sample)
+        delay: time from measurement to torque, without the hold (default: as the logs show, one sample at least)
         dt: sampling interval of the controller (default: the logs')
         robust: add Lyapunov redesign
     """
@@ -179,12 +180,13 @@ class Gains:
     dt: Annotated[Maybe[float], between("--dt", 1e-5, 0.1, "s")] = None
     robust: bool = False
 
-    def to_wish(self, dt: float | None) -> Wish:
-        """Return what `tune` is asked for; `dt`: the sampling interval where no option states it, s."""
+    def to_wish(self, model: Model) -> Wish:
+        """Return what `tune` is asked for with a model."""
         from gimbal_pin.control.laws.design import Wish
 
-        return Wish.sampled(
-            self.dt or dt,
+        return Wish.of(
+            model,
+            self.dt,
             self.delay,
             kind=self.kind,
             bandwidth_hz=self.bandwidth_hz,

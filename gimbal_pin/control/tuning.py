@@ -19,6 +19,7 @@ from gimbal_pin.control.laws.design import Wish, braking, granted, inner, layere
 from gimbal_pin.control.laws.reasons import (
     UNSEEN,
     GainReason,
+    about_delay,
     about_inertia,
     about_layer,
     about_loops,
@@ -204,7 +205,8 @@ def tune(
         bandwidth_hz: ω/2π, Hz: one for all joints, or joint → Hz. The loop's gain is one at about 2 ζ times that.
             None: the highest that keeps `disk_margin`, or 8 Hz where that is None too.
         damping: ζ.
-        delay: Time from measurement to torque, s, without the hold; it need not be whole samples. None: one sample.
+        delay: Time from measurement to torque, s, without the hold; it need not be whole samples. None: one sample, or
+            as late as the model's logs show a drive to act.
         dt: Sampling interval, s. None: that of the logs that the model is of, or 1 ms where nobody knows it.
         kind: "computed-torque" or "pid".
         integral: γ; 0: no integral action.
@@ -217,8 +219,9 @@ def tune(
             that no bandwidth keeps, α ≥ 1.
     """
     logged = None if model.estimated is None else model.estimated.dt
-    wish = Wish.sampled(
-        dt or logged,
+    wish = Wish.of(
+        model,
+        dt,
         bandwidth_hz=bandwidth_hz,
         damping=damping,
         delay=delay,
@@ -237,6 +240,7 @@ def tune(
     law = layered(gains, known, wish, kept, drives) if robust and known is not None else None
     found, least = (tuple(map(wish.margins, inner(gains, law), of, drives)) for of in (believed, ratios))
     reasons = [] if dt else [about_sampling(wish, logged)]
+    reasons += about_delay(model, wish) if delay is None else []
     reasons += about_loops(model, wish, hertz, found, least if over is not None else None)
     if known is None:
         inertias = [rig.in_units(joint, "kg m²") for joint in rig.joints]

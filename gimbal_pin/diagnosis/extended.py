@@ -70,7 +70,8 @@ def _collect_estimates(state: State, terms: Sequence[Term]) -> Estimated:
     names = (*reduction.base_names, *(f"{e.joint}.{e.name}.{c.name}" for e, c in pairs))
     measures = (*list_units(symbols), *(rig.in_units(e.joint, c.unit) for e, c in pairs))
     dt = find_interval(part.dt / part.logged.step for part in parts if part.logged is not None)
-    return Estimated(names, measures, now.theta[kept], now.covariance[np.ix_(kept, kept)], dt)
+    lags = tuple(np.broadcast_to(parts[0].late, (rig.n,)).tolist())
+    return Estimated(names, measures, now.theta[kept], now.covariance[np.ix_(kept, kept)], dt, lags=lags)
 
 
 def find_settled(state: State, cause: Cause) -> tuple[Cause, tuple[float, ...]]:

@@ -36,7 +36,7 @@ from gimbal_pin.identification import (
 from gimbal_pin.identification.model_file import write_model
 from gimbal_pin.log.io import write_log
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run
-from gimbal_pin.log.log import Log, find_interval
+from gimbal_pin.log.log import Log
 from gimbal_pin.pointing import Verified, verify
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
@@ -148,7 +148,7 @@ def auto(
     estimator: Estimator = fit_weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
-    wish: Wish | None = None,
+    wish: Callable[[Model], Wish] = Wish.of,
     plant: Model | None = None,
     run: Mapping[str, object] | None = None,
     mass: float | None = None,
@@ -169,7 +169,7 @@ def auto(
         estimator: Blocks → `Estimate`.
         holdout: As for `identify`.
         filtering: As for `identify`.
-        wish: What is asked of `tune`; None: nothing, at the logs' rate.
+        wish: Model → what is asked of `tune`.
         plant: The plant that the steps are verified on; None: the model that the controllers were made for.
         run: What the folder's ``run.json`` says of the run, see `write_run`.
         mass: Of the payload, kg, where it was weighed.
@@ -194,7 +194,7 @@ def auto(
         undiagnosed = str(error)
     extended = wrong is not None and finds_more(wrong, known)
     model = wrong.after if wrong is not None and extended else identified.model
-    asked = wish or Wish.sampled(find_interval(log.dt for log in logs))
+    asked = wish(model)
     first, late = tune(model, **vars(asked)), asked.samples
     laws, law = pair_rivals(first.stored), first.controller
     tracking = track(plant or model, laws, rng=generator, delay=late)

@@ -381,3 +381,16 @@ def test_the_rate_is_the_logs_unless_told_and_a_rate_that_nobody_knows_is_said(t
     steps = track(thesis, {"own": asked.controller}, rng=0, delay=asked.wish.samples, one_by_one=False).experiments[0]
     assert max(one.saturated for one in steps.joints.values()) < 0.2
     assert "not known" in tune(thesis).reasons[0].sentence and tune(thesis).wish.dt == 0.001
+
+
+def test_a_drive_is_as_late_as_the_logs_show_unless_told(thesis: Model) -> None:
+    """As with that delay stated; a drive that is sooner than one sample costs that sample."""
+    late, soon = (
+        replace(thesis, estimated=Estimated((), (), np.zeros(0), np.zeros((0, 0)), dt=0.002, lags=lags))
+        for lags in ((0.001, 0.005, 0.003), (0.001, -0.004, 0.0))
+    )
+    found, told = tune(late, disk_margin=1.0), tune(late, disk_margin=1.0, delay=0.005)
+    assert found.wish.delay == 0.005 and found.bandwidth_hz == told.bandwidth_hz
+    (said,) = [why.sentence for why in found.reasons if "delay of 5 ms" in why.sentence]
+    assert thesis.rig.joints[1] in said and not any("delay of" in why.sentence for why in told.reasons)
+    assert tune(soon, disk_margin=1.0).wish.delay == 0.002

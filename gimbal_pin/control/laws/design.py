@@ -64,10 +64,15 @@ class Wish:
     robust: bool = False
 
     @staticmethod
-    def sampled(dt: float | None, delay: float | None = None, **asked: Any) -> Wish:
-        """Return a wish with one sample of delay where none is stated, and of 1 ms where no interval is."""
-        dt = dt or Wish.dt
-        return Wish(dt=dt, delay=dt if delay is None else delay, **asked)
+    def of(model: Model, dt: float | None = None, delay: float | None = None, **asked: Any) -> Wish:
+        """Return what is asked for a model: sampled as its logs were, or every millisecond where nobody knows that.
+
+        Where no delay is stated it is one sample, or as late as the logs show a drive to act.
+        """
+        known = model.estimated
+        dt = dt or (None if known is None else known.dt) or Wish.dt
+        late = min(max((dt, *(() if known is None else known.lags))), LONGEST_DELAY * dt)
+        return Wish(dt=dt, delay=late if delay is None else delay, **asked)
 
     @property
     def samples(self) -> int:

@@ -121,6 +121,16 @@ def about_sampling(wish: Wish, logged: float | None) -> GainReason:
     return GainReason(text, ReasonKind.ASSUMED)
 
 
+def about_delay(model: Model, wish: Wish) -> list[GainReason]:
+    """Say which drive a delay is of that nobody stated; nothing where it is one sample."""
+    known = model.estimated
+    if known is None or wish.delay <= wish.dt:
+        return []
+    slowest = model.rig.joints[known.lags.index(max(known.lags))]
+    text = f"delay of {digits(1e3 * wish.delay, 2)} ms, as late as the logs show {slowest}'s torque to act"
+    return [GainReason(text, ReasonKind.ASSUMED)]
+
+
 def about_gains(wish: Wish) -> GainReason:
     """Say what each gain is made of."""
     if wish.integral == 0:
