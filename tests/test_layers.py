@@ -46,10 +46,10 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 """Verbs that know causes, but none of them by name."""
 
 CEILINGS = {
-    "names at the top of more than one module": 24,
-    "percent of functions that are one word": 26,
-    "upper-case constants": 912,
-    "distinct deep names imported by the tests": 115,
+    "names at the top of more than one module": 23,
+    "percent of functions that are one word": 24,
+    "upper-case constants": 905,
+    "distinct deep names imported by the tests": 114,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""
 
