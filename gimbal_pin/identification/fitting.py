@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -370,8 +371,8 @@ def _fit_shown(
     """
     design = Design(rig, reduce_parameters(rig, base=base), effects, logs, filters)
     check_enough(compute_blocks(design))
-    aligned = align_rows(lambda one: compute_blocks(replace(design, filtering=one)), filters, rig.n)
-    blocks = compute_blocks(replace(design, filtering=aligned))
+    build = lru_cache(maxsize=1)(lambda one: compute_blocks(replace(design, filtering=one)))
+    blocks = build(align_rows(build, filters, rig.n))
     estimate = estimator(blocks)
     if base != "fixed" and find_unseen(blocks.design.names, blocks, estimate):
         return _fit_shown(rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1])

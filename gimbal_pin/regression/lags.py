@@ -72,13 +72,13 @@ def align_rows(build: Callable[[Filtering], Sequence[Block]], filtering: Filteri
     """
     if filtering.alignment is not None or filtering.lags:
         return filtering
-    lags: Array = np.zeros(joints)
+    now = replace(filtering, lags=(0.0,) * joints)
     for _ in range(LAG_ROUNDS):
-        found = fit_lags(build(replace(filtering, lags=tuple(lags.tolist()))), lags)[0]
-        before, lags = lags, np.clip(found, -LARGEST_LAG, LARGEST_LAG)
-        if np.max(np.abs(lags - before)) < LAGS_WITHIN:
+        late = np.clip(fit_lags(build(now), np.array(now.lags))[0], -LARGEST_LAG, LARGEST_LAG)
+        if np.max(np.abs(late - now.lags)) < LAGS_WITHIN:
             break
-    return replace(filtering, lags=tuple(lags.tolist()))
+        now = replace(now, lags=tuple(late.tolist()))
+    return now
 
 
 def add_lag_spread(
