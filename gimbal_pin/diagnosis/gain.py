@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import degrees, nan
+from math import degrees, isfinite, nan
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -155,17 +155,22 @@ def simulate_tracking(before: Model, after: Model, rng: np.random.Generator) -> 
     return {joint: dict(zip(("rms_before", "rms_after"), row)) for joint, *row in zip(after.rig.joints, *figures)}
 
 
-def describe_worse_tracking(tracking: Figures) -> list[str]:
-    """Say at which joints the controller that knows what was found follows clearly worse; nothing where none does.
+def describe_worse_errors(before: Figures, after: Figures, tracking: Figures) -> list[str]:
+    """Say at which joints the extended model simulates or follows clearly worse; nothing where it does not.
 
-    By a tenth it is the controller and not the sensors' noise: 1000 samples tell an rms to 2 %.
+    By a tenth it is the model and not the sensors' noise: 1000 samples tell an rms to 2 %.
     """
-    worse = ", ".join(joint for joint, row in tracking.items() if row["rms_after"] > 1.1 * row["rms_before"])
-    said = (
-        f"{worse}: followed no closer by the controller that knows what was found: what a drive cannot give none makes "
-        "up for, and figures that are rough mislead it"
-    )
-    return [said] if worse else []
+    old, new = ({joint: row[f"rms_{when}"] for joint, row in tracking.items()} for when in ("before", "after"))
+    compared = (
+        ("the extended model simulates the position worse than the refitted one; findings are judged by the torque",
+         before["rollout_rmse"], after["rollout_rmse"]),
+        ("followed no closer by the controller that knows what was found: what a drive cannot give none makes up for, "
+         "and figures that are rough mislead it", old, new),
+    )  # fmt: skip
+    lines = [
+        (", ".join(j for j, x in a.items() if isfinite(x) and not b[j] <= 1.1 * x), said) for said, a, b in compared
+    ]
+    return [f"{worse}: {said}" for worse, said in lines if worse]
 
 
 def heat(model: Model, log: Log, filtering: Filtering = DIAGNOSIS_BAND) -> Array:

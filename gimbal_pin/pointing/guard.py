@@ -255,8 +255,8 @@ class Guard:
 FALLBACK = {
     "q": "angles go on from the gyros",
     "gyro": "the camera's rate comes from the platform's gyro and the encoders, PID at half the bandwidth",
-    "w": "world-frame PID without feed-forward",
-    "f": "world-frame PID without feed-forward",
+    "w": "PID on the camera's attitude, without feed-forward",
+    "f": "PID on the camera's attitude, without feed-forward",
     "links": "the camera's own gyro alone",
 }
 """What happens without a sensor."""

@@ -79,7 +79,7 @@ class Pointer:
         navigator: Tells the law where the joints are and should be.
         law: Any control law; those that know of a platform read its motion from the reference.
         guard: Checks the sensors.
-        fallback: What is left without the platform's IMU or without the camera's: a world-frame PID.
+        fallback: What is left without the platform's IMU or without the camera's: a PID on the camera's attitude.
     """
 
     navigator: Navigator

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
-from gimbal_pin.errors import NORMAL_95, digits, format_estimate
+from gimbal_pin.errors import NORMAL_95, digits
 from gimbal_pin.report.format import (
     DASH,
     angle,
@@ -196,7 +196,7 @@ def residual(found: Diagnosis) -> Table:
         row.append(toned(f"{said} {left.where}".strip(), OPINIONS[said]))
         row += [torque_text(part[name], most, force) for part in parts]
         rows.append([*row, torque_text(limit, most, force) if limit else None])
-    head = ["Joint", "Left where fitted", "Held-out error before", "After", "A cause shows from"]
+    head = ["Joint", "Left where fitted", "Held-out error before", "After", "Detectable from"]
     return Table(head, rows, texts=2, label="Torque error before and after")
 
 
@@ -250,7 +250,7 @@ def state_probability(finding: Finding) -> str:
 
 def state_size(figure: Parameter) -> str:
     """A figure with its 95 % interval."""
-    return f"{figure.name} {format_estimate(figure.value, figure.std, 4)}{figure.in_units}"
+    return f"{figure.name} {' '.join(interval(figure.value, NORMAL_95 * figure.std))}{figure.in_units}"
 
 
 def state_sizes(finding: Finding) -> str:

@@ -76,6 +76,14 @@ def test_a_joint_that_is_followed_worse_is_spoken_of(found: Diagnosis) -> None:
     assert "followed no closer" not in show_diagnosis(found).to_text()
 
 
+def test_a_joint_that_is_simulated_worse_is_spoken_of(found: Diagnosis) -> None:
+    for times in (2.0, 1.05):
+        errors = {joint: x * (times if joint == "tilt" else 1) for joint, x in found.baseline["rollout_rmse"].items()}
+        worse = show_diagnosis(replace(found, extended={**found.extended, "rollout_rmse": errors}))
+        for page in (worse.to_text(), worse.html):
+            assert ("tilt: the extended model simulates" in page) == (times > 1.1) and "pan: the extended" not in page
+
+
 def test_what_only_fits_together_says_so_on_every_page(found: Diagnosis) -> None:
     """Of figures none of which has a deviation neither terminal nor page lets one be taken for known."""
     (finding,) = found.findings

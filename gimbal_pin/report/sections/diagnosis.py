@@ -11,7 +11,8 @@ import numpy as np
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.counterfactual import COMPENSATION
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.gain import compute_filtered_error, describe_motion, describe_worse_tracking
+from gimbal_pin.diagnosis.gain import compute_filtered_error, describe_motion, describe_worse_errors
+from gimbal_pin.diagnosis.probability import LISTED
 from gimbal_pin.diagnosis.result import Likeness
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
@@ -42,7 +43,10 @@ SEGMENT = 8.0
 """Length of the stretches that a spectrum is averaged over, s."""
 OPEN = 0.5
 """Weight of a sample from which on it is drawn."""
-GAINS = "Simulated: the position after 0.2 s of simulation from the held-out torque, off by so much, rms."
+GAINS = (
+    "Before: the refitted model; after: the extended one. Simulated: error of the position, rms, after 0.2 s of "
+    "simulation from the held-out torque."
+)
 
 
 def show_diagnosis(found: Diagnosis) -> Section:
@@ -69,13 +73,21 @@ def show_diagnosis(found: Diagnosis) -> Section:
         parts += [heading("What knowing it gains"), tables.gain(found, joints), paragraph(GAINS, "side")]
         if found.tracking:
             parts.append(paragraph(f"Tracking errors: {describe_motion(found.after.rig)}.", "side"))
-        parts += [paragraph(f"{line}.") for line in describe_worse_tracking(found.tracking)]
+        parts += [
+            paragraph(f"{line}.") for line in describe_worse_errors(found.baseline, found.extended, found.tracking)
+        ]
     if found.given.lines and found.after.rig.aims:
         parts += show_payload(found.given, *qualify_payload(found))
     notes = [*found.notes, *tables.list_unnamed(found), *list_altered(found.altered)]
     parts += [folded("Notes", bullets(notes), is_detail=False)] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
-    return Section(WRONG, parts, f"Held-out errors are of the part of the log that no choice has seen{band}.")
+    lead = f"Held-out errors are of the part of the log that no choice has seen{band}."
+    lead += (
+        f" What is there has a form that nobody fitted with a probability of {1 - LISTED:.0%}."
+        if found.findings
+        else ""
+    )
+    return Section(WRONG, parts, lead)
 
 
 def state_verdict(found: Diagnosis) -> str:
@@ -120,8 +132,8 @@ def show_finding(
         where = known.joint or "the rig"
         alt = f"Correlation of what the causes like {known.causes[0]} at {where} can explain on this log"
         caption = (
-            f"How alike causes at {where} are on this log, each in the form most like the finding: at 1 it cannot part "
-            f"two, from {OUTLINED_CORRELATION} on they are outlined."
+            f"Correlation of what causes at {where} explain on this log, each in the form most like the finding: at 1 "
+            f"two cannot be told apart; from {OUTLINED_CORRELATION} on they are outlined."
         )
         drawn = plots.Drawing(partial(cells, known, colour), alt, caption)
         parts.append(folded(f"What looks like {known.causes[0]} here", drawn))

@@ -67,7 +67,7 @@ def show_expectation(found: ExpectedEstimate) -> Section:
         f"noise on the torque of {noise} of its rms, and {form} of it that neither rigid bodies nor friction explain"
     )
     late = [f"{joint} {figures(1e3 * NORMAL_95 * std, 2)} ms" for joint, std in found.lag_std.items() if isfinite(std)]
-    said = f"by how much later than its stamp a torque acts is fitted as well: ± 95 % {', '.join(late)}"
+    said = f"The delay between a torque's time stamp and its effect is fitted, too, to (± 95 %): {', '.join(late)}."
     parts = [*list_warnings(found.warnings), paragraph(head), table, *([paragraph(said)] if late else [])]
     return Section("What its log will tell", parts)
 

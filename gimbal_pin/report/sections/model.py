@@ -23,6 +23,7 @@ from gimbal_pin.report.format import (
     figures,
     file_name,
     forces,
+    interval,
     list_altered,
     list_shown_joints,
     listed,
@@ -204,10 +205,9 @@ def describe_bound(found: Identified) -> list[Element]:
 def describe_lags(found: Identified) -> list[str]:
     """Say when each joint's torque acts, in one line; nothing where that was stated."""
     each = [
-        f"{joint} {digits(1e3 * lag, 2)} ± {digits(1e3 * NORMAL_95 * std, 2)} ms"
-        for joint, (lag, std) in found.lags.items()
+        f"{joint} {' '.join(interval(1e3 * lag, 1e3 * NORMAL_95 * std))} ms" for joint, (lag, std) in found.lags.items()
     ]
-    return [f"a torque acts later than its stamp by, ± 95 %: {', '.join(each)}"] if each else []
+    return [f"delay between a torque's time stamp and its effect (± 95 %): {', '.join(each)}"] if each else []
 
 
 def list_mountings(found: Identified) -> list[str]:
@@ -247,13 +247,18 @@ def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Sectio
         )
         left = (
             "Residual over the joint's rate, where it is judged, and its mean with the error of the mean: flat is "
-            "noise, a bend is what the model does not know. Below, its distribution against a normal one of the same "
+            "noise, a bend is what the model lacks. Below, its distribution against a normal one of the same "
             "size."
         )
         alt = f"Measured and predicted torque and residual of {names} over time"
         over_rates = f"Residual torque of {names} over rate, and its histogram"
         parts.append(plots.Drawing(partial(overlays, joints, window), alt, caption))
-        parts.append(folded("What is left", plots.Drawing(partial(clouds, joints, evaluated), over_rates, left)))
+        parts.append(
+            folded(
+                "Residual over the rate, and its distribution",
+                plots.Drawing(partial(clouds, joints, evaluated), over_rates, left),
+            )
+        )
     return Section("Torque", parts, f"Measured against predicted, {where}.")
 
 
