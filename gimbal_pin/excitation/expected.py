@@ -20,10 +20,12 @@ from gimbal_pin.identification import find_unseen, given_beta
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.regression import (
     FORM_ERROR,
+    LAG_CUTOFF,
     Design,
     Filtering,
     add_lag_spread,
     compute_blocks,
+    fit_lags,
     fit_weighted,
     presume_misfit,
 )
@@ -153,8 +155,10 @@ def predict_estimate(
     else:
         estimate = fit_weighted(blocks)
         hedge = partial(presume_misfit, sizes=missed * size)
-        expected, spread = add_lag_spread(blocks, hedge(blocks, estimate), [0.0] * rig.n, hedge)
-        std, late, unseen = expected.std, np.sqrt(np.diag(spread)), find_unseen(design.names, blocks, estimate)
+        wide = compute_blocks(replace(design, filtering=replace(design.filtering, cutoff=LAG_CUTOFF)))
+        spread = fit_lags(wide, np.zeros(rig.n), hedge)[1]
+        std, late = add_lag_spread(blocks, hedge(blocks, estimate), spread).std, np.sqrt(np.diag(spread))
+        unseen = find_unseen(design.names, blocks, estimate)
         sampling = fit_weighted(compute_blocks(replace(design, logs=(exact,)))).residual_std / size
     return ExpectedEstimate(
         names=design.names,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -192,7 +191,7 @@ def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:
     Under a wider filter; None where the rows then show other parameters.
     """
     wide = replace(design.filtering, cutoff=max(BOUND_CUTOFF, design.filtering.cutoff))
-    blocks, estimate = _fit_shown(design.rig, design.effects, design.logs, wide, fit_weighted, base)
+    blocks, estimate, _ = _fit_shown(design.rig, design.effects, design.logs, wide, fit_weighted, base)
     return bound_deviations(blocks, estimate.theta) if blocks.design.names == design.names else None
 
 
@@ -240,12 +239,12 @@ def identify(
     train, test, how = split_logs(logs, holdout, filters)
     base = greatest_base_motion(rig, train)
     parted = _LogSplit(rig, train, test, filters, estimator, base)
-    (blocks, estimate, tested), left_out = parted.fit_without_overfitted(
+    (blocks, estimate, late, tested), left_out = parted.fit_without_overfitted(
         build_friction_effects(rig.joints) + tuple(effects)
     )
     check_assignment(blocks, estimate)
     estimate, missed = add_misfit(blocks, estimate)
-    estimate, late = add_lag_spread(blocks, estimate, blocks.design.filtering.lags)
+    estimate = add_lag_spread(blocks, estimate, late)
     unused = [log.name for log in test if any(log is one for one in logs)]
     notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
     found = add_misfit_and_lags(assemble_result(blocks, estimate, tested, how, trust), missed, late)
@@ -274,10 +273,11 @@ def identify(
 
 
 class _Trial(NamedTuple):
-    """A fit: the rows, what was estimated from them, and the rows that were held out."""
+    """A fit: the rows, what was estimated from them, covariance of the lags, and the rows that were held out."""
 
     blocks: DesignBlocks
     estimate: Estimate
+    late: Array
     tested: DesignBlocks | None
 
     @property
@@ -304,8 +304,9 @@ class _LogSplit:
 
     def fit(self, effects: tuple[Effect, ...]) -> _Trial:
         """Fit with some effects."""
-        blocks, estimate = _fit_shown(self.rig, effects, self.train, self.filters, self.estimator, self.base)
-        return _Trial(blocks, estimate, compute_blocks(replace(blocks.design, logs=self.test)) if self.test else None)
+        blocks, estimate, late = _fit_shown(self.rig, effects, self.train, self.filters, self.estimator, self.base)
+        tested = compute_blocks(replace(blocks.design, logs=self.test)) if self.test else None
+        return _Trial(blocks, estimate, late, tested)
 
     def fit_without_overfitted(self, effects: tuple[Effect, ...]) -> tuple[_Trial, tuple[Doubt, ...]]:
         """Fit without the effects of joints where they do not hold for what was held out; say which these are."""
@@ -363,21 +364,23 @@ def _fit_shown(
     filters: Filtering,
     estimator: Estimator,
     base: BaseMotion,
-) -> tuple[DesignBlocks, Estimate]:
+) -> tuple[DesignBlocks, Estimate, Array]:
     """Fit the base parameters that a motion of the base shows; if the logs hide some, those of a lesser motion.
+
+    Beside the rows and the estimate it returns the covariance of the torques' lags, s², (n, n).
 
     Raises:
         DataError: Too few rows, or parameters without a trace that a fixed base would show.
     """
     design = Design(rig, reduce_parameters(rig, base=base), effects, logs, filters)
     check_enough(compute_blocks(design))
-    build = lru_cache(maxsize=1)(lambda one: compute_blocks(replace(design, filtering=one)))
-    blocks = build(align_rows(build, filters, rig.n))
+    aligned, late = align_rows(lambda one: compute_blocks(replace(design, filtering=one)), filters, rig.n)
+    blocks = compute_blocks(replace(design, filtering=aligned))
     estimate = estimator(blocks)
     if base != "fixed" and find_unseen(blocks.design.names, blocks, estimate):
         return _fit_shown(rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1])
     check_seen(logs[0].name, blocks.design.names, blocks, estimate)
-    return blocks, estimate
+    return blocks, estimate, late
 
 
 def greatest_base_motion(rig: Rig, logs: Sequence[Log]) -> BaseMotion:

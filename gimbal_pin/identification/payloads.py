@@ -236,16 +236,16 @@ def _build_part(
     return _Part(checked, blocks, compute_blocks(replace(blocks.design, logs=test)) if test else None, how, notes)
 
 
-def _align_parts(parts: Sequence[_Part], own: CarrierEstimate) -> list[_Part]:
-    """Return the rows of all payloads' logs with the lags of the gimbal's drives, the same with each."""
+def _align_parts(parts: Sequence[_Part], own: CarrierEstimate) -> tuple[list[_Part], Array]:
+    """Return all payloads' rows with the lags of the gimbal's drives, and these' covariance, s², (n, n)."""
     design = parts[0].blocks.design
 
     def build(filters: Filtering) -> list[Block]:
         every = [compute_blocks(replace(part.blocks.design, filtering=filters)) for part in parts]
         return [block for k, blocks in enumerate(every) for block in _widen_blocks(blocks, own, k, len(parts))]
 
-    filters = align_rows(build, design.filtering, design.rig.n)
-    return [part.refiltered(filters) for part in parts]
+    filters, late = align_rows(build, design.filtering, design.rig.n)
+    return [part.refiltered(filters) for part in parts], late
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,12 +411,13 @@ def identify_several(
     own = CarrierEstimate.of(rigs[reference], reduction)
     everything = (*build_friction_effects(rigs[reference].joints), *effects)
     each = [_build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order]
-    parts = dict(zip(order, _align_parts(each, own)))
+    aligned, late = _align_parts(each, own)
+    parts = dict(zip(order, aligned))
     joint = [block for k, part in enumerate(parts.values()) for block in _widen_blocks(part.blocks, own, k, len(order))]
     alone = estimator(joint)
     estimate, missed = add_misfit(joint, alone, len(order))
     first = parts[reference].blocks.design
-    estimate, late = add_lag_spread(joint, estimate, first.filtering.lags)
+    estimate = add_lag_spread(joint, estimate, late)
     names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
     check_seen(first.logs[0].name, names, joint, alone)
     cameras, identified, n = {}, {}, first.rig.n
@@ -483,14 +484,14 @@ def identify_new(
     if before.names[:width] != reduction.base_names or len(before.names) != width + count:
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
     own = CarrierEstimate.of(rig, reduction)
-    (part,) = _align_parts([_build_part(rig, logs, effects, holdout or "none", filtering, reduction)], own)
+    (part,), late = _align_parts([_build_part(rig, logs, effects, holdout or "none", filtering, reduction)], own)
     blocks, design, place = part.blocks, part.blocks.design, part.checked[0].log.name
     mine = [block._replace(A=own.compute_columns(block), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [some._replace(b=block.b) for some, block in zip(mine, blocks)]
     check_seen(place, own.reduction.base_names, heard, fit_weighted(mine))
     alone, missed = add_misfit(blocks, estimator(blocks))
-    alone, late = add_lag_spread(blocks, alone, design.filtering.lags)
+    alone = add_lag_spread(blocks, alone, late)
     reach = np.vstack([own.columns, np.zeros((len(design.names) - width, own.columns.shape[1]))])
     found = update_gimbal(before, alone, reach, place)
     joint = replace(alone, theta=found.theta, covariance=found.covariance, phi=None)

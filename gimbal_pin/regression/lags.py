@@ -23,6 +23,8 @@ LAG_SPREAD = 1e-3
 """The same of one joint's lag beside those of the others, whose drives are alike."""
 LARGEST_LAG = 2e-2
 """Largest, s, to either side: currents are reported late, through filters of 10 Hz and above; drives act late."""
+LAG_CUTOFF = 12.0
+"""Of their rows, Hz, at least: of ten gimbals' motions the lags come to .3 ms there, and to 2 ms at 4 Hz."""
 LAG_ROUNDS = 3
 """Steps: each is nearly exact, as the band's highest frequency times what is left is small."""
 LAGS_WITHIN = 5e-5
@@ -62,8 +64,12 @@ def fit_lags(
     return K @ late[seen], prior - K @ prior[seen]
 
 
-def align_rows(build: Callable[[Filtering], Sequence[Block]], filtering: Filtering, joints: int) -> Filtering:
-    """Return the filter with the lags at which the model leaves least; as it is where these are known.
+def align_rows(
+    build: Callable[[Filtering], Sequence[Block]], filtering: Filtering, joints: int
+) -> tuple[Filtering, Array]:
+    """Return the filter with the lags at which the model leaves least, and these' covariance, s², (n, n).
+
+    They are fitted to rows of `LAG_CUTOFF` at least: what is fast says when it acts. A filter that knows them stays.
 
     Args:
         build: Filter → rows.
@@ -71,39 +77,28 @@ def align_rows(build: Callable[[Filtering], Sequence[Block]], filtering: Filteri
         joints: Number of joints.
     """
     if filtering.alignment is not None or filtering.lags:
-        return filtering
-    now = replace(filtering, lags=(0.0,) * joints)
+        return filtering, np.zeros((joints, joints))
+    now = replace(filtering, lags=(0.0,) * joints, cutoff=max(LAG_CUTOFF, filtering.cutoff))
     for _ in range(LAG_ROUNDS):
-        late = np.clip(fit_lags(build(now), np.array(now.lags))[0], -LARGEST_LAG, LARGEST_LAG)
-        if np.max(np.abs(late - now.lags)) < LAGS_WITHIN:
-            break
+        late, spread = fit_lags(build(now), np.array(now.lags))
+        before, late = now.lags, np.clip(late, -LARGEST_LAG, LARGEST_LAG)
         now = replace(now, lags=tuple(late.tolist()))
-    return now
+        if np.max(np.abs(late - before)) < LAGS_WITHIN:
+            break
+    return replace(filtering, lags=now.lags), spread
 
 
-def add_lag_spread(
-    blocks: Sequence[Block],
-    estimate: Estimate,
-    lags: Sequence[float],
-    hedge: Callable[[Sequence[Block], Estimate], Estimate] = hedge_misfit,
-) -> tuple[Estimate, Array]:
-    """Return the estimate with deviations that hold what the lags leave open, and these' covariance, s², (n, n).
-
-    ``Σ + T C Tᵀ`` with ``T = G AᵀW db/dt`` and C the lags' covariance.
+def add_lag_spread(blocks: Sequence[Block], estimate: Estimate, spread: Array) -> Estimate:
+    """Return the estimate with deviations that hold what the lags leave open: ``Σ + T C Tᵀ``, ``T = G AᵀW db/dt``.
 
     Args:
         blocks: Rows, aligned.
         estimate: What was estimated from them.
-        lags: Those of their filter, s, (n,); empty: they are known.
-        hedge: As for `fit_lags`.
+        spread: C, covariance of the lags, s², (n, n).
     """
-    n = len(lags)
-    if not n:
-        return estimate, np.zeros((0, 0))
-    spread = fit_lags(blocks, np.array(lags), hedge)[1]
-    (gain, scale), through = compute_gain(blocks, estimate), np.zeros((len(estimate.theta), n))
+    (gain, scale), through = compute_gain(blocks, estimate), np.zeros((len(estimate.theta), len(spread)))
     for block in blocks:
         each = np.einsum("mjk,mj->kj", block.A, block.slope * scale**2)
-        through += each.reshape(len(through), -1, n).sum(axis=1)
+        through += each.reshape(len(through), -1, len(spread)).sum(axis=1)
     moved = gain @ through
-    return replace(estimate, covariance=estimate.covariance + moved @ spread @ moved.T), spread
+    return replace(estimate, covariance=estimate.covariance + moved @ spread @ moved.T)

@@ -52,8 +52,13 @@ def test_predicted_deviations_are_the_spread_of_what_is_identified(name: str) ->
 
 
 def test_twice_the_noise_is_twice_the_deviation() -> None:
-    """As long as it is the log that says when the torque acts."""
-    once, twice = (expected("turret", torque_noise=noise, form_error=0.0).std for noise in (0.01, 0.02))
+    """Of exact angles and rates, and as long as it is the log that says when the torque acts."""
+    rig, motion = Rig.load("turret"), thinned(designed("turret", 0).motion, 5)
+    noise, motors = replace(rig.config.noise, gyro=0.0), [replace(motor, encoder_bits=None) for motor in rig.motors]
+    exact = nominal(replace(rig, config=replace(rig.config, noise=noise), motors=tuple(motors)))
+    once, twice = (
+        predict_estimate(exact, motion, torque_noise=share, form_error=0.0, rng=0).std for share in (5e-4, 1e-3)
+    )
     assert twice == pytest.approx(2 * once, rel=0.05)
 
 

@@ -70,9 +70,9 @@ def test_a_stated_alignment_is_known(rig: str) -> None:
     found = fitted(rig, log, log.dt / 2)
     blocks = compute_blocks(rows_of(Rig.load(rig), log, found.filtering))
     assert found.filtering.lags == ()
-    assert add_lag_spread(blocks, fit_weighted(blocks), ())[0].covariance == pytest.approx(
-        fit_weighted(blocks).covariance
-    )
+    known, spread = align_rows(lambda one: blocks, found.filtering, len(log.joints))
+    assert known == found.filtering and not spread.any()
+    assert add_lag_spread(blocks, found.estimate, spread).covariance == pytest.approx(found.estimate.covariance)
 
 
 @RIGS
@@ -82,7 +82,8 @@ def test_a_torque_that_never_changes_does_not_say_when_it_acts(rig: str) -> None
     blocks = compute_blocks(rows_of(Rig.load(rig), log, Filtering()))
     still = [block._replace(slope=0 * block.slope) for block in blocks]
     alone = fit_weighted(blocks)
-    estimate, spread = add_lag_spread(still, alone, (0.0,) * len(log.joints))
+    spread = fit_lags(still, np.zeros(len(log.joints)))[1]
+    estimate = add_lag_spread(still, alone, spread)
     np.testing.assert_allclose(np.sqrt(np.diag(spread)), np.hypot(LAG_DEVIATION, LAG_SPREAD), rtol=1e-6)
     np.testing.assert_allclose(estimate.covariance, alone.covariance)
 
@@ -91,7 +92,7 @@ def test_a_torque_that_never_changes_does_not_say_when_it_acts(rig: str) -> None
 def test_a_joint_that_does_not_say_is_as_late_as_the_others(rig: str) -> None:
     """Its lag is theirs, shrunk by what one drive may differ; it is known less well, and better than beforehand."""
     log, silent = logged(rig, 4e-3), 1.0 * (np.arange(Rig.load(rig).n) > 0)
-    rows = align_rows(lambda one: compute_blocks(rows_of(Rig.load(rig), log, one)), Filtering(), len(log.joints))
+    rows = align_rows(lambda one: compute_blocks(rows_of(Rig.load(rig), log, one)), Filtering(), len(log.joints))[0]
     blocks = compute_blocks(rows_of(Rig.load(rig), log, rows))
     still = [block._replace(slope=block.slope * silent) for block in blocks]
     lags, spread = fit_lags(still, np.array(rows.lags))
@@ -105,6 +106,6 @@ def test_what_a_lag_leaves_open_widens_friction_and_never_narrows(rig: str) -> N
     log = logged(rig)
     blocks = compute_blocks(rows_of(Rig.load(rig), log, Filtering()))
     alone = fit_weighted(blocks)
-    wide = add_lag_spread(blocks, alone, (0.0,) * len(log.joints))[0]
+    wide = add_lag_spread(blocks, alone, fit_lags(blocks, np.zeros(len(log.joints)))[1])
     assert np.linalg.eigvalsh(wide.covariance - alone.covariance).min() > -1e-12 * np.trace(alone.covariance)
     assert np.all(wide.std >= alone.std) and np.any(wide.std > alone.std)
