@@ -32,8 +32,9 @@ from gimbal_pin.regression import (
 )
 from gimbal_pin.rig.rig import Rig
 
-SMALL = 5e-3
-"""Shift that is not worth a word, s: angles and currents of one sample are as far apart on a bus of 200 Hz."""
+LARGEST_SHIFT = 5e-3
+"""Shift that is the log's, s: angles and currents of one sample are as far apart on a bus of 200 Hz. A torque that acts
+later is a drive's."""
 LARGEST_TIME_SHIFT, TIME_SHIFT_STEP = 0.25, 0.01
 """Shifts that are tried, to either side, s, and from one to the next: at 4 Hz that is a quarter of a radian."""
 CLEARER = 0.25
@@ -61,7 +62,7 @@ class Shift(NamedTuple):
         by: How much later than its stamp, s.
         left: What of the torque's square is left there, as a share.
         within: The same at the best of the shifts that it is compared with.
-        beyond: Whether these are all that a drive and its report allow; else those not late by more than `SMALL`.
+        beyond: Whether these are all that a drive and its report allow; else those that are the log's, `LARGEST_SHIFT`.
     """
 
     joint: str
@@ -133,7 +134,7 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
         left = compute_errors(A, torque[:, j])
         total = left.sum(axis=0)
         sharp = np.ptp(shifts[total <= AS_LIKELY * total.min()]) < 3 * TIME_SHIFT_STEP
-        for beyond, lower in ((True, -LARGEST_LAG), (False, -SMALL)):
+        for beyond, lower in ((True, -LARGEST_LAG), (False, -LARGEST_SHIFT)):
             inside = (late >= lower) & (late <= LONGEST_DRIVE_DELAY)
             k = find_best_outside(left, inside)
             if k is not None and (beyond or (sharp and -LARGEST_LAG <= late[k] < 0)):

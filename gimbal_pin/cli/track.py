@@ -78,7 +78,7 @@ def track(
         raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {motions}")
     if controller is None and compiled is not None:
         raise UsageError("--compiled", "has no CONTROLLER to stand beside", "name the YAML that it was exported from")
-    for option, given in (("--animation", animation), ("--plot", plot), ("--fault", fault)):
+    for option, given in (("--animation", animation), ("--plot", plot), ("--fault", fault), ("--effect", effect)):
         if given and not moving:
             raise UsageError(option, "has no platform that moves", f"name a motion: {motions}")
     loaded = load_rig(rig, payload or read_payload(controller))
@@ -91,6 +91,7 @@ def track(
             tell(check_platform_log(log.t, log.imus[own.base], log.name).notes)
     steps, judged = None, None
     if tuned is not None:
+        tell(("--effect stands in the plant whose camera is held; the steps are without it",) if effect else ())
         steps, judged = step_controllers(tuned, machine, plant or tuned.model, delay_samples, plants, seed)
     if moving:
         recorded = read_platform(loaded, platform, platform_log, map)

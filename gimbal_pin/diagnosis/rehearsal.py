@@ -17,10 +17,11 @@ import numpy as np
 from scipy.special import logit
 from tqdm import tqdm
 
+from gimbal_pin.checks.torque_time import LARGEST_SHIFT
 from gimbal_pin.diagnosis.band import alternate_blocks, usual
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.diagnose import check_moved, of_refitted
-from gimbal_pin.diagnosis.engine.alignment import LARGEST_SHIFT, project_slope
+from gimbal_pin.diagnosis.engine.alignment import project_slope
 from gimbal_pin.diagnosis.engine.criterion import compare_with_form_error, rows
 from gimbal_pin.diagnosis.engine.selection import PROMISE, REFITTED_CANDIDATES, Search
 from gimbal_pin.diagnosis.evidence import gather

@@ -191,10 +191,6 @@ def about_model(known: ModelErrorBounds, force: str) -> GainReason:
         return GainReason(
             f"{off}: a PID is safer (tune --kind pid) until it is identified better", ReasonKind.PID_SAFER
         )
-    if known.cross_model > known.cross_pid:
-        why = f"{digits(known.cross_model, 2)} rad/s² per rad/s², {digits(known.cross_pid, 2)} with PID"
-        more = f"one joint may move another more than without a model ({why})"
-        return GainReason(f"{off}: {more}: a PID is safer (tune --kind pid)", ReasonKind.PID_SAFER)
     return GainReason(off)
 
 

@@ -11,16 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from gimbal_pin.checks.torque_time import LARGEST_SHIFT
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import LAG_DEVIATION, LAG_ROUNDS, LAGS_WITHIN, LARGEST_LAG
-
-LARGEST_SHIFT = 5e-3
-"""Latest shift that is the log's, s: angles are reported late, over buses of 200 Hz. A torque that acts later than that
-is a drive's."""
 
 
 def later_by(state: State) -> Array:
