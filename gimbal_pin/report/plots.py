@@ -158,7 +158,7 @@ def panels(
     *,
     ratios: Sequence[float] | None = None,
     left: float = 0.85,
-    right: float = 0.12,
+    right: float = 0.2,
     top: float = 0.35,
     gaps: tuple[float, float] = (0.75, 0.35),
     share: tuple[bool, bool | Literal["row"]] = (False, False),
@@ -222,7 +222,8 @@ def dots(axes: Axes, x: Array, y: Array, colour: str) -> None:
     """
     xs = np.column_stack([x, x, np.full_like(x, np.nan)]).ravel()
     ys = np.column_stack([y, y, np.full_like(y, np.nan)]).ravel()
-    (line,) = axes.plot(xs, ys, color=colour, lw=2.4, solid_capstyle="round", alpha=0.35, clip_on=False)
+    alpha = float(np.clip(200 / max(len(x), 1), 0.35, 0.9))
+    (line,) = axes.plot(xs, ys, color=colour, lw=2.4, solid_capstyle="round", alpha=alpha, clip_on=False)
     line.get_path().should_simplify = False
 
 

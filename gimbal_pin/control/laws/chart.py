@@ -104,7 +104,14 @@ def dressed(gain: Axes, phase: Axes, nyquist: Axes, step: Axes) -> None:
     gain.set(title="Loop gain at the motor, home pose", ylabel="gain")
     gain.legend()
     phase.axhline(-180.0, color="0.6", lw=0.8)
-    phase.set(title="Phase", xlabel="Hz", ylabel="degrees", ylim=(-360, -90))
+    phase.set(title="Phase", xlabel="frequency, Hz", ylabel="phase, °", ylim=(-360, -90))
     nyquist.plot(-1, 0, "k+")
-    nyquist.set(title="Nyquist (thin: worst), disk kept clear", xlim=(-3, 1), ylim=(-2, 2), aspect="equal")
-    step.set(title="Answer to a disturbance of 1 rad/s²", xlabel="ms", ylabel="mrad")
+    nyquist.set(
+        title="Nyquist (thin: worst), disk kept clear",
+        xlabel="real",
+        ylabel="imaginary",
+        xlim=(-3, 1),
+        ylim=(-2, 2),
+        aspect="equal",
+    )
+    step.set(title="Response to a disturbance of 1 rad/s²", xlabel="time, ms", ylabel="error, mrad")

@@ -44,9 +44,8 @@ def show_camera(found: Verified, note: str = "") -> Section:
         paragraph(headline(found), f"headline {'good' if found.gain > 1 else 'fair'}"),
         paragraph(circumstances.strip()),
         cards(numbers(found)),
-        heading("What the camera sees").html,
-        Markup('<div class="animation">{}</div>').format(seen),
-        heading("The line of sight, and its price").html,
+        Markup('<div class="animation">{}{}</div>').format(heading("What the camera sees").html, seen),
+        heading("Line of sight and torque").html,
         picture_camera(found),
         heading("The controllers").html,
         tables.contest(found),
@@ -89,8 +88,8 @@ def picture_camera(found: Verified) -> plots.Drawing:
     alt = f"Line of sight over time, its cumulative spectrum, and torque as a share of its limit, for {names}"
     stretch = figures(1e3 * len(run.sight) * run.dt / min(CURVE_POINTS, len(run.sight)), 2)
     caption = (
-        f"Line of sight of the first run: the largest distance from its slow part in each {stretch} ms; the jitter "
-        "that all frequencies up to one add up to; torque, rms as a bar and the largest as a line, and its limit."
+        f"Line of sight of the first run: the largest distance from its slow part in each {stretch} ms; its "
+        "cumulative rms over frequency; torque, rms as a bar and the largest as a line, and its limit."
     )
     return plots.Drawing(partial(draw_camera_chart, found), alt, caption)
 
@@ -118,7 +117,7 @@ def draw_camera_chart(found: Verified) -> plots.Figure:
         some = np.unique(np.geomspace(1, len(f) - 1, CURVE_POINTS).astype(int))
         spectrum.loglog(f[some], jitter[some], color=colour)
     over_time.set(xlabel="time, s", ylabel="line of sight off by, °", xlim=(t[0], t[-1]), ylim=(0, None))
-    spectrum.set(xlabel="frequency, Hz", ylabel="jitter up to there, ° rms", xlim=(max(f[1], 0.1), f[-1]))
+    spectrum.set(xlabel="frequency, Hz", ylabel="cumulative jitter, °", xlim=(max(f[1], 0.1), f[-1]))
     # What is below a thousandth of the largest is the high-pass's own flank, not jitter.
     spectrum.set_ylim(bottom=max(spectrum.get_ylim()[0], 1e-3 * spectrum.get_ylim()[1]))
     draw_torques(figure.add_subplot(grid[1, :]), runs)

@@ -70,7 +70,7 @@ def show_rig(rig: Rig, weighed: float | None = None) -> Section:
         Table(head, limits, texts=2, caption="Joints and limits"),
         folded(loads, Table(more, motors, label=loads), is_detail=False),
     ]
-    return Section("Rig", parts, rig.config.description)
+    return Section("Rig", parts)
 
 
 def show_check(rig: Rig, found: Checked) -> Section:
@@ -137,7 +137,7 @@ def show_logs(rig: Rig, logs: Sequence[Log]) -> Section:
         length, rate = (figures(x, 4) for x in (float(log.t[-1] - log.t[0]), 1 / log.dt))
         measured = "measured" if log.v is not None else "from angles"
         samples = f"{len(log):,}".replace(",", " ")
-        rows.append([file_name(log.name), log.payload or DASH, length, rate, samples, measured])
+        rows.append([file_name(log.name), log.payload or rig.payload or DASH, length, rate, samples, measured])
     each: list[list[Content]] = []
     for j, joint in enumerate(joints):
         low, high = min(float(log.q[:, j].min()) for log in logs), max(float(log.q[:, j].max()) for log in logs)

@@ -83,7 +83,7 @@ def show_diagnosis(found: Diagnosis) -> Section:
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
     lead = f"Held-out errors are of the part of the log that no choice has seen{band}."
     lead += (
-        f" What is there has a form that nobody fitted with a probability of {1 - LISTED:.0%}."
+        f" With a probability of {100 * (1 - LISTED):.0f} %, what is there has a form that was not fitted."
         if found.findings
         else ""
     )

@@ -293,9 +293,9 @@ def smooth_curve(t: Array, values: Array) -> tuple[Array, Array]:
 
 def overlays(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> plots.Figure:
     """Draw each joint's torques, and its residual below."""
-    count, ratios = len(joints), [0.35, 3, 1.2] * len(joints)
+    count, ratios = len(joints), [0.35, 3, 1.7] * len(joints)
     looks: Any = dict(ratios=ratios, gaps=(0, 0.1), share=(True, False), left=1.05)
-    figure, grid = plots.panels(3 * count, 1, 0.6 + 1.6 * count, **looks)
+    figure, grid = plots.panels(3 * count, 1, 0.6 + 1.75 * count, **looks)
     panels = grid[:, 0]
     for j, joint in enumerate(joints):
         room, above, below = panels[3 * j : 3 * j + 3]
