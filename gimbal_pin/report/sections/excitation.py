@@ -63,8 +63,9 @@ def show_expectation(found: ExpectedEstimate) -> Section:
         ", ".join(dict.fromkeys(f"{100 * x:.2g} %" for x in each)) for each in (found.torque_noise, found.form_error)
     )
     head = (
-        f"of this log alone: {found.rate:g} samples per second, the rig's encoders and gyros (exact where it states none), "
-        f"noise on the torque of {noise} of its rms, and {form} of it that neither rigid bodies nor friction explain"
+        f"of this log alone: {found.rate:g} samples per second, the rig's encoders and gyros (exact where it states "
+        f"none), noise on the torque of {noise} of its rms, and {form} of it that neither rigid bodies nor friction "
+        "explain"
     )
     late = [f"{joint} {figures(1e3 * NORMAL_95 * std, 2)} ms" for joint, std in found.lag_std.items() if isfinite(std)]
     said = f"The delay between a torque's time stamp and its effect is fitted, too, to (± 95 %): {', '.join(late)}."
