@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import floor, inf
+from math import floor, inf, isfinite
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
@@ -60,7 +60,7 @@ class TorqueTable(Effect):
         """One at a knot, nothing from the next on."""
         x = {"angle": at.q, "rate": at.v, "load": at.tau}[self.over]
         step = self.knots[1] - self.knots[0]
-        if isinstance(x, float):  # the simulation asks for one at every stage: all but the two beside it are zero
+        if isinstance(x, float) and isfinite(x):  # the simulation asks for one at every stage: all but two are zero
             place, count = (x - self.knots[0]) / step, len(self.knots)
             low, share = floor(place), place % 1.0
             ends = {

@@ -59,6 +59,7 @@ from gimbal_pin.effects import (
     Signal,
     Term,
     TorqueRipple,
+    TorqueTable,
     get_payload,
     parse_effect,
     read_cause,
@@ -780,3 +781,11 @@ def test_planted_bristles_are_the_joints_dry_friction() -> None:
     assert coulomb == {**before, joint: 0.0} and before[joint] > 0
     none = plant_with(plain, [Term(Presliding(joint, 0.02), (0.0,))]).plant
     assert none.terms[: 2 * rig.n] == plain.terms
+
+
+@pytest.mark.parametrize("x", [0.3, -0.9, 4.0, float("inf"), float("-inf"), float("nan")])
+def test_a_table_is_the_same_function_of_one_state_and_of_many(x: float) -> None:
+    """Where a simulation has diverged, too: beyond its knots nothing, and of no number no number."""
+    table = TorqueTable("pan", "angle", (-1.0, 0.0, 1.0))
+    one, many = (table.basis(Sample(*[at] * 6)) for at in (x, np.array([x])))
+    np.testing.assert_allclose(np.array(one), np.concatenate(many))
