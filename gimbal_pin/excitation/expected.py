@@ -20,7 +20,6 @@ from gimbal_pin.identification import find_unseen, given_beta
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.regression import (
     FORM_ERROR,
-    LAG_CUTOFF,
     Design,
     Filtering,
     add_lag_spread,
@@ -155,8 +154,7 @@ def predict_estimate(
     else:
         estimate = fit_weighted(blocks)
         hedge = partial(presume_misfit, sizes=missed * size)
-        wide = compute_blocks(replace(design, filtering=replace(design.filtering, cutoff=LAG_CUTOFF)))
-        spread = fit_lags(wide, np.zeros(rig.n), hedge)[1]
+        spread = fit_lags(blocks, np.zeros(rig.n), hedge)[1]
         std, late = add_lag_spread(blocks, hedge(blocks, estimate), spread).std, np.sqrt(np.diag(spread))
         unseen = find_unseen(design.names, blocks, estimate)
         sampling = fit_weighted(compute_blocks(replace(design, logs=(exact,)))).residual_std / size

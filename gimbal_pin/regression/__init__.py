@@ -52,7 +52,6 @@ from gimbal_pin.regression.instrumental import compute_targets as compute_target
 from gimbal_pin.regression.instrumental import fit_instrumental as fit_instrumental
 from gimbal_pin.regression.instrumental import fit_repeated as fit_repeated
 from gimbal_pin.regression.instrumental import solve_moments as solve_moments
-from gimbal_pin.regression.lags import LAG_CUTOFF as LAG_CUTOFF
 from gimbal_pin.regression.lags import LAG_DEVIATION as LAG_DEVIATION
 from gimbal_pin.regression.lags import LAG_ROUNDS as LAG_ROUNDS
 from gimbal_pin.regression.lags import LAG_SPREAD as LAG_SPREAD

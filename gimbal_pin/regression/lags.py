@@ -23,8 +23,6 @@ LAG_SPREAD = 1e-3
 """The same of one joint's lag beside those of the others, whose drives are alike."""
 LARGEST_LAG = 2e-2
 """Largest, s, to either side: currents are reported late, through filters of 10 Hz and above; drives act late."""
-LAG_CUTOFF = 12.0
-"""Of their rows, Hz, at least: of ten gimbals' motions the lags come to .3 ms there, and to 2 ms at 4 Hz."""
 LAG_ROUNDS = 3
 """Steps: each is nearly exact, as the band's highest frequency times what is left is small."""
 LAGS_WITHIN = 5e-5
@@ -69,7 +67,8 @@ def align_rows(
 ) -> tuple[Filtering, Array]:
     """Return the filter with the lags at which the model leaves least, and these' covariance, s², (n, n).
 
-    They are fitted to rows of `LAG_CUTOFF` at least: what is fast says when it acts. A filter that knows them stays.
+    A filter that knows them stays. Its rows are the filter's own: faster ones say better when a torque acts, but where
+    encoders are coarse they hold more noise of the acceleration than motion, which is taken for milliseconds.
 
     Args:
         build: Filter → rows.
@@ -78,7 +77,7 @@ def align_rows(
     """
     if filtering.alignment is not None or filtering.lags:
         return filtering, np.zeros((joints, joints))
-    now = replace(filtering, lags=(0.0,) * joints, cutoff=max(LAG_CUTOFF, filtering.cutoff))
+    now = replace(filtering, lags=(0.0,) * joints)
     for _ in range(LAG_ROUNDS):
         late, spread = fit_lags(build(now), np.array(now.lags))
         before, late = now.lags, np.clip(late, -LARGEST_LAG, LARGEST_LAG)

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure as Picture
 
 from .conventions import COMPANY, LOOK_ALIKES, SAME_FAULT
-from .html import Figure, wilson
 from .judge import Json, Judged, same_joint, visible
+from .table import Figure, wilson
 
 BINS = 10
 
