@@ -54,11 +54,7 @@ def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined
         Parameter("rough", float(signals.noise_std(log.tau)[worst]), "N m"),
         Parameter("beyond_limit", float(over[worst]), "1"),
     )
-    joint, beyond, strength = (
-        rig.joints[worst],
-        float(over[worst]),
-        LEAST_SENSOR_NOISE / max(float(share[worst]), 1e-12),
-    )
+    joint, beyond = rig.joints[worst], float(over[worst])
     never = f"{digits(100 * beyond, 2)} % of it is beyond the motor's limit and never acted"
     others = f" (and {formula.sum() - 1} more)" if formula.sum() > 1 else ""
     sentence = (

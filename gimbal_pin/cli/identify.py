@@ -74,6 +74,7 @@ def identify(
     from gimbal_pin.identification import (
         Online,
         compare_payload,
+        describe_omitted_effects,
         keep_held_out_accuracy,
         read_model,
         refittable_effects,
@@ -121,13 +122,15 @@ def identify(
     else:
         loaded, read = load_logs(rig, payload, logs, map, moving=True)
         check_cost(yes, sample_of_a_repetition=bootstrap * sum(log.q.size for log in read))
-        causes = () if extended is None else refittable_effects(read_model(extended, loaded))
+        further = None if extended is None else read_model(extended, loaded)
+        causes = () if further is None else refittable_effects(further)
         when: WhenTested = "always" if bias else "noisy"
         fit = partial(run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when)
         found = fit(causes, holdout=holdout)
         if refit:
             kept = tuple(term.effect for term in found.model.terms if term.effect in causes)
             found = keep_held_out_accuracy(found, fit(kept, holdout="none"))
+        found = replace(found, notes=(*found.notes, *(() if further is None else describe_omitted_effects(further))))
     write_models(found, output, urdf)
     about = compare_payload(found, mass)
     result = report_with_payload(found, about)

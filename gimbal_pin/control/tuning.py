@@ -316,8 +316,6 @@ class Layer:
     alpha: float
     phi: float = bounded_field(MISSING, 0.0, LARGEST_NUMBER)
     inverse: float = bounded_field(MISSING, 0.0, LARGEST_NUMBER)
-    cross_model: float = bounded_field(MISSING, 0.0, LARGEST_NUMBER)
-    cross_pid: float = bounded_field(MISSING, 0.0, LARGEST_NUMBER)
     source: str = ""
 
 
@@ -328,7 +326,7 @@ class Filed:
     controller: str
     joints: Mapping[str, Any]
     wish: Wish
-    robust: Layer | None
+    robust: Any
     model: Any
 
 
@@ -387,8 +385,9 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
             model = replace(model, estimated=read_known_parameters(filed.model, f"{place}: model"))
         robust = None
         if filed.robust is not None:
-            known = {key: x for key, x in vars(filed.robust).items() if key != "gain"}
-            robust = Robust(lyapunov(gains), ModelErrorBounds(**known), filed.robust.gain)
+            layer = read_record(Layer, filed.robust, f"{place}: robust", ModelError, others=True)
+            known = ModelErrorBounds(layer.alpha, layer.phi, layer.inverse, layer.source)
+            robust = Robust(lyapunov(gains), known, layer.gain)
         law = law_of(wish, model, gains, inertia, brakes, robust)
         return StoredController(law, model, wish, {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)})
 

@@ -11,6 +11,7 @@ from .bootstrap import Bootstrap as Bootstrap
 from .difference import BaseDifference as BaseDifference
 from .estimators import ESTIMATORS as ESTIMATORS
 from .fitting import assemble_result as assemble_result
+from .fitting import describe_omitted_effects as describe_omitted_effects
 from .fitting import given_beta as given_beta
 from .fitting import greatest_base_motion as greatest_base_motion
 from .fitting import identify as identify

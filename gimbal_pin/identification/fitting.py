@@ -334,10 +334,24 @@ def refittable_effects(model: Model) -> tuple[Effect, ...]:
     Not those that read the model's own torque: the rows have but the measured one, whose noise would leak. Nor rotors
     whose inertia the rig states, nor tables, whose values nothing but their prior holds where the logs did not go.
     """
+    return tuple(effect for effect in _list_further_effects(model) if not _reads_torque_or_table(effect))
+
+
+def describe_omitted_effects(model: Model) -> tuple[str, ...]:
+    """Say in one sentence which of a model's effects `refittable_effects` leaves out; nothing where it has them all."""
+    omitted = [f"{one.name} of {one.place}" for one in _list_further_effects(model) if _reads_torque_or_table(one)]
+    why = "they read the torque itself, or are tables that only their prior holds: diagnose's own model keeps them"
+    return (f"of the extended model, not estimated here: {', '.join(omitted)}; {why}",) if omitted else ()
+
+
+def _list_further_effects(model: Model) -> list[Effect]:
+    """Return the effects beside Coulomb and viscous friction and the rotors that the rig states."""
     always, stated = {kind.name for kind in ALWAYS}, build_rotor_terms(model.rig)
-    free = (term.effect for term in model.terms if term not in stated)
-    refitted = (effect for effect in free if effect.name not in always and not effect.loaded)
-    return tuple(effect for effect in refitted if not isinstance(effect, TorqueTable))
+    return [term.effect for term in model.terms if term not in stated and term.effect.name not in always]
+
+
+def _reads_torque_or_table(effect: Effect) -> bool:
+    return effect.loaded or isinstance(effect, TorqueTable)
 
 
 def keep_held_out_accuracy(judged: Identified, whole: Identified) -> Identified:

@@ -41,9 +41,7 @@ def describe_faults(checked: Sequence[CheckedLog]) -> tuple[str, ...]:
     worst_first = sorted(found, key=lambda each: not each[1].makes_physics_unreliable)
     serious = [(name, fault) for name, fault in worst_first if not fault.slight]
     return tuple(
-        f"{name + ': ' if len(checked) > 1 else ''}{fault.sentence}"
-        + (f"; {fault.next_experiment}" if fault.makes_physics_unreliable else "")
-        for name, fault in serious
+        f"{name + ': ' if len(checked) > 1 else ''}{fault.sentence}; {fault.next_experiment}" for name, fault in serious
     )
 
 

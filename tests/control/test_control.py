@@ -286,7 +286,7 @@ def test_gains_place_the_poles(hz: float, damping: float, integral: float) -> No
 
 # --- Lyapunov redesign -------------------------------------------------------------------------------------------
 
-BOUNDS = ModelErrorBounds(alpha=0.3, phi=0.2, inverse=20.0, cross_model=0.0, cross_pid=0.0, source="stated")
+BOUNDS = ModelErrorBounds(alpha=0.3, phi=0.2, inverse=20.0, source="stated")
 
 
 def perturbed(rig: Rig, rng: np.random.Generator) -> Rig:
@@ -396,7 +396,7 @@ def identified(rig: Rig, std: dict[str, float]) -> Model:
 
 def test_certainty_leaves_no_bounds() -> None:
     found = bounds(identified(Rig.load("thesis"), {}), np.random.default_rng(0))
-    assert found.alpha < 1e-9 and found.phi == 0.0 and found.cross_model < 1e-9 < found.cross_pid
+    assert found.alpha < 1e-9 and found.phi == 0.0
 
 
 def test_friction_uncertainty_is_phi_and_not_alpha() -> None:

@@ -38,16 +38,12 @@ class ModelErrorBounds:
         alpha: ‖I - D⁻¹ D̂‖ ≤ α.
         phi: ‖ñ‖ ≤ Φ, error of gravity, Coriolis and friction torque, N m.
         inverse: ‖D⁻¹‖ ≤ B_M, 1/(kg m²).
-        cross_model: Acceleration that one joint's acceleration causes at another through the model's error, at most.
-        cross_pid: The same for joint PID, which ignores the coupling altogether.
         source: Where the bounds come from, as a sentence.
     """
 
     alpha: float
     phi: float
     inverse: float
-    cross_model: float
-    cross_pid: float
     source: str
 
     __repr__ = brief
@@ -100,41 +96,25 @@ def bounds(model: Model, rng: np.random.Generator) -> ModelErrorBounds:
         load = np.linalg.norm(model.inverse(q, v, np.zeros_like(q)), axis=1).max()
         shares = f"{100 * STATED_ALPHA:.0f} % of inertia, {100 * STATED_PHI:.0f} % of the rest"
         source = f"no covariance of its parameters: {shares} assumed"
-        cross = ignored(D)
-        return ModelErrorBounds(STATED_ALPHA, float(STATED_PHI * load), largest, STATED_ALPHA * cross, cross, source)
+        return ModelErrorBounds(STATED_ALPHA, float(STATED_PHI * load), largest, source)
     deviation, places = known[0].covariance, known[1]
     draws = rng.multivariate_normal(np.zeros(len(deviation)), deviation, SETS, method="eigh", check_valid="ignore")
-    alpha, phi, cross = (
-        float(np.quantile(values, 0.95)) for values in bound_drawn_models(model, places, q, v, D, draws)
-    )
+    alpha, phi = (float(np.quantile(x, 0.95)) for x in bound_drawn_models(model, places, q, v, D, draws))
     source = f"from the estimated covariance, {SETS} parameter sets at {len(q)} poses, 95 %"
-    return ModelErrorBounds(alpha, phi, largest, cross, ignored(D), source)
+    return ModelErrorBounds(alpha, phi, largest, source)
 
 
-def ignored(D: Array) -> float:
-    """``max |D_ij / D_ii|`` off the diagonal: what joint PID leaves of one joint's acceleration at another."""
-    return float(off_diagonal(D / np.diagonal(D, axis1=1, axis2=2)[:, :, None]).max())
-
-
-def off_diagonal(M: Array) -> Array:
-    """Largest entry off each matrix's diagonal, (N, n, n) → (N,); 0 for a single joint."""
-    return np.asarray(np.abs(M * (1 - np.eye(M.shape[-1]))).max(axis=(1, 2)))
-
-
-def bound_drawn_models(
-    model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array
-) -> tuple[Array, Array, Array]:
-    """α, Φ and the cross-acceleration of each drawn parameter set, (sets,) each: the largest over the poses."""
+def bound_drawn_models(model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array) -> tuple[Array, Array]:
+    """α and Φ of each drawn parameter set, (sets,) each: the largest over the poses."""
     rest, push = columns(model, places, q, v, np.zeros_like(q)), pushes(model, places, q, v)
     eye = np.eye(q.shape[1])
     errors = []
     for draw in draws:
-        true = D + push @ draw
-        wrong = np.linalg.solve(true, D) - eye
+        wrong = np.linalg.solve(D + push @ draw, D) - eye
         alpha = np.linalg.norm(wrong, ord=2, axis=(1, 2)).max()
-        errors.append((alpha, np.linalg.norm(rest @ draw, axis=1).max(), off_diagonal(wrong).max()))
-    alpha, phi, cross = np.array(errors).T
-    return alpha, phi, cross
+        errors.append((alpha, np.linalg.norm(rest @ draw, axis=1).max()))
+    alpha, phi = np.array(errors).T
+    return alpha, phi
 
 
 def pushes(model: Model, places: Array, q: Array, v: Array) -> Array:

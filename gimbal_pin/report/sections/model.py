@@ -56,12 +56,11 @@ def show_parameters(found: Identified, payload: PayloadStatement | None, evaluat
     `payload`: None where another section has it. `evaluated`: the rows that the model is judged by; None: nothing is
     drawn, and no torque told that a parameter moves.
     """
-    notes = [*found.notes, *list_altered(found.altered), *list_mountings(found), *describe_lags(found)]
     parts: list[object] = [
         *list_warnings(found.warnings),
         *list_parameter_parts(found, evaluated),
         *(show_payload(payload) if payload is not None and found.model.rig.aims else []),
-        *([folded("Notes", bullets(notes), is_detail=False)] if notes else []),
+        *list_notes(found),
     ]
     return Section("Parameters", parts, "What the log says of the rig, with 95 % intervals.")
 
@@ -73,7 +72,13 @@ def show_cameras(found: Several) -> Section:
         parts += [heading(name), tables.tabulate_camera(camera), tables.torque_errors(found.identified[name])]
         parts += show_payload(found.payloads[name])
     parts += [heading(f"The gimbal, with {found.first.model.rig.payload}"), paragraph(found.sentence)]
-    return Section("Cameras", [*parts, *list_parameter_parts(found.first)])
+    return Section("Cameras", [*parts, *list_parameter_parts(found.first), *list_notes(found.first)])
+
+
+def list_notes(found: Identified) -> list[Element]:
+    """Return what of the logs was not used or was altered, how IMUs sit, and when torques act."""
+    notes = [*found.notes, *list_altered(found.altered), *list_mountings(found), *describe_lags(found)]
+    return [folded("Notes", bullets(notes), is_detail=False)] if notes else []
 
 
 def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) -> list[object]:
