@@ -80,9 +80,10 @@ def judge_controllers(
 ) -> Judgement:
     """Step all axes by minimum jerk on perturbed plants, from settled starts, with every controller.
 
-    On each plant all meet the same noise. A plant has parameters drawn from the covariance of the model's (bodies
-    10 % and friction 30 % off where it has none), a torque drawn as large as what it misses, the noise of its drives,
-    and a delay that is up to a third more or less.
+    On each plant all meet the same noise. A plant has the noise of its drives, a delay that is up to a third more or
+    less, and either parameters drawn from the covariance of the model's (bodies 10 % and friction 30 % off where it has
+    none) or, where the model misses some, a torque drawn as large as that: the covariance holds what is missed as an
+    error of parameters, and it is not there twice.
 
     Args:
         model: What is believed of the plant.
@@ -141,20 +142,24 @@ def measure_error(
 def perturb_plant(model: Model, reference: Motion, delay: float, rng: np.random.Generator) -> Model:
     """Return a plant that the model's uncertainty leaves possible, its drives late and noisy; see above."""
     rig, known = model.rig, model.estimated
-    if estimate(model) is None:
+    missed, density = ((), ()) if known is None else (known.missed, known.pure_error or known.noise)
+    is_torque = any(missed) and rng.random() < 0.5
+    if is_torque:
+        plant = replace(model, estimated=None)
+    elif estimate(model) is None:
         shares = 1 + 3 * STATED_ALPHA * rng.uniform(-1, 1, len(model.terms))
         terms = [replace(t, values=tuple((x * np.array(t.values)).tolist())) for t, x in zip(model.terms, shares)]
         plant = replace(model, rig=perturbed(rig, STATED_ALPHA, rng).rig, terms=tuple(terms))
     else:
         plant = draw_model(model, rng)
     late = delay * (1 + rng.uniform(-1, 1) / 3)
-    missed, density = ((), ()) if known is None else (known.missed, known.noise)
-    rest = [draw_torque(j, x, rms, rng) for j, rms, *x in zip(rig.joints, missed, reference.q.T, reference.v.T) if rms]
+    rows = zip(rig.joints, missed if is_torque else (), reference.q.T, reference.v.T)
+    rest = [draw_torque(joint, x, rms, rng) for joint, rms, *x in rows if rms]
     held = model.inverse(reference.q[:1], *np.zeros((3, 1, rig.n)))[0]
     std = np.array(density or [0.0] * rig.n) / np.sqrt(2 * float(reference.t[1] - reference.t[0]))
     noise = std[:, None] * rng.standard_normal((len(std), len(reference.t)))
-    rows = zip(rig.joints, held.tolist(), noise.tolist())
-    drive = [FlawedDrive(joint, late, level, tuple(draws)) for joint, level, draws in rows]
+    drawn = zip(rig.joints, held.tolist(), noise.tolist())
+    drive = [FlawedDrive(joint, late, level, tuple(draws)) for joint, level, draws in drawn]
     return replace(plant, terms=(*plant.terms, *rest), drive=(*plant.drive, *drive))
 
 

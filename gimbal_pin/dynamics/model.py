@@ -44,7 +44,10 @@ class Estimated:
         covariance: Their covariance (k, k).
         dt: Sampling interval of the logs, s; None: not known.
         missed: What of each joint's torque the model misses and the motion decides, N m rms, (n,); empty: not known.
+        misfit: Standard deviations of that torque's coefficients at each joint, a group of them alike, N m, see
+            `regression.GROUPS`, (n, groups); empty: not known.
         noise: Density of the noise on each joint's torque, N m/√Hz, (n,), what the sensors add included; as above.
+        pure_error: The same of what does not come back when the motion does, see `regression.measure_pure_error`.
         lags: By how much later than half a sample after its stamp each joint's torque acts, s, (n,); empty: as stated.
         lag_std: Their standard deviations, s, (n,).
         angle_noise: Standard deviation of each angle's noise and rounding in the logs, rad, (n,); empty: not known.
@@ -56,7 +59,9 @@ class Estimated:
     covariance: Array
     dt: float | None = None
     missed: tuple[float, ...] = ()
+    misfit: tuple[tuple[float, ...], ...] = ()
     noise: tuple[float, ...] = ()
+    pure_error: tuple[float, ...] = ()
     lags: tuple[float, ...] = ()
     lag_std: tuple[float, ...] = ()
     angle_noise: tuple[float, ...] = ()

@@ -153,7 +153,8 @@ def predict_estimate(
         std, unseen, sampling, late = np.full(len(truth), np.inf), design.names, np.zeros(rig.n), np.full(rig.n, np.inf)
     else:
         estimate = fit_weighted(blocks)
-        hedge = partial(presume_misfit, sizes=missed * size)
+        group_std = np.array(found.misfit) if found and found.misfit and form_error is None else None
+        hedge = partial(presume_misfit, sizes=missed * size, group_std=group_std)
         spread = fit_lags(blocks, np.zeros(rig.n), hedge)[1]
         std, late = add_lag_spread(blocks, hedge(blocks, estimate), spread).std, np.sqrt(np.diag(spread))
         unseen = find_unseen(design.names, blocks, estimate)

@@ -142,9 +142,16 @@ def add_misfit_and_lags(found: Identified, missed: Sequence[Misfit], late: Array
     """
     known = found.model.estimated
     assert known is not None
-    sizes, noise = zip(*((one.size, one.noise / found.filtering.cutoff**0.5) for one in missed))
-    lag_std = tuple(np.sqrt(np.diag(late)).tolist())
-    known = replace(known, missed=sizes, noise=noise, lags=found.filtering.lags, lag_std=lag_std)
+    per_root_hertz = found.filtering.cutoff**-0.5
+    known = replace(
+        known,
+        missed=tuple(one.size for one in missed),
+        misfit=tuple(one.group_std for one in missed),
+        noise=tuple(per_root_hertz * one.noise for one in missed),
+        pure_error=tuple(per_root_hertz * one.pure_error for one in missed),
+        lags=found.filtering.lags,
+        lag_std=tuple(np.sqrt(np.diag(late)).tolist()),
+    )
     said = dict(zip(found.model.rig.joints, missed))
     return replace(found, model=replace(found.model, estimated=known), missed=said)
 

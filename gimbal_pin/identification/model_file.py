@@ -80,7 +80,9 @@ def describe_uncertainty(estimated: Estimated | None) -> dict[str, Any]:
         return {}
     columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
     rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
-    rest = {name: list(getattr(estimated, name)) for name in ("missed", "noise", "lags", "lag_std", "angle_noise")}
+    rest = {name: list(getattr(estimated, name)) for name in ("missed", "noise", "pure_error")}
+    rest |= {name: list(getattr(estimated, name)) for name in ("lags", "lag_std", "angle_noise")}
+    rest["misfit"] = [list(row) for row in estimated.misfit]
     return {"base_parameters": rows, "covariance": estimated.covariance.tolist(), "dt": estimated.dt, **rest}
 
 
@@ -150,7 +152,9 @@ class StoredUncertainty:
     covariance: tuple[tuple[float, ...], ...]
     dt: float | None = bounded_field(None, 1e-6, 1.0)  # between what `tune` can sample at
     missed: tuple[float, ...] = ()
+    misfit: tuple[tuple[float, ...], ...] = ()
     noise: tuple[float, ...] = ()
+    pure_error: tuple[float, ...] = ()
     lags: tuple[float, ...] = ()
     lag_std: tuple[float, ...] = ()
     angle_noise: tuple[float, ...] = ()
@@ -178,8 +182,8 @@ def read_known_parameters(data: Any, place: str) -> Estimated:
         raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
     names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
     values = np.array([row.value for row in rows])
-    rest = (filed.dt, filed.missed, filed.noise, filed.lags, filed.lag_std, filed.angle_noise)
-    return Estimated(names, units, values, covariance, *rest)
+    rest = (filed.dt, filed.missed, filed.misfit, filed.noise, filed.pure_error)
+    return Estimated(names, units, values, covariance, *rest, filed.lags, filed.lag_std, filed.angle_noise)
 
 
 def is_model(path: str | Path) -> bool:

@@ -43,6 +43,7 @@ from gimbal_pin.regression.discrepancy import Misfit as Misfit
 from gimbal_pin.regression.discrepancy import add_misfit as add_misfit
 from gimbal_pin.regression.discrepancy import build_discrepancy_columns as build_discrepancy_columns
 from gimbal_pin.regression.discrepancy import fit_misfit as fit_misfit
+from gimbal_pin.regression.discrepancy import measure_pure_error as measure_pure_error
 from gimbal_pin.regression.discrepancy import presume_misfit as presume_misfit
 from gimbal_pin.regression.discrepancy import propagate_misfit as propagate_misfit
 from gimbal_pin.regression.instrumental import MotionNoise as MotionNoise

@@ -15,6 +15,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression.design import Block
@@ -22,6 +23,7 @@ from gimbal_pin.regression.solve import (
     RANK,
     Estimate,
     compute_gain,
+    compute_residuals,
     count_effective_rows,
     triangularise,
 )
@@ -47,6 +49,9 @@ SIZES = np.concatenate([[0.0], np.geomspace(1e-4, 1e6, 11)])
 SWEEPS = 3
 """Passes over the groups; the likelihood has settled then."""
 
+NEIGHBOURS = 8
+"""Rows before and after one that share its noise: four periods of the cutoff, as long as the filter rings."""
+
 
 class Misfit(NamedTuple):
     """What a model misses at one joint.
@@ -55,11 +60,13 @@ class Misfit(NamedTuple):
         size: Root mean square of what is a function of the motion, N m.
         noise: The same of the rest.
         variance: Of each of δ's coefficients, (N m)², (f,).
+        pure_error: The same of what does not come back when the motion does, at most `noise`, see `measure_pure_error`.
     """
 
     size: float
     noise: float
     variance: Array
+    pure_error: float
 
     def __repr__(self) -> str:
         """See `brief`."""
@@ -69,6 +76,11 @@ class Misfit(NamedTuple):
     def share(self) -> float:
         """Share of what is left, as power, that is a function of the motion."""
         return self.size**2 / max(self.size**2 + self.noise**2, 1e-300)
+
+    @property
+    def group_std(self) -> tuple[float, ...]:
+        """Standard deviation of the coefficients of each group, N m."""
+        return tuple(float(np.sqrt(self.variance[group == GROUPS][0])) for group in range(GROUPS.max() + 1))
 
 
 def _fit_misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
@@ -129,7 +141,7 @@ def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     free = max(count - size, 1.0)
     power = (float(z @ z) + rest) / free
     if not len(z) or power <= 0:
-        return Misfit(0.0, float(np.sqrt(power)), np.zeros(X.shape[1]))
+        return Misfit(0.0, float(np.sqrt(power)), np.zeros(X.shape[1]), float(np.sqrt(power)))
     each = np.stack([left[:, group == GROUPS] @ left[:, group == GROUPS].T for group in range(GROUPS.max() + 1)])
 
     def compute_costs(sizes: Array) -> tuple[Array, Array]:
@@ -158,7 +170,8 @@ def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     for group in np.flatnonzero(sizes).tolist():
         costs = compute_costs(vary_size(group)[1:])[0]
         means[group] = np.average(SIZES[1:], weights=np.exp((costs.min() - costs) / 2))
-    return Misfit(float(np.sqrt(max(power - noise, 0.0))), float(np.sqrt(noise)), noise * means[GROUPS])
+    size, rest = np.sqrt([max(power - noise, 0.0), noise]).tolist()
+    return Misfit(size, rest, noise * means[GROUPS], rest)
 
 
 def propagate_misfit(gain: Array, A: Array, X: Array, missed: Misfit) -> Array:
@@ -187,20 +200,52 @@ def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) ->
         cameras: Of how many cameras the joints are, one's after another's.
     """
     found, columns = _fit_misfits(blocks)
+    pure = measure_pure_error(blocks, estimate.theta)
+    found = [one._replace(pure_error=min(one.noise, x)) for one, x in zip(found, pure.tolist())]
     return _add_spread(blocks, estimate, found, columns, cameras), tuple(found)
 
 
-def presume_misfit(blocks: Sequence[Block], estimate: Estimate, sizes: Array) -> Estimate:
+def measure_pure_error(blocks: Sequence[Block], theta: Array) -> Array:
+    """``√(½ mean (e_i - e_k)²)``, N m, (n,): what of each joint's residual differs when a motion comes back.
+
+    Row k is the nearest to row i in all angles and rates, each in units of its deviation, that is not its neighbour in
+    time. A function of the motion drops out as far as they are alike, so this bounds the noise from above (Rice, Ann.
+    Statist. 12, 1984; in a designed experiment its repeats' pure error). Infinite where no row has such a partner.
+
+    Args:
+        blocks: Rows.
+        theta: Parameters, (k,).
+    """
+    q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "v", "share"))
+    error = np.concatenate([compute_residuals(block, theta) for block in blocks])
+    state = np.hstack([q, v])
+    state = (state - state.mean(axis=0)) / np.maximum(state.std(axis=0), 1e-12)
+    order, place = np.arange(len(state)), np.concatenate([np.arange(len(block.t)) for block in blocks])
+    block = np.repeat(np.arange(len(blocks)), [len(block.t) for block in blocks])
+    near = cKDTree(state).query(state, min(2 * NEIGHBOURS + 2, len(state)))[1].reshape(len(state), -1)
+    apart = (np.abs(place[near] - place[:, None]) > NEIGHBOURS) | (block[near] != block[:, None])
+    partner = near[order, np.argmax(apart, axis=1)]
+    counts = np.where(apart.any(axis=1)[:, None], share * share[partner], 0.0)
+    squares, total = (counts * (error - error[partner]) ** 2 / 2).sum(axis=0), counts.sum(axis=0)
+    return np.sqrt(np.divide(squares, total, out=np.full(len(total), np.inf), where=total > 0))
+
+
+def presume_misfit(
+    blocks: Sequence[Block], estimate: Estimate, sizes: Array, group_std: Array | None = None
+) -> Estimate:
     """Return the estimate with the deviations that a misfit would add, as `add_misfit` does with one that it finds.
 
     Args:
         blocks: Rows.
         estimate: What was estimated from them.
-        sizes: Root mean square of δ at each joint, the same from every group of its columns, N m, (n,).
+        sizes: Root mean square of δ at each joint, N m, (n,).
+        group_std: Of δ's coefficients, see `Misfit`, (n, groups); None: the same power from every group.
     """
     columns = _build_columns(blocks)
-    powers = [np.bincount(GROUPS, np.mean(X**2, axis=0)) for X in columns]
-    found = [Misfit(x, 0.0, (x**2 / np.maximum(len(p) * p, 1e-300))[GROUPS]) for x, p in zip(sizes.tolist(), powers)]
+    if group_std is None:
+        powers = np.array([np.bincount(GROUPS, np.mean(X**2, axis=0)) for X in columns])
+        group_std = sizes[:, None] / np.sqrt(np.maximum(powers.shape[1] * powers, 1e-300))
+    found = [Misfit(size, 0.0, (std**2)[GROUPS], 0.0) for size, std in zip(sizes.tolist(), group_std)]
     return _add_spread(blocks, replace(estimate, residual_std=np.hypot(estimate.residual_std, sizes)), found, columns)
 
 

@@ -334,7 +334,7 @@ def holding(model: Model, plant: Model, state: tuple[Array, Array, Reference, La
     alpha = np.linalg.norm(np.eye(len(true)) - np.linalg.solve(true, believed), 2)
     rest = np.linalg.norm(model.inverse(q, v, 0 * q) - plant.inverse(q, v, 0 * q))
     largest = 1 / np.linalg.eigvalsh(true)[0]
-    return ModelErrorBounds(float(alpha) * 1.001, float(rest) * 1.001, float(largest), 0.0, 0.0, "this state's own")
+    return ModelErrorBounds(float(alpha) * 1.001, float(rest) * 1.001, float(largest), "this state's own")
 
 
 def test_without_the_redesign_a_wrong_model_can_make_v_grow() -> None:

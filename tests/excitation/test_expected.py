@@ -11,7 +11,7 @@ from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import LogError
 from gimbal_pin.excitation import ExpectedEstimate, Series, excite, predict_estimate, record_log
-from gimbal_pin.identification import identify
+from gimbal_pin.identification import Identified, identify
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.regression import LAG_DEVIATION, Filtering
 from gimbal_pin.rig import Rig
@@ -83,6 +83,21 @@ def test_what_a_model_misses_is_in_the_predicted_deviations(name: str) -> None:
         errors.append((each.estimate.theta - found.values) / found.std)
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 2
     assert np.mean(np.abs(errors) < 3) > 0.95
+
+
+def test_the_model_of_a_log_predicts_what_a_second_log_of_its_motion_states() -> None:
+    """Stiction near rest alone is missed: shared out over all that could be missed, it would be predicted a third."""
+    rig = Rig.load("turret")
+    motion = thinned(excite(rig, seconds=25, periods=5, starts=1, rng=0).motion, 5)
+
+    def record(seed: int) -> Identified:
+        log = record_log(nominal(rig), motion, 0.01, np.random.default_rng(seed))
+        size = np.sqrt(np.mean(log.tau**2, axis=0))
+        stiction = 0.1 * size * np.sign(motion.v) * np.exp(-((motion.v / 0.2) ** 2))
+        return identify(rig, [replace(log, tau=log.tau + stiction)], holdout="none")
+
+    ratio = predict_estimate(record(0).model, motion, rng=0).std / record(1).estimate.std
+    assert ratio.min() > 0.6 and ratio.max() < 1.6
 
 
 def test_friction_that_nobody_states_is_told() -> None:

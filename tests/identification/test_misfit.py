@@ -28,12 +28,14 @@ from gimbal_pin.identification import (
 from gimbal_pin.log import Array, Log, write_log
 from gimbal_pin.regression import (
     GROUPS,
+    Block,
     add_misfit,
     build_discrepancy_columns,
     compute_blocks,
     find_likeliest_bodies,
     fit_misfit,
     fit_weighted,
+    measure_pure_error,
     propagate_misfit,
 )
 from gimbal_pin.report import show_controller, show_parameters, show_torque
@@ -111,6 +113,22 @@ def test_noise_is_nothing_that_the_model_misses(seed: int) -> None:
     missed = 2.0 * X[:, GROUPS == 1] @ rng.standard_normal(int(np.sum(GROUPS == 1)))
     found = fit_misfit(A, X, A.sum(axis=1) + missed + noise, 600.0)
     assert found.size == pytest.approx(np.std(missed), rel=0.15) and found.noise == pytest.approx(1.0, rel=0.15)
+
+
+def test_what_comes_back_with_the_motion_is_no_noise() -> None:
+    """Any function of the motion drops out of five periods exactly, and noise of any size remains, joint by joint."""
+    rng, rows = np.random.default_rng(0), 5 * 80
+    phase = np.tile(2 * np.pi * np.arange(80) / 80, 5)[:, None] + np.array([0.0, 1.0])
+    q, v, size = np.sin(phase) + 0.3 * np.cos(2 * phase), np.cos(phase) - 0.6 * np.sin(2 * phase), np.array([0.1, 3.0])
+    lacking = np.tanh(9 * v) + np.cos(14 * q)
+    none = np.zeros((rows, 2))
+    block = Block(np.arange(rows) / 8, np.zeros((rows, 2, 0)), lacking, q, v, none + 1, none)
+    assert measure_pure_error([block], np.zeros(0)).max() < 1e-9
+    noisy = block._replace(b=lacking + size * rng.standard_normal((rows, 2)))
+    assert measure_pure_error([noisy], np.zeros(0)) == pytest.approx(size, rel=0.12)
+    halves = [Block(*(x[at] for x in noisy)) for at in (slice(0, 200), slice(200, None))]
+    assert measure_pure_error(halves, np.zeros(0)) == pytest.approx(size, rel=0.12)
+    assert np.isinf(measure_pure_error([Block(*(x[:9] for x in noisy))], np.zeros(0))).all()
 
 
 def test_a_spring_that_passes_for_gravity_is_held_by_its_deviations() -> None:
