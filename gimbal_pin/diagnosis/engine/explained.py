@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.engine.alignment import align_torques, shifts
@@ -70,16 +70,23 @@ class Explained:
 
     @property
     def structured(self) -> tuple[bool, ...]:
-        """Whether something is left that no named cause explains, joint by joint: δ predicts it, or a name was denied.
+        """Whether something is left that no named cause explains, joint by joint: δ predicts it beside these.
 
-        A search that was stopped has sketched something with what it had.
+        What no one device makes is there, though a few narrow pieces of it are no function that δ follows; and a search
+        that was stopped has sketched something with what it had.
         """
-        named = {kept(one) for one in self.final.causes}
-        denied = {one.place for one in self.state.causes if kept(one) not in named}
+        stray = {one.place for one in self.state.causes if has_stray_pieces(self.state, one)}
         return tuple(
-            material(lack) or joint in denied or (stopped(self.state) and lack.power > 0)
-            for joint, lack in zip(self.first.problem.evidence.rig.joints, self.after)
+            material(lack) or joint in stray or (stopped(self.state) and lack.power > 0)
+            for joint, lack in zip(self.first.problem.evidence.rig.joints, self.unexplained)
         )
+
+    @cached_property
+    def unexplained(self) -> tuple[Lack, ...]:
+        """Lack of fit of `final` at each joint."""
+        if self.final is self.state:
+            return self.after
+        return tuple(lack_of_fit(self.final, j) for j in range(len(self.after)))
 
     def left(self, joint: int) -> float:
         """Structured power that is left at a joint over what there was before: one, where nothing was explained."""
