@@ -16,8 +16,10 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.dynamics.simulation import Controller, simulate
 from gimbal_pin.effects import Term
+from gimbal_pin.effects.coulomb import Coulomb
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.signal import SignalMemory
+from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import UsageError, finite_or_none
 from gimbal_pin.log.log import Array, Motion
@@ -81,9 +83,9 @@ def judge_controllers(
     """Step all axes by minimum jerk on perturbed plants, from settled starts, with every controller.
 
     On each plant all meet the same noise. A plant has the noise of its drives, a delay that is up to a third more or
-    less, and either parameters drawn from the covariance of the model's (bodies 10 % and friction 30 % off where it has
-    none) or, where the model misses some, a torque drawn as large as that: the covariance holds what is missed as an
-    error of parameters, and it is not there twice.
+    less, friction near standstill that logs do not tell, and either parameters drawn from the covariance of the model's
+    (bodies 10 % and friction 30 % off where it has none) or, where the model misses some, a torque drawn as large as
+    that: the covariance holds what is missed as an error of parameters, and it is not there twice.
 
     Args:
         model: What is believed of the plant.
@@ -155,12 +157,23 @@ def perturb_plant(model: Model, reference: Motion, delay: float, rng: np.random.
     late = delay * (1 + rng.uniform(-1, 1) / 3)
     rows = zip(rig.joints, missed if is_torque else (), reference.q.T, reference.v.T)
     rest = [draw_torque(joint, x, rms, rng) for joint, rms, *x in rows if rms]
+    rest += draw_standstill_friction(model, rng) if missed else []
     held = model.inverse(reference.q[:1], *np.zeros((3, 1, rig.n)))[0]
     std = np.array(density or [0.0] * rig.n) / np.sqrt(2 * float(reference.t[1] - reference.t[0]))
     noise = std[:, None] * rng.standard_normal((len(std), len(reference.t)))
     drawn = zip(rig.joints, held.tolist(), noise.tolist())
     drive = [FlawedDrive(joint, late, level, tuple(draws)) for joint, level, draws in drawn]
     return replace(plant, terms=(*plant.terms, *rest), drive=(*plant.drive, *drive))
+
+
+def draw_standstill_friction(model: Model, rng: np.random.Generator, speed: float = 0.1) -> list[Term]:
+    """Return dry friction that is up to 30 % more or less where joints hardly move: no row tells which way it acts.
+
+    Of dry machines it is lost at .01 to .1 rad/s (Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994).
+    """
+    dry = [term for term in model.terms if isinstance(term.effect, Coulomb)]
+    shares = (3 * STATED_ALPHA * rng.uniform(-1, 1, len(dry))).tolist()
+    return [Term(Stribeck(one.effect.joint, speed, 1), (x * one.values[0],)) for one, x in zip(dry, shares)]
 
 
 def draw_torque(joint: str, channels: Sequence[Array], rms: float, rng: np.random.Generator, knots: int = 7) -> Term:

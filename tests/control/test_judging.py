@@ -49,6 +49,17 @@ def test_more_doubt_never_lowers_the_worst_error() -> None:
     assert (np.diff(worst, axis=0) >= 0).all() and (worst[2] > worst[0]).all()
 
 
+def test_friction_near_standstill_is_in_doubt_where_logs_told_it() -> None:
+    """A step begins at rest, where rows of a log do not show which way dry friction acts: nothing else is in doubt."""
+    sure = known(0.0)
+    assert sure.estimated is not None
+    laws, exact = pair_rivals(tune(sure, dt=DT, delay=0.0).stored), Sensors.exact(sure.rig.n)
+    known_by = [replace(sure, estimated=replace(sure.estimated, missed=one)) for one in ((), (0.0, 0.0))]
+    stated, logged = (judge_controllers(x, laws, rng=0, plants=4, delay=0.0, sensors=exact) for x in known_by)
+    for name in laws:
+        assert np.ptp(stated.errors[name], axis=0).max() < np.ptp(logged.errors[name], axis=0).min()
+
+
 def test_a_torque_that_the_model_misses_and_noise_cost_error() -> None:
     sure = known(0.0)
     assert sure.estimated is not None
