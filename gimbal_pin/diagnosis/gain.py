@@ -103,9 +103,9 @@ def _compute_torque_error(part: LogStretch, model: Model) -> Array:
 def rollout_rmse(evidence: Evidence, model: Model) -> Array:
     """Simulated less measured angle after 0.2 s of the logged torque, from 24 measured states, rad rms, (n,).
 
-    A mean square of so many is known to a third; at least one is of each part. nan where no stretch is long enough, or
-    where the fitted inertias are none that a body can have, as on slow motion that does not show them: such a model
-    cannot be simulated, and that it cannot says nothing about its other torques.
+    A mean square of so many is known to a third; at least one is of each part. nan where no stretch is long enough,
+    where a drag is too stiff for the step, or where the fitted inertias are none that a body can have, as on slow
+    motion that does not show them: such a model cannot be simulated, and that it cannot says nothing about its torques.
     """
     parts, most = evidence.parts, -(-24 // len(evidence.parts))
     possible = all(is_inertia_positive(model.rig, part.channels.q[:: max(1, len(part.gate) // 16)]) for part in parts)
@@ -132,9 +132,9 @@ def _roll_out(model: Model, part: LogStretch, most: int) -> Iterator[Array]:
         plant.friction.warm = part.temperature[start].tolist()
         for k in range(start, start + horizon):
             torque = (tau[k] + tau[k + 1]) / 2
-            for i in range(steps):
+            for i in range(0 if state.lost else steps):
                 state = plant.step(part.channels.t[k] - part.origin + i * dt, state, torque, dt)
-        yield state.q - part.channels.q[start + horizon]
+        yield np.full(len(state.q), nan) if state.lost else state.q - part.channels.q[start + horizon]
 
 
 def simulate_tracking(before: Model, after: Model, rng: np.random.Generator) -> Figures:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from functools import partial
-from math import copysign
+from math import copysign, nan
 from struct import Struct
 from typing import NamedTuple
 
@@ -100,8 +100,14 @@ class Plant:
     def step(self, t: float, state: State, tau: Array, dt: float) -> State:
         """Return the state after `dt` s under constant torque `tau`, N m; splits the step where a joint stops.
 
-        A joint that stops twice within one step sticks for the rest of it.
+        A joint that stops twice within one step sticks for the rest of it. A state beyond all numbers is no number.
         """
+        try:
+            return self._advance(t, state, tau, dt)
+        except OverflowError:  # of floats: a power, an exponential
+            return State(np.full(self.n, nan), np.full(self.n, nan), state.memory)
+
+    def _advance(self, t: float, state: State, tau: Array, dt: float) -> State:
         q, v, u, memory = state.q.tolist(), state.v.tolist(), tau.tolist(), state.memory or self.friction.start
         stops: list[int] = []
         while dt > 1e-9:

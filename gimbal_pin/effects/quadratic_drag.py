@@ -14,9 +14,6 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.log.log import Array
 
-POWERS = (2.0, 1.5, 1.75, 2.25, 2.5, 2.75, 3.0)
-"""Powers that are looked for."""
-
 
 @dataclass(frozen=True)
 class QuadraticDrag(Effect):
@@ -33,7 +30,6 @@ class QuadraticDrag(Effect):
     shapes: ClassVar[tuple[Parameter, ...]] = (
         Parameter("power", 2.0, "1", 1.2, 4.5, meaning="power of the rate with which it grows"),
     )
-    chosen: ClassVar[tuple[str, ...]] = ("power",)
     linear: ClassVar[tuple[Parameter, ...]] = (
         Parameter("drag", nan, "N m (s/rad)^power", 0.0, inf, meaning="torque at 1 rad/s"),
     )
@@ -47,8 +43,8 @@ class QuadraticDrag(Effect):
 
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
-        """Every quarter: no log says it closer, and drag and power trade places."""
-        return tuple(cls.inside(joint, power) for power in POWERS)
+        """Powers that a search finds the best one from."""
+        return tuple(cls.inside(joint, power) for power in (2.0, 1.5, 3.0))
 
     def says(self, values: Sequence[float] = ()) -> str:
         """Return its size."""

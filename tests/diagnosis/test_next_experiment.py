@@ -30,7 +30,7 @@ from gimbal_pin.excitation import Envelope
 from gimbal_pin.log import Array, Log, Motion, read_motion
 from gimbal_pin.rig import Rig
 
-DT, SECONDS = 0.005, 20.0
+DT, SECONDS = 0.005, 30.0
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +76,8 @@ def designed(found: Diagnosis, causes: Mapping[str, type[Cause]], tries: int = 1
 
 AMBIGUOUS = {
     "cogging:pan:amplitude=0.05,harmonic=3": ("cogging", "cable-spring", 0.4),
-    "stribeck:pan:extra=0.03,speed=0.2": ("stribeck", "quadratic-drag", 0.7),
-    "quadratic-drag:pan:drag=0.02": ("quadratic-drag", "stribeck", 0.9),
+    "stribeck:pan:extra=0.03,speed=0.2": ("stribeck", "quadratic-drag", 0.6),
+    "quadratic-drag:pan:drag=0.02": ("quadratic-drag", "stribeck", 0.94),
 }
 
 

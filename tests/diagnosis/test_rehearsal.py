@@ -82,9 +82,9 @@ def test_an_upright_axis_hides_where_its_encoder_has_its_zero() -> None:
 
 
 def test_a_slow_motion_hides_what_grows_with_the_rate() -> None:
-    """At a fiftieth of the rate drag is 1/2500: to show, it would have to stop the motor below its limit of rate."""
+    """At 1/200 of the rate drag is 1/2800 or less: to show, it would have to stop the motor below its limit of rate."""
     m = motion()
-    slow = Motion(10 * m.t, m.q / 5, m.v / 50, m.a / 500)
+    slow = Motion(10 * m.t, m.q / 20, m.v / 200, m.a / 2000)
     kinds = {"quadratic-drag": CAUSES["quadratic-drag"], "torque-bias": CAUSES["torque-bias"]}
     found = rehearse(rig(), slow, kinds, rng=0)
     assert row(found, "torque-bias").seen_from is not None

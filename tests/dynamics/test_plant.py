@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise, product
 from math import inf
 from pathlib import Path
@@ -17,7 +18,7 @@ from lxml import etree
 from scipy.integrate import solve_ivp
 
 from gimbal_pin.dynamics import Model, Plant, State, nominal
-from gimbal_pin.effects import Coulomb, Term, Viscous
+from gimbal_pin.effects import Coulomb, QuadraticDrag, Term, Viscous
 from gimbal_pin.rig import Rig
 from tests.mujoco_peer import rigid_bodies
 from tests.rigs import bundled, energy, spelled
@@ -302,6 +303,14 @@ def test_mujoco_slides_alike(name: str) -> None:
         assert (state.v * v > 0).all()
     np.testing.assert_allclose(data.qpos[at], state.q, atol=1e-7)
     np.testing.assert_allclose(data.qvel[at], state.v, atol=1e-6)
+
+
+def test_a_state_beyond_all_numbers_is_lost() -> None:
+    """A drag so stiff that a step of RK4 leaves the floats' range ends in no traceback."""
+    model = nominal(Rig.load("turret"))
+    stiff = replace(model, terms=(*model.terms, Term(QuadraticDrag("pan", 3.0), (1.0,))))
+    after = Plant(stiff).step(0.0, State(np.zeros(2), np.array([1e6, 0.0])), np.zeros(2), 2e-3)
+    assert after.lost
 
 
 def test_nominal_model_is_the_urdf() -> None:
