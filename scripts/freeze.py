@@ -1,12 +1,12 @@
-"""Compare the results of every verb with those that were frozen before the rewriting of the rooms began.
+"""Compare the results of every verb with those that were frozen, to see that a rewriting changes none.
 
-``scripts/frozen.json.gz`` holds the figures of calls of every verb on some 40 logs, made by ``--write`` at the starting
-commit: of their JSON, and of the models, controllers, motions and logs that they write. A figure may differ by 1e-9 of
-itself; what differs by more is printed, with both values, and counted apart where it is more than a tenth of the
-standard deviation that is stated beside it. Long lists are kept as their length, norm and a projection; of sentences,
-paths and times only the keys are compared, and those that docs/pages/programs.md promises must be there. Logs are
-simulated once into ``--folder`` and used again, so that a change of the simulation shows in its own results alone;
-measured logs, of DATA, are left out, and said to be, where their folder is missing.
+``scripts/frozen.json.gz`` holds the figures of calls of every verb on some 40 logs, made by ``--write`` at the commit
+that the file came with: of their JSON, and of the models, controllers, motions and logs that they write. A figure may
+differ by 1e-9 of itself; what differs by more is printed, with both values, and counted apart where it is more than a
+tenth of the standard deviation that is stated beside it. Long lists are kept as their length, norm and a projection; of
+sentences, paths and times only the keys are compared, and those that docs/pages/programs.md promises must be there.
+Logs are simulated once into ``--folder`` and used again, so that a change of the simulation shows in its own results
+alone; measured logs, of DATA, are left out, and said to be, where their folder is missing.
 """
 
 from __future__ import annotations
