@@ -358,6 +358,7 @@ def _list_further_effects(model: Model) -> list[Effect]:
 
 
 def _reads_torque_or_table(effect: Effect) -> bool:
+    """Whether an effect reads the model's own torque, or is a table."""
     return effect.loaded or isinstance(effect, TorqueTable)
 
 

@@ -7,9 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gimbal_pin.checks import check_log
 from gimbal_pin.dynamics import nominal, reduce_parameters
+from gimbal_pin.effects import Cogging, LoadDependentFriction, Term, TorqueTable
 from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.identification import ESTIMATORS, compare_payload, given_beta, identify, split_logs
+from gimbal_pin.identification import (
+    ESTIMATORS,
+    compare_payload,
+    describe_omitted_effects,
+    given_beta,
+    identify,
+    refittable_effects,
+    split_logs,
+)
 from gimbal_pin.log import Log
 from gimbal_pin.regression import (
     Filtering,
@@ -180,9 +190,24 @@ def test_what_is_wrong_with_the_logs_and_the_parameters_is_said_first(turret: Ri
     bad = CORRUPTIONS["controller-formula"](log, np.random.default_rng(0))
     found = identify(turret, [bad], examined="noisy")
     assert "controller's formula" in found.warnings[0]
+    assert found.warnings[0].endswith(check_log(turret, bad).faults[0].next_experiment)
     assert show_parameters(found, compare_payload(found)).to_text().startswith(f"Warning\n  {found.warnings[0]}\n")
     assert found.to_dict()["warnings"] == list(found.warnings)
     assert not identify(turret, [bad]).faults  # nobody asked
+
+
+def test_every_effect_of_an_extended_model_is_fitted_again_or_said_not_to_be(turret: Rig) -> None:
+    fitted = Term(Cogging("pan", (7.0,)), (0.05, 0.0))
+    loaded, table = (
+        Term(LoadDependentFriction("pan"), (0.1,)),
+        Term(TorqueTable("tilt", "angle", (0.0, 1.0)), (0.1, 0.2)),
+    )
+    plain = nominal(turret)
+    model = replace(plain, terms=(*plain.terms, fitted, loaded, table))
+    assert refittable_effects(model) == (fitted.effect,)
+    (said,) = describe_omitted_effects(model)
+    assert "load-dependent-friction of pan, torque-table of tilt" in said and "cogging" not in said
+    assert describe_omitted_effects(replace(plain, terms=(*plain.terms, fitted))) == ()
 
 
 def test_figures_that_cannot_be_are_said(turret: Rig) -> None:

@@ -277,6 +277,13 @@ def test_a_joint_that_is_not_explained_with_some_camera_is_said_first() -> None:
     assert found.to_dict()["warnings"][0] in lines[0]
 
 
+def test_a_page_of_a_new_camera_says_when_torques_act() -> None:
+    first, second = (Rig.load("turret", payload) for payload in ("mirrorless", "zoom-lens"))
+    known = identify(first, [log_of(first, 0)], holdout="none").model
+    found = identify_new(second, [log_of(second, 1, 10.0)], known)
+    assert "delay between a torque's time stamp and its effect (± 95 %): pan" in show_cameras(found).to_text()
+
+
 @pytest.mark.parametrize("off", ["nothing", "friction", "parameters"])
 def test_what_is_known_is_no_truth_where_the_log_contradicts_it(off: str) -> None:
     """Friction that has grown, or a model off by a hundred of its deviations: said, and the deviations hold it."""
