@@ -10,16 +10,19 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import orth
+from scipy.special import softmax
 
 from gimbal_pin.checks import CheckedLog, collect_alterations
 from gimbal_pin.diagnosis.background import add_tables
 from gimbal_pin.diagnosis.engine.criterion import (
+    compare_models,
     compute_cause_torque,
     criterion,
     fitted,
     leave_cause_out,
     matters,
     rows,
+    unsupported,
 )
 from gimbal_pin.diagnosis.engine.discrepancy import place
 from gimbal_pin.diagnosis.engine.explained import Explained
@@ -35,6 +38,7 @@ from gimbal_pin.diagnosis.gain import (
     measure_gain,
     simulate_tracking,
 )
+from gimbal_pin.diagnosis.probability import moderate
 from gimbal_pin.diagnosis.result import (
     Curve,
     Diagnosis,
@@ -261,7 +265,7 @@ def _describe_cause(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
     base, at, (final, values) = leave_cause_out(state, cause), _locate_cause(state, cause), find_settled(state, cause)
     gain = compare_errors(model.lacking[cause], model.figures, at)
     before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
-    figures, within = estimate_figures(state, cause), final.holds(values)
+    figures, within = average_figures(state, cause), final.holds(values)
     rivals = (
         Rival(one.cause.name, one.delta, one.delta / max(one.std, 1e-12), get_joint(one.cause))
         for one in found.rivals_of(cause)
@@ -283,6 +287,27 @@ def _describe_cause(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
         blurred=cause.blurred(base.problem.evidence.seen[rig.joint_index(cause.place)]) if cause.of_joint else (),
         visible_fraction=float(np.sqrt(visibility(base.fit, [base.columns(cause)])[0])),
     )
+
+
+def average_figures(state: State, cause: Cause) -> tuple[Parameter, ...]:
+    """``σ² + Σ p_i (x_i - x)²``: a cause's figures, their deviations with those of the pieces that it may have as well.
+
+    Averaged over models (Hoeting, Madigan, Raftery and Volinsky, Stat. Sci. 14, 1999): x_i with pieces that the travel
+    does not tell from its own, p_i how probable those are.
+    """
+    figures, evidence, k = estimate_figures(state, cause), state.problem.evidence, state.causes.index(cause)
+    if not (cause.of_joint and cause.pieces):
+        return figures
+    others, odds = list[dict[str, float]](), list[float]()
+    for other in cause.akin(evidence.seen[evidence.rig.joint_index(cause.place)]):
+        new = fitted(state.problem, (*state.causes[:k], other, *state.causes[k + 1 :]), state)
+        if not unsupported(new):
+            others.append({p.name: p.value for p in other.shown(find_settled(new, other)[1])})
+            odds.append(-moderate(*compare_models(state, new)))
+    share = softmax([0.0, *odds])[1:]
+    moved = [np.array([one[p.name] - p.value for one in others]) for p in figures]
+    moved = [np.angle(np.exp(1j * x)) if p.unit == "rad" else x for p, x in zip(figures, moved)]
+    return tuple(replace(p, std=float(np.hypot(p.std, np.sqrt(share @ x**2)))) for p, x in zip(figures, moved))
 
 
 def _describe_vagueness(cause: Cause, figures: Sequence[Parameter]) -> str:

@@ -100,5 +100,5 @@ def same(a: Cause, b: Cause) -> bool:
 
 def form(cause: Cause) -> tuple[object, ...]:
     """What of a cause is chosen rather than measured: a stiffening spring, an exponent, a shape left at zero."""
-    held = [(f.name, getattr(cause, f.name)) for f in fields(cause)]
+    held = [(f.name, getattr(cause, f.name)) for f in fields(cause) if not cause.pieces]
     return tuple(x == 0.0 if isinstance(x, float) and name not in cause.chosen else x for name, x in held)

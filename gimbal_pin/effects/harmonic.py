@@ -83,6 +83,18 @@ class Harmonic(Effect):
         """Return it without one of its harmonics."""
         return type(self)(self.joint, tuple(k for k in self.harmonic if k != piece))
 
+    def akin(self, seen: OperatingRange) -> tuple[Cause, ...]:
+        """Return it with each harmonic moved to those that the travel does not resolve: none where it is a turn.
+
+        A search takes the harmonics one by one, and the first bends as all of them together do.
+        """
+        reach, (first, last) = int(pi / seen.travel), self.limits()
+        steps = [step for step in range(-reach, reach + 1) if step]
+        moved = ((k, k + step) for k in self.harmonic for step in steps if first <= k + step <= last)
+        return tuple(
+            self.without(k).joined(type(self)(self.joint, (new,))) for k, new in moved if new not in self.harmonic
+        )
+
     def above(self) -> tuple[Harmonic, ...]:
         """Return the overtones of its harmonics, each alone: what repeats with a tooth has any form over it."""
         last = self.limits()[1]
