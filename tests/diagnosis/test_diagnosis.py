@@ -159,6 +159,19 @@ def test_a_drags_power_is_found_with_its_deviation(rig: Rig, motion: Motion, pow
     assert abs(values["drag"].value - 0.06) < 3 * values["drag"].std < 0.06
 
 
+@pytest.mark.parametrize(("share", "harmonic"), [(0.35, 2), (0.35, 4), (0.5, 3), (0.5, 5)])
+def test_a_harmonic_on_part_of_a_turn_is_found_with_its_size(
+    rig: Rig, motion: Motion, share: float, harmonic: int
+) -> None:
+    """Of harmonics that the travel does not part, any may be told: the size's deviation holds the others' sizes."""
+    short = replace(motion, q=share * motion.q, v=share * motion.v, a=share * motion.a)
+    text = f"position-dependent-friction:tilt:amplitude=0.02,harmonic={harmonic}"
+    found = said(rig, recorded(rig, short, (text,), seed=2), ("position-dependent-friction",))
+    (one,) = found.findings
+    size, *_ = one.parameters
+    assert abs(size.value - 0.02) < 3 * size.std < 0.1
+
+
 @pytest.mark.slow
 @pytest.mark.xfail(reason="a power of 1.75 passes for viscous friction: Stribeck's alone is named", strict=True)
 def test_a_drag_is_found_beside_stribecks_friction_with_its_power(rig: Rig, motion: Motion) -> None:
