@@ -154,9 +154,9 @@ def test_every_finding_states_its_probability(found: Diagnosis) -> None:
     assert sum(each["probability"] for each in told["causes"]) <= LISTED
     either = replace(finding, p_value=0.0, rivals=(Rival("delay", np.log(4.0), 1e6, "tilt"),))
     likely = replace(found, findings=(either,))
-    assert [round(one["probability"], 3) for one in likely.to_dict()["causes"]] == [0.64, 0.16]
+    assert [one["probability"] / LISTED for one in likely.to_dict()["causes"]] == pytest.approx([0.8, 0.2])
     for page in (show_diagnosis(likely).to_text(), show_diagnosis(likely).html):
-        assert "robability 64 %" in page
+        assert f"robability {80 * LISTED:.0f} %" in page
 
 
 def test_the_page_holds_no_figure_that_is_none(found: Diagnosis) -> None:
