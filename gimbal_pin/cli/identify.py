@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -21,8 +21,9 @@ from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.identification import Identified, WhenTested
-    from gimbal_pin.regression import Estimator
+    from gimbal_pin.identification import Identified, Online, Several, WhenTested
+    from gimbal_pin.regression import Estimator, Filtering
+    from gimbal_pin.rig.rig import Rig
 
 
 def identify(
@@ -71,35 +72,20 @@ def identify(
         idle: with --follow: end when the file has not grown for so long (default: never)
         plot: with --follow: write the estimates over time: .png, .svg or .pdf
     """
-    from gimbal_pin.identification import (
-        Online,
-        compare_payload,
-        describe_omitted_effects,
-        keep_held_out_accuracy,
-        read_model,
-        refittable_effects,
-        report_with_payload,
-    )
     from gimbal_pin.identification import identify as run
-    from gimbal_pin.log.io.files import to_json
     from gimbal_pin.regression import TRUST
-    from gimbal_pin.report.html import join_text
-    from gimbal_pin.report.sections.model import show_cameras, show_parameters, show_torque
 
-    whole = (
-        *(("--extended", extended), ("--estimator", estimator != "weighted"), ("--holdout", holdout), ("--bias", bias)),
-        *(("--refit", refit), ("--mass", mass), ("--trust", trust), ("--bootstrap", bootstrap)),
+    check_options(
+        follow=follow,
+        whole=(
+            *(("--extended", extended), ("--estimator", estimator != "weighted"), ("--holdout", holdout)),
+            *(("--bias", bias), ("--refit", refit), ("--mass", mass), ("--trust", trust), ("--bootstrap", bootstrap)),
+        ),
+        growing=(("--forget", forget), ("--idle", idle is not None), ("--plot", plot), ("--anew", anew != "payload")),
     )
-    growing = (("--forget", forget), ("--idle", idle is not None), ("--plot", plot), ("--anew", anew != "payload"))
-    for option, given in whole if follow else growing:
-        if given and follow:
-            mend = "it learns by weighted least squares and is tested on what comes next"
-            raise UsageError(option, "does not go with --follow", mend)
-        if given:
-            raise UsageError(option, "does not go with a log that is whole", "add --follow")
     if extended is not None and known is not None:
         raise UsageError("--extended", "is given beside --known", "give the extended model as --known: its causes stay")
-    filters, trusted, as_lines = choose_filter(cutoff, alignment), trust or TRUST, follow and json == Path("-")
+    filters, trusted = choose_filter(cutoff, alignment), trust or TRUST
     chosen = choose_estimator(estimator, trusted, bootstrap, seed)
     if not follow and (known is not None or len(list_tags(logs)) > 1):
         if known is None and urdf is not None:
@@ -107,31 +93,103 @@ def identify(
         if known is None and mass is not None:
             raise UsageError("--mass", "is of one payload", "give it with that payload's logs alone")
         estimate = partial(read_cameras(rig, payload, logs, map, known, extended), estimator=chosen, filtering=filters)
-        several = estimate(holdout=holdout or "last-third" if refit else holdout)
-        several = replace(several.refitted(estimate(holdout="none")) if refit else several, mass=mass)
-        write_models(several.first, output, urdf, several.identified)
-        return present(join_text([show_cameras(several)]), several.to_dict(), json)
+        return tell_cameras(estimate, holdout, refit, mass, output, urdf, json)
     if follow:
-        if len(logs) != 1:
-            raise UsageError("LOG", f"names {len(logs)} logs", "follow one at a time")
-        loaded = load_rig(rig, payload or list_tags(logs)[0])
-        before = None if known is None else read_model(known, load_rig(rig, read_payload(known)))
-        anything = anew == "everything"
-        online = Online.of(loaded, filtering=filters, fading=forget or inf, everything=anything, known=before)
-        found = learn(online, logs[0], map, idle, plot, as_lines)
+        online = start_online(rig, logs, payload, known, filters, forget, anew)
+        found = learn(online, logs[0], map, idle, plot, json == Path("-"))
     else:
         loaded, read = load_logs(rig, payload, logs, map, moving=True)
         check_cost(yes, sample_of_a_repetition=bootstrap * sum(log.q.size for log in read))
-        further = None if extended is None else read_model(extended, loaded)
-        causes = () if further is None else refittable_effects(further)
         when: WhenTested = "always" if bias else "noisy"
         fit = partial(run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when)
-        found = fit(causes, holdout=holdout)
-        if refit:
-            kept = tuple(term.effect for term in found.model.terms if term.effect in causes)
-            found = keep_held_out_accuracy(found, fit(kept, holdout="none"))
-        found = replace(found, notes=(*found.notes, *(() if further is None else describe_omitted_effects(further))))
+        found = identify_beside_causes(fit, loaded, extended, holdout, refit)
     write_models(found, output, urdf)
+    tell_model(found, mass, json, as_lines=follow and json == Path("-"))
+
+
+def check_options(*, follow: bool, whole: Sequence[tuple[str, object]], growing: Sequence[tuple[str, object]]) -> None:
+    """Raise `UsageError` for an option of whole logs beside ``--follow``, or of a growing one without."""
+    for option, given in whole if follow else growing:
+        if given and follow:
+            mend = "it learns by weighted least squares and is tested on what comes next"
+            raise UsageError(option, "does not go with --follow", mend)
+        if given:
+            raise UsageError(option, "does not go with a log that is whole", "add --follow")
+
+
+def tell_cameras(
+    estimate: Callable[..., Several],
+    holdout: str | None,
+    refit: bool,
+    mass: float | None,
+    output: Path | None,
+    urdf: Path | None,
+    json: Path | None,
+) -> None:
+    """Estimate several cameras, or a new one on a known gimbal, write their models, and tell them."""
+    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.sections.model import show_cameras
+
+    several = estimate(holdout=holdout or "last-third" if refit else holdout)
+    several = replace(several.refitted(estimate(holdout="none")) if refit else several, mass=mass)
+    write_models(several.first, output, urdf, several.identified)
+    present(join_text([show_cameras(several)]), several.to_dict(), json)
+
+
+def start_online(
+    rig: str,
+    logs: Sequence[str],
+    payload: str | None,
+    known: str | None,
+    filters: Filtering | None,
+    forget: float | None,
+    anew: str,
+) -> Online:
+    """Return what learns from a log that grows."""
+    from gimbal_pin.identification import Online, read_model
+
+    if len(logs) != 1:
+        raise UsageError("LOG", f"names {len(logs)} logs", "follow one at a time")
+    loaded = load_rig(rig, payload or list_tags(logs)[0])
+    before = None if known is None else read_model(known, load_rig(rig, read_payload(known)))
+    return Online.of(loaded, filtering=filters, fading=forget or inf, everything=anew == "everything", known=before)
+
+
+def identify_beside_causes(
+    fit: Callable[..., Identified], rig: Rig, extended: str | None, holdout: str | None, refit: bool
+) -> Identified:
+    """Fit a rig beside the causes of an extended model, if one is named, and from all data at last, if that is asked.
+
+    Args:
+        fit: What fits it, of causes and what is held out.
+        rig: The rig.
+        extended: The extended model's file.
+        holdout: What is held out.
+        refit: Whether all data teach at last.
+    """
+    from gimbal_pin.identification import (
+        describe_omitted_effects,
+        keep_held_out_accuracy,
+        read_model,
+        refittable_effects,
+    )
+
+    further = None if extended is None else read_model(extended, rig)
+    causes = () if further is None else refittable_effects(further)
+    found = fit(causes, holdout=holdout)
+    if refit:
+        kept = tuple(term.effect for term in found.model.terms if term.effect in causes)
+        found = keep_held_out_accuracy(found, fit(kept, holdout="none"))
+    return replace(found, notes=(*found.notes, *(() if further is None else describe_omitted_effects(further))))
+
+
+def tell_model(found: Identified, mass: float | None, json: Path | None, as_lines: bool) -> None:
+    """Tell a model: as one more line of JSON, or as a page's sections."""
+    from gimbal_pin.identification import compare_payload, report_with_payload
+    from gimbal_pin.log.io.files import to_json
+    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.sections.model import show_parameters, show_torque
+
     about = compare_payload(found, mass)
     result = report_with_payload(found, about)
     if as_lines:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from gimbal_pin.control.tuning import StoredController
     from gimbal_pin.dynamics.model import Model
     from gimbal_pin.export import Library
+    from gimbal_pin.pointing import Verified
 
 
 def track(
@@ -73,14 +76,8 @@ def track(
     from gimbal_pin.report.html import join_text
     from gimbal_pin.report.sections.camera import draw_camera_chart
 
-    moving, motions = platform != "none" or platform_log is not None, "--platform S, --platform-log FILE"
-    if controller is None and not moving:
-        raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {motions}")
-    if controller is None and compiled is not None:
-        raise UsageError("--compiled", "has no CONTROLLER to stand beside", "name the YAML that it was exported from")
-    for option, given in (("--animation", animation), ("--plot", plot), ("--fault", fault), ("--effect", effect)):
-        if given and not moving:
-            raise UsageError(option, "has no platform that moves", f"name a motion: {motions}")
+    moving = platform != "none" or platform_log is not None
+    check_options(controller, compiled, moving, (animation, plot, fault, effect))
     loaded = load_rig(rig, payload or read_payload(controller))
     tuned = None if controller is None else read_controller(controller, loaded)
     machine = None if compiled is None else Library.load(compiled, loaded)
@@ -111,9 +108,25 @@ def track(
         atomic_write(report, told.to_html())
     if animation is not None and held is not None:
         atomic_write(animation, pages.moving(loaded, held))
-    own_rows, more = ({} if one is None else one.to_dict() for one in (steps, held))
-    own_rows |= {} if judged is None else {"judged": judged.to_dict()}
-    present(join_text(told.sections[:-1], verbose), {"schema": 1, "experiments": [], **own_rows, **more}, json)
+    present(join_text(told.sections[:-1], verbose), collect_results(steps, judged, held), json)
+
+
+def collect_results(steps: Tracking | None, judged: Judgement | None, held: Verified | None) -> dict[str, Any]:
+    """Return what JSON holds of steps and of a held camera."""
+    own, more = ({} if one is None else one.to_dict() for one in (steps, held))
+    return {"schema": 1, "experiments": [], **own, **({} if judged is None else {"judged": judged.to_dict()}), **more}
+
+
+def check_options(controller: str | None, compiled: Path | None, moving: bool, held: Sequence[object]) -> None:
+    """Raise `UsageError` for what is missing; `held`: what ``--animation, --plot, --fault, --effect`` were given."""
+    motions = "--platform S, --platform-log FILE"
+    if controller is None and not moving:
+        raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {motions}")
+    if controller is None and compiled is not None:
+        raise UsageError("--compiled", "has no CONTROLLER to stand beside", "name the YAML that it was exported from")
+    for option, given in zip(("--animation", "--plot", "--fault", "--effect"), held):
+        if given and not moving:
+            raise UsageError(option, "has no platform that moves", f"name a motion: {motions}")
 
 
 def step_controllers(
