@@ -1,6 +1,6 @@
 """Each rule and each constant of the diagnosis that decides a verdict, switched off: what it costs on blind logs.
 
-A rule that moves no figure beyond its Wilson bounds goes (DESIGN). The logs are those of ``scripts/blind draw``
+A rule that moves no figure beyond its Wilson bounds goes. The logs are those of ``scripts/blind draw``
 in a folder: development logs, never those of a final draw. Every ablation diagnoses all of them in a process of
 its own; what is in the folder of results is not run again.
 """
@@ -67,7 +67,7 @@ ABLATIONS = {
     "most-12": Ablation("twice as many causes allowed", "engine.selection.MOST_CAUSES", 12),
     "pieces-6": Ablation("six harmonics of one cause", "engine.selection.MOST_PIECES", 6),
     "promise-0": Ablation("every candidate refined that gains anything", "engine.selection.PROMISE", 0.05),
-    "matters": Ablation("no error of form", "engine.selection.matters", true),
+    "matters": Ablation("no error of form", "engine.selection.exceeds_form_error", true),
     "form-2": Ablation("error of form 1 %", "engine.criterion.FORM_ERROR", 0.01),
     "form-of-cause": Ablation("no error of a cause's form", "engine.criterion.OF_CAUSE", 0.0),
     "overfit": Ablation("no prediction of unseen blocks", "engine.selection.predicts", true),

@@ -51,7 +51,7 @@ def diagnose(
     asked = describe_run("diagnose", locals())
     import numpy as np
 
-    from gimbal_pin.diagnosis import DIAGNOSIS_BAND, planned, usual
+    from gimbal_pin.diagnosis import DIAGNOSIS_BAND, choose_band, planned
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.diagnosis.file import write_diagnosis
     from gimbal_pin.identification import identify, refittable_effects
@@ -60,7 +60,7 @@ def diagnose(
     from gimbal_pin.report.sections.diagnosis import show_diagnosis
 
     loaded, read = load_logs(rig, payload, logs, map, moving=True)
-    band = usual(loaded, read) if cutoff is None else replace(DIAGNOSIS_BAND, cutoff=cutoff)
+    band = choose_band(loaded, read) if cutoff is None else replace(DIAGNOSIS_BAND, cutoff=cutoff)
     band, rng = replace(band, alignment=alignment), np.random.default_rng(seed)
     found = run(loaded, read, rng=rng, holdout=holdout, filtering=band, mass=mass)
     if urdf is not None:

@@ -66,7 +66,7 @@ def excite(
     from gimbal_pin.excitation import build_sequential_criterion, count_periods, list_shown_effects, predict_estimate
     from gimbal_pin.excitation import excite as run
     from gimbal_pin.log.io import write_motion
-    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.elements import join_text
     from gimbal_pin.report.sections.excitation import show_excitation, show_expectation
     from gimbal_pin.rig.config import read_limits
 

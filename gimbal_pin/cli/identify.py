@@ -75,7 +75,7 @@ def identify(
     from gimbal_pin.identification import identify as run
     from gimbal_pin.regression import TRUST
 
-    check_options(
+    check_follow_options(
         follow=follow,
         whole=(
             *(("--extended", extended), ("--estimator", estimator != "weighted"), ("--holdout", holdout)),
@@ -107,7 +107,9 @@ def identify(
     tell_model(found, mass, json, as_lines=follow and json == Path("-"))
 
 
-def check_options(*, follow: bool, whole: Sequence[tuple[str, object]], growing: Sequence[tuple[str, object]]) -> None:
+def check_follow_options(
+    *, follow: bool, whole: Sequence[tuple[str, object]], growing: Sequence[tuple[str, object]]
+) -> None:
     """Raise `UsageError` for an option of whole logs beside ``--follow``, or of a growing one without."""
     for option, given in whole if follow else growing:
         if given and follow:
@@ -127,7 +129,7 @@ def tell_cameras(
     json: Path | None,
 ) -> None:
     """Estimate several cameras, or a new one on a known gimbal, write their models, and tell them."""
-    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.elements import join_text
     from gimbal_pin.report.sections.model import show_cameras
 
     several = estimate(holdout=holdout or "last-third" if refit else holdout)
@@ -187,7 +189,7 @@ def tell_model(found: Identified, mass: float | None, json: Path | None, as_line
     """Tell a model: as one more line of JSON, or as a page's sections."""
     from gimbal_pin.identification import compare_payload, report_with_payload
     from gimbal_pin.log.io.files import to_json
-    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.elements import join_text
     from gimbal_pin.report.sections.model import show_parameters, show_torque
 
     about = compare_payload(found, mass)

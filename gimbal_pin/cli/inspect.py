@@ -36,7 +36,7 @@ def inspect(
     from gimbal_pin.log.io import split_payload
     from gimbal_pin.log.io.files import atomic_write, open_replacement
     from gimbal_pin.log.io.inspection import inspect as run
-    from gimbal_pin.report.html import Document, join_text
+    from gimbal_pin.report.elements import Document, join_text
     from gimbal_pin.report.sections.data import show_file, write_picture
 
     if not files:

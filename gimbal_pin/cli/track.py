@@ -73,11 +73,11 @@ def track(
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.pointing import parse_fault, verify
     from gimbal_pin.report import pages
-    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.elements import join_text
     from gimbal_pin.report.sections.camera import draw_camera_chart
 
     moving = platform != "none" or platform_log is not None
-    check_options(controller, compiled, moving, (animation, plot, fault, effect))
+    check_camera_options(controller, compiled, moving, (animation, plot, fault, effect))
     loaded = load_rig(rig, payload or read_payload(controller))
     tuned = None if controller is None else read_controller(controller, loaded)
     machine = None if compiled is None else Library.load(compiled, loaded)
@@ -117,7 +117,7 @@ def collect_results(steps: Tracking | None, judged: Judgement | None, held: Veri
     return {"schema": 1, "experiments": [], **own, **({} if judged is None else {"judged": judged.to_dict()}), **more}
 
 
-def check_options(controller: str | None, compiled: Path | None, moving: bool, held: Sequence[object]) -> None:
+def check_camera_options(controller: str | None, compiled: Path | None, moving: bool, held: Sequence[object]) -> None:
     """Raise `UsageError` for what is missing; `held`: what ``--animation, --plot, --fault, --effect`` were given."""
     motions = "--platform S, --platform-log FILE"
     if controller is None and not moving:
@@ -138,7 +138,7 @@ def step_controllers(
     """
     import numpy as np
 
-    from gimbal_pin.control.controllers import COMPILED
+    from gimbal_pin.control.controller_names import COMPILED
     from gimbal_pin.control.judging import judge_controllers
     from gimbal_pin.control.tracking import track as run
     from gimbal_pin.control.tuning import RIVAL, pair_rivals

@@ -36,7 +36,7 @@ def tune(
     from gimbal_pin.control.tuning import tune as run
     from gimbal_pin.identification import identify
     from gimbal_pin.identification.model_file import is_model, read_model
-    from gimbal_pin.report.html import join_text
+    from gimbal_pin.report.elements import join_text
     from gimbal_pin.report.sections.control import show_controller, show_tracking
 
     if len(source) == 1 and is_model(source[0]):

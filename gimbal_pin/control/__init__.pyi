@@ -1,6 +1,6 @@
-from .controllers import BASELINE as BASELINE
-from .controllers import COMPILED as COMPILED
-from .controllers import OURS as OURS
+from .controller_names import BASELINE as BASELINE
+from .controller_names import COMPILED as COMPILED
+from .controller_names import OURS as OURS
 from .drive_gains import DriveGains as DriveGains
 from .drive_gains import convert_gains as convert_gains
 from .experiment import bench_run as bench_run
@@ -27,7 +27,7 @@ from .laws.base import Outer as Outer
 from .laws.carried import CarriedTorque as CarriedTorque
 from .laws.computed_torque import lyapunov as lyapunov
 from .laws.design import Wish as Wish
-from .laws.equal import Equal as Equal
+from .laws.equal_margin import EqualMarginLoop as EqualMarginLoop
 from .laws.reasons import ReasonKind as ReasonKind
 from .laws.uncertainty import compute_inertia as compute_inertia
 from .laws.uncertainty import draw_model as draw_model

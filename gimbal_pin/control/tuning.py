@@ -15,7 +15,7 @@ import numpy as np
 from gimbal_pin.control.drive_gains import DriveGains, convert_gains
 from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, ModelErrorBounds, Pid, Robust, bounds
 from gimbal_pin.control.laws.computed_torque import CompensatedPid, lyapunov
-from gimbal_pin.control.laws.design import Wish, braking, granted, inner, layered, lowered, seen_inertia
+from gimbal_pin.control.laws.design import Wish, braking, granted, layered, lowered, seen_inertia, small_error_gains
 from gimbal_pin.control.laws.reasons import (
     UNSEEN,
     GainReason,
@@ -130,7 +130,7 @@ class Tuning:
 
         joints, drives, wish = self.model.rig.joints, self.model.drives, self.wish
         return draw_loop_chart(
-            joints, inner(self.gains, self.robust), self.worst, wish.dt, wish.delay, drives, self.ratios
+            joints, small_error_gains(self.gains, self.robust), self.worst, wish.dt, wish.delay, drives, self.ratios
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -193,7 +193,7 @@ def tune(
     """Place the error's poles, ``(s² + 2 ζ ω s + ω²)(s + γ ω)``, and check the margins of the sampled, delayed loop.
 
     Asked for a disk margin, it finds each joint's highest bandwidth that keeps it; asked for a bandwidth, it lowers
-    that until the disk margin is kept, and says so. Both hold for the worst of `DRAWS` models drawn from the
+    that until the disk margin is kept, and says so. Both hold for the worst of `DRAWN_MODELS` models drawn from the
     covariance, the drive's lags and delays included.
 
         model = identify(rig, logs).model
@@ -238,7 +238,7 @@ def tune(
     gains = tuple(wish.gains(hz) for hz in hertz)
     known = bounds(model, np.random.default_rng(0)) if kind == "computed-torque" else None
     law = layered(gains, known, wish, kept, drives) if robust and known is not None else None
-    found, least = (tuple(map(wish.margins, inner(gains, law), of, drives)) for of in (believed, ratios))
+    found, least = (tuple(map(wish.margins, small_error_gains(gains, law), of, drives)) for of in (believed, ratios))
     reasons = [] if dt else [about_sampling(wish, logged)]
     reasons += about_delay(model, wish) if delay is None else []
     reasons += about_loops(model, wish, hertz, found, least if over is not None else None)
@@ -284,7 +284,7 @@ def pair_rivals(tuned: StoredController) -> dict[str, TunedLaw]:
         widened(seen_inertia(model, kind)[1], draw_inertia_ratios(model, kind, np.random.default_rng(0)))
         for kind in (wish.kind, "pid")
     ]
-    loops = inner(law.gains, law.robust if isinstance(law, ComputedTorque) else None)
+    loops = small_error_gains(law.gains, law.robust if isinstance(law, ComputedTorque) else None)
     gains = []
     for pid, loop, own, ratios, drive in zip(law.gains, loops, *known, model.drives):
         disk = min(max(wish.smallest(loop, own, drive), 0.01), 1.99)

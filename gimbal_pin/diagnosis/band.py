@@ -36,7 +36,7 @@ FEWEST_BLOCKS = 3
 """Fewest blocks: every third, the middle one first, is reported on."""
 
 
-def usual(rig: Rig, logs: Sequence[Log]) -> Filtering:
+def choose_band(rig: Rig, logs: Sequence[Log]) -> Filtering:
     """Return the filter for logs where none is asked for.
 
     Doubled while some joint has more power in lines beyond the band than it has in the band: its teeth pass by at k

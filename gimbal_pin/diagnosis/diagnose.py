@@ -12,7 +12,7 @@ from gimbal_pin.checks import CheckedLog, Fault, check_log
 from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
 from gimbal_pin.checks.torque_time import find_shifted_torques, find_time_fault, report_shifts
 from gimbal_pin.diagnosis.agreement import find_disagreement
-from gimbal_pin.diagnosis.band import alternate_blocks, usual
+from gimbal_pin.diagnosis.band import alternate_blocks, choose_band
 from gimbal_pin.diagnosis.counterfactual import add_sensor_findings
 from gimbal_pin.diagnosis.engine import Explained, explain
 from gimbal_pin.diagnosis.engine.alignment import retimed
@@ -52,14 +52,14 @@ def diagnose(
 ) -> Diagnosis:
     """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
 
-    Long logs are subsampled, see `samples.subsample_log`; a note says how. The band is `band.usual` where no
+    Long logs are subsampled, see `samples.subsample_log`; a note says how. The band is `band.choose_band` where no
     filtering is given. `rng` may be a seed; None: a fresh one, whose seed is in the result.
 
     Args and errors: as `diagnose_short_logs`; `mass`: of the payload, kg, where it was weighed.
     """
     logs = [log.ordered(rig) for log in logs]
     shown = [subsample_log(log) for log in logs]
-    band = usual(rig, logs) if filtering is None else filtering
+    band = choose_band(rig, logs) if filtering is None else filtering
     generator, seed = make_generator(rng)
     found = diagnose_short_logs(rig, [one.log for one in shown], causes, generator, holdout, band)
     filters = None if filtering is None or filtering.alignment is None else Filtering(alignment=filtering.alignment)

@@ -18,9 +18,9 @@ from gimbal_pin.diagnosis.engine.criterion import (
     compare_models,
     compute_cause_torque,
     criterion,
+    exceeds_form_error,
     fitted,
     leave_cause_out,
-    matters,
     rows,
     unsupported,
 )
@@ -172,7 +172,7 @@ def _list_immaterial(found: Explained) -> tuple[Slight, ...]:
             continue
         new = fitted(search.problem, together(state.causes, cause), state)
         clear = criterion(state) - criterion(new) > search.threshold
-        if clear and not matters(new, state):
+        if clear and not exceeds_form_error(new, state):
             fits = state.fit, new.fit
             left, less = (np.sum((fit.residual.reshape(-1, n) / fit.scale) ** 2, axis=0) for fit in fits)
             size = np.sqrt(np.maximum(left - less, 0.0) / np.maximum(torque, 1e-300))
@@ -273,7 +273,7 @@ def _describe_cause(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
     said = f"{final.sentence(values)}{_describe_vagueness(cause, figures)}{f' ({within})' if within else ''}"
     change = 100 * (after / max(before, 1e-300) - 1)
     gained = rig.in_units(at, f"held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)")
-    chance = len(found.search.shelf.causes) * np.exp((criterion(state) - criterion(base)) / 2)
+    chance = len(found.search.library.causes) * np.exp((criterion(state) - criterion(base)) / 2)
     return Finding(
         cause=cause.name,
         joint=get_joint(cause),
@@ -338,11 +338,11 @@ def list_untestable(found: Explained, findings: Sequence[Finding]) -> tuple[Unte
 
     One motor's gain shows by what it spares all others.
     """
-    state, shelf, visible = found.first, found.search.shelf, dict[tuple[str, str | None], float]()
-    shares = visibility(state.fit, [shelf.of(cause, state) for cause in shelf.causes])
-    for cause, share in zip(shelf.causes, shares.tolist()):
+    state, library, visible = found.first, found.search.library, dict[tuple[str, str | None], float]()
+    shares = visibility(state.fit, [library.of(cause, state) for cause in library.causes])
+    for cause, share in zip(library.causes, shares.tolist()):
         at = cause.name, get_joint(cause)
         visible[at] = max(visible.get(at, 0.0), share)
-    why = {cause.name: cause.hidden for cause in shelf.causes}
+    why = {cause.name: cause.hidden for cause in library.causes}
     known = {(one.cause, one.joint) for one in findings}
     return tuple(Untestable(*at, why[at[0]]) for at, share in visible.items() if share < HIDDEN and at not in known)

@@ -18,7 +18,7 @@ from scipy.special import logit
 from tqdm import tqdm
 
 from gimbal_pin.checks.torque_time import LARGEST_SHIFT
-from gimbal_pin.diagnosis.band import alternate_blocks, usual
+from gimbal_pin.diagnosis.band import alternate_blocks, choose_band
 from gimbal_pin.diagnosis.columns import Columns
 from gimbal_pin.diagnosis.diagnose import check_moved, of_refitted
 from gimbal_pin.diagnosis.engine.alignment import project_slope
@@ -190,15 +190,15 @@ def rehearse(
         DataError: The motion is too short to judge, or does not move a joint.
     """
     log = subsample_log(record_log(nominal(rig), motion, torque_noise, make_generator(rng)[0])).log
-    band = replace(usual(rig, [log]), alignment=0.0)
+    band = replace(choose_band(rig, [log]), alignment=0.0)
     evidence = alternate_blocks(gather(rig, [log], band), band)[0]
     check_moved(evidence, "the motion")
     kinds = of_refitted(causes)
-    shelf = ColumnLibrary(rig, list_candidates(evidence, kinds), of_model=True)
-    search = Search.among(Problem.of(evidence, reduce_parameters(rig)), shelf)
+    library = ColumnLibrary(rig, list_candidates(evidence, kinds), of_model=True)
+    search = Search.among(Problem.of(evidence, reduce_parameters(rig)), library)
     state = solve_causes(search.problem, ())
-    bar = tqdm(shelf.causes, "rehearsal", unit="cause", disable=None, leave=False, delay=2)
-    columns = [shelf.of(cause, state) for cause in bar]
+    bar = tqdm(library.causes, "rehearsal", unit="cause", disable=None, leave=False, delay=2)
+    columns = [library.of(cause, state) for cause in bar]
     places = [CauseAt(name, joint) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint]
     places += [CauseAt(name, None) for name, kind in kinds.items() if not kind.of_joint]
     grids: dict[CauseAt, list[Columns]] = {at: [] for at in places}

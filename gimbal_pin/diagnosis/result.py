@@ -342,8 +342,8 @@ class Diagnosis:
         object.__setattr__(self, "verdict", self.judge(self.findings))
 
     @property
-    def beside(self) -> str:
-        """The verdict without what that model has."""
+    def verdict_without_platform(self) -> str:
+        """The verdict over `lacking`: the platform's motion, which `identify` has from an IMU, does not count."""
         return self.judge(self.lacking)
 
     def judge(self, findings: Sequence[Finding]) -> str:

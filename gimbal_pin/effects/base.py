@@ -198,5 +198,5 @@ class Term:
         return self.effect.sentence(self.values)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data: the effect's name and fields, and `values`; `plain.term_from` reads it back."""
+        """Return it as plain data: the effect's name and fields, and `values`; `plain.read_term` reads it back."""
         return {**self.effect.to_dict(), "values": list(self.values)}

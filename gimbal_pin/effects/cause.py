@@ -140,7 +140,7 @@ class Cause(ABC):
         return cls(**at, **{shape.name: given[shape.name] for shape in cls.shapes})
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as plain data; `plain.cause_from` reads it back."""
+        """Return it as plain data; `plain.read_cause` reads it back."""
         held = {field.name: getattr(self, field.name) for field in fields(self)}
         return {"effect": self.name, **{key: list(x) if isinstance(x, tuple) else x for key, x in held.items()}}
 

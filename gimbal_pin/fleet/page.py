@@ -14,8 +14,8 @@ from gimbal_pin.fleet.montecarlo import SHOWN, MonteCarlo
 from gimbal_pin.fleet.population import Deviation, DeviationKind
 from gimbal_pin.fleet.study import PLATFORM, SCALES, STEPS
 from gimbal_pin.report import plots
+from gimbal_pin.report.elements import Card, Document, Section, Table, cards, folded, paragraph
 from gimbal_pin.report.format import DASH, PALETTE, figures, interval, percent
-from gimbal_pin.report.html import Card, Document, Section, Table, cards, folded, paragraph
 
 if TYPE_CHECKING:
     from gimbal_pin.report.plots import Axes, Figure

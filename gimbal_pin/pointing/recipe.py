@@ -8,12 +8,12 @@ from typing import Protocol
 
 import numpy as np
 
-from gimbal_pin.control.controllers import BASELINE, COMPILED, OURS
+from gimbal_pin.control.controller_names import BASELINE, COMPILED, OURS
 from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, Pid
 from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.carried import CarriedTorque
-from gimbal_pin.control.laws.design import inner
-from gimbal_pin.control.laws.equal import OUTER_DAMPING, OUTER_INTEGRAL, Equal, bandwidth
+from gimbal_pin.control.laws.design import small_error_gains
+from gimbal_pin.control.laws.equal_margin import OUTER_DAMPING, OUTER_INTEGRAL, EqualMarginLoop, bandwidth
 from gimbal_pin.control.laws.uncertainty import columns, compute_inertia, estimate
 from gimbal_pin.dynamics.model import Model
 from gimbal_pin.errors import UsageError
@@ -76,9 +76,9 @@ class Recipe:
         return Sight(self.model.rig)
 
     @cached_property
-    def equals(self) -> tuple[Equal, ...]:
+    def equals(self) -> tuple[EqualMarginLoop, ...]:
         """Per joint its loops of one disk margin; joints whose drives are alike share them."""
-        made = {drive: Equal(self.dt, self.delay * self.dt, drive) for drive in self.model.drives}
+        made = {drive: EqualMarginLoop(self.dt, self.delay * self.dt, drive) for drive in self.model.drives}
         return tuple(made[drive] for drive in self.model.drives)
 
     @property
@@ -95,7 +95,7 @@ class Recipe:
         """Return the margins of a controller's loops, joint by joint, with the drives that the model knows."""
         gains = tuple(own.pid for own in self.equals)
         if self.law is not None and name in (self.kind, COMPILED):
-            gains = inner(self.law.gains, self.law.robust if isinstance(self.law, ComputedTorque) else None)
+            gains = small_error_gains(self.law.gains, self.law.robust if isinstance(self.law, ComputedTorque) else None)
         return tuple(equal.of(pid) for equal, pid in zip(self.equals, gains))
 
     def navigator(self, gains: tuple[Pid, ...], foresees: bool) -> Navigator:

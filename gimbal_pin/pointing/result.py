@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from gimbal_pin.control.controllers import BASELINE, OURS
+from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.control.laws.loop import Margins
 from gimbal_pin.log.limited import compute_limit_shares
 from gimbal_pin.log.log import Array, freeze

@@ -1,18 +1,18 @@
 import collections.abc
 
-from . import html as html
+from . import elements as elements
 from . import pages as pages
 from . import plots as plots
 from . import tables as tables
 from . import view as view
+from .elements import Document as Document
+from .elements import Section as Section
+from .elements import Table as Table
+from .elements import join as join
 from .evaluation import Evaluated as Evaluated
 from .evaluation import evaluate as evaluate
 from .format import figures as figures
 from .format import list_shown_joints as list_shown_joints
-from .html import Document as Document
-from .html import Section as Section
-from .html import Table as Table
-from .html import join as join
 from .pipeline import FILES as FILES
 from .pipeline import Auto as Auto
 from .pipeline import auto as auto

@@ -12,8 +12,8 @@ from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.identification import Identified, split_logs
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, Design, compute_blocks
+from gimbal_pin.report.elements import Content, toned
 from gimbal_pin.report.format import DASH, figures, list_shown_joints
-from gimbal_pin.report.html import Content, toned
 
 HARMLESS_SHARE, BAD_SHARE = 0.01, 0.05
 """Shares of a joint's torque: an interval that moves less does no harm, one that moves more is bad."""

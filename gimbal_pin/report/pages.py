@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from gimbal_pin.control.controllers import OURS
+from gimbal_pin.control.controller_names import OURS
 from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Verified
+from gimbal_pin.report.elements import Document, Section, embed, join_text, paragraph
 from gimbal_pin.report.evaluation import Evaluated, evaluate
 from gimbal_pin.report.format import controller_name, listed
-from gimbal_pin.report.html import Document, Section, embed, join_text, paragraph
 from gimbal_pin.report.sections.camera import show_camera
 from gimbal_pin.report.sections.control import show_controller, show_tracking
 from gimbal_pin.report.sections.data import show_logs, show_rig

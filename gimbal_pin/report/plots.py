@@ -13,7 +13,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from gimbal_pin.log.log import Array
-from gimbal_pin.report import html
+from gimbal_pin.report import elements
 from gimbal_pin.report.format import PALETTE, figures
 
 if TYPE_CHECKING:  # for the sections, too: they annotate with plots.Axes and plots.Figure
@@ -102,7 +102,7 @@ class Drawing:
 
     def __html__(self) -> str:
         """Return it as an element of a page."""
-        return html.figure(drawn(self.make, self.alt, self.colours), self.caption)
+        return elements.figure(drawn(self.make, self.alt, self.colours), self.caption)
 
     def __str__(self) -> str:
         """Return no lines."""

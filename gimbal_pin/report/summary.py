@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gimbal_pin.control.controllers import BASELINE, OURS
+from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.control.laws.reasons import ReasonKind, list_compensated
 from gimbal_pin.control.tuning import RIVAL
 from gimbal_pin.diagnosis.result import MEASURED_CAUSE
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD
+from gimbal_pin.report.elements import Card, Section, bullets, cards, notice, paragraph
 from gimbal_pin.report.format import (
     angle,
     controller_name,
@@ -29,7 +30,6 @@ from gimbal_pin.report.format import (
     to_sentence,
     torque_text,
 )
-from gimbal_pin.report.html import Card, Section, bullets, cards, notice, paragraph
 from gimbal_pin.report.tables import FAIR, GOOD, TOGETHER, grade
 from gimbal_pin.rig.brief import brief
 
@@ -171,7 +171,7 @@ def rate_controller(tuning: Tuning | None, judged: Judgement | None, held: Verif
 
 def missed(wrong: Diagnosis | None) -> str:
     """Return what the rigid model misses, or what is wrong with the logs, as a sentence without its full stop."""
-    if wrong is None or wrong.beside == "nothing":
+    if wrong is None or wrong.verdict_without_platform == "nothing":
         return ""
     if wrong.verdict == "data":
         faults = listed(dict.fromkeys(fault.cause for fault in wrong.spoiling))

@@ -10,6 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from gimbal_pin.errors import NORMAL_95, digits
+from gimbal_pin.report.elements import Content, Table, bar, toned
 from gimbal_pin.report.format import (
     DASH,
     angle,
@@ -24,7 +25,6 @@ from gimbal_pin.report.format import (
     torque_unit,
     unit,
 )
-from gimbal_pin.report.html import Content, Table, bar, toned
 
 if TYPE_CHECKING:
     from gimbal_pin.control.judging import Judgement

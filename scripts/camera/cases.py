@@ -20,9 +20,9 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from camera.contest import foretell
-from gimbal_pin.control.controllers import BASELINE, OURS
+from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.control.experiment import perturbed
-from gimbal_pin.control.laws.equal import Equal
+from gimbal_pin.control.laws.equal_margin import EqualMarginLoop
 from gimbal_pin.dynamics.imu import add_imu_noise
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.plant import State
@@ -266,7 +266,7 @@ def make_holder(recipe: Recipe, name: str, ground: Platform) -> Holder:
         return foretell(recipe, ground)
     if name != FASTEST:
         return recipe.pointer(name)
-    gains = tuple(Equal(DT, DT, drive, crossover=100.0).pid for drive in recipe.model.drives)
+    gains = tuple(EqualMarginLoop(DT, DT, drive, crossover=100.0).pid for drive in recipe.model.drives)
     return replace(recipe.pointer(BASELINE), law=recipe.pid(gains))
 
 

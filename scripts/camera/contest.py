@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.control.controllers import BASELINE, OURS
+from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.control.laws import ComputedTorque, bounds
 from gimbal_pin.control.laws.base import BaseState, Pid
 from gimbal_pin.control.laws.carried import CarriedTorque
 from gimbal_pin.control.laws.computed_torque import Robust, lyapunov, stiffened
 from gimbal_pin.control.laws.design import LAYERED, bisected
-from gimbal_pin.control.laws.equal import OUTER_DAMPING, OUTER_INTEGRAL, Equal, bandwidth
+from gimbal_pin.control.laws.equal_margin import OUTER_DAMPING, OUTER_INTEGRAL, EqualMarginLoop, bandwidth
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
@@ -72,7 +72,7 @@ def without_hidden(model: Model) -> Model:
     return replace(model, rig=rig.with_phi(phi))
 
 
-def redesign(law: CarriedTorque, equals: Sequence[Equal]) -> CarriedTorque:
+def redesign(law: CarriedTorque, equals: Sequence[EqualMarginLoop]) -> CarriedTorque:
     """Return slower loops with Lyapunov redesign, of the thinnest layer that keeps every joint's margin."""
     slow = tuple(Pid.placed(LAYERED * bandwidth(equal.pid), OUTER_DAMPING, OUTER_INTEGRAL) for equal in equals)
     layer = Robust(lyapunov(slow), bounds(law.model, np.random.default_rng(0)), 1.0)

@@ -10,7 +10,7 @@ from math import degrees, inf, isfinite
 import numpy as np
 from tqdm import tqdm
 
-from gimbal_pin.control.controllers import BASELINE
+from gimbal_pin.control.controller_names import BASELINE
 from gimbal_pin.control.laws.carried import CarriedTorque
 from gimbal_pin.control.laws.uncertainty import change_parameters, columns, estimate
 from gimbal_pin.dynamics.model import Model, nominal

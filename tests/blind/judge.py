@@ -1,4 +1,4 @@
-"""One case judged: what a diagnosis (CONTRACT.md's `diagnose --json`) got right and wrong of a truth."""
+"""One case judged: what a diagnosis (`diagnose --json`) got right and wrong of a truth."""
 
 from __future__ import annotations
 

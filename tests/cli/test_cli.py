@@ -1,4 +1,4 @@
-"""The command line: CONTRACT's verbs, JSON keys and exit codes, on real files, through the parser."""
+"""The command line: verbs, JSON keys and exit codes, on real files, through the parser."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gimbal_pin.diagnosis import DIAGNOSIS_BAND, diagnose, usual
+from gimbal_pin.diagnosis import DIAGNOSIS_BAND, choose_band, diagnose
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
@@ -36,12 +36,12 @@ def turning(amplitude: float, noise: float, turns: float = 0.8, teeth: int = 72)
 
 @pytest.mark.parametrize(("turns", "teeth"), [(0.3, 84), (0.8, 72), (1.0, 18)])
 def test_the_band_holds_the_lines_of_the_teeth(rotor: Rig, turns: float, teeth: int) -> None:
-    assert usual(rotor, [turning(5e-3, 1e-4, turns, teeth)]).cutoff >= turns * teeth
+    assert choose_band(rotor, [turning(5e-3, 1e-4, turns, teeth)]).cutoff >= turns * teeth
 
 
 @pytest.mark.parametrize("noise", [1e-5, 1e-3, 1e-1])
 def test_the_band_follows_no_noise(rotor: Rig, noise: float) -> None:
-    assert usual(rotor, [turning(0.0, noise)]) == DIAGNOSIS_BAND
+    assert choose_band(rotor, [turning(0.0, noise)]) == DIAGNOSIS_BAND
 
 
 def test_teeth_that_pass_quickly_are_named(rotor: Rig) -> None:

@@ -121,10 +121,10 @@ def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_
     found = fitted(model, tooth)
     kinds: dict[str, type[Cause]] = {"cogging": Cogging, "torque-ripple": TorqueRipple}
     grid = [cause for cause in list_candidates(found.problem.evidence, kinds) if cause not in tooth.above()]
-    shelf = ColumnLibrary(found.problem.evidence.rig, grid)
-    shown = [one.cause for one in shelf.columns(found)]
+    library = ColumnLibrary(found.problem.evidence.rig, grid)
+    shown = [one.cause for one in library.columns(found)]
     assert second in shown and max(shown, key=partial(worth, found)) == second
-    assert not [one for one in shelf.columns(refit_without(found, tooth)) if one.cause == second]
+    assert not [one for one in library.columns(refit_without(found, tooth)) if one.cause == second]
     assert {one.harmonic for one in Cogging("tilt", (400.0,)).above()} == {(800.0,)}
 
 

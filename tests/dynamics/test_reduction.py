@@ -35,7 +35,7 @@ TABLE = (
     {"cradle.mx": 1},
     {"cradle.mz": 1},
 )
-"""THESIS, "Base parameters": bodies 1, 2, 3 are spine, fork, cradle; friction stands by itself."""
+"""Bodies 1, 2, 3 are spine, fork, cradle; friction stands by itself."""
 
 ZERO = ("spine.Ixx", "spine.Izz", "spine.mx", "spine.my", "spine.mz", "fork.my")
 """(4.33)."""
@@ -95,7 +95,7 @@ def test_full_inertias_regroup_the_diagonal_ones_alike() -> None:
 def test_counts_of_the_thesis_rig_upright_and_tilted(
     gravity: tuple[float, float, float], full: int, diagonal: int
 ) -> None:
-    """CONTROL.md: 15 / 9 on an upright base; one static tilt adds 2, for gravity then reaches the first axis."""
+    """15 / 9 on an upright base; one static tilt adds 2, for gravity then reaches the first axis."""
     rig = bundled("thesis")
     model = rig.model.copy()
     model.gravity.linear = np.array(gravity, dtype=float)

@@ -102,7 +102,7 @@ CONTRACT = [
     "off-diagonal-inertia",
 ]
 BEYOND = ("platform-motion",)
-"""In CONTRACT.md, not yet here."""
+"""Wished for, not yet here."""
 
 
 @cache

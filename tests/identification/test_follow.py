@@ -305,7 +305,7 @@ def test_steps_come_once_a_second() -> None:
 
 
 def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
-    """A line of JSON each second; Ctrl-C, the pipe being open still, ends with CONTRACT's result and the files."""
+    """A line of JSON each second; Ctrl-C, the pipe being open still, ends with the result and the files."""
     log, path, model = noisy(), tmp_path / "log.csv", tmp_path / "m.yaml"
     write_log(log, path)
     command = [sys.executable, "-m", "gimbal_pin.cli", "identify", "turret", "-", "--follow", "--json", "-"]

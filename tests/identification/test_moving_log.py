@@ -184,7 +184,7 @@ def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth() -> None:
     rate = np.sqrt(np.mean(np.sum(swaying(times(8.0), size).w[:5_333] ** 2, axis=1)))
     assert one.parameters[0].value == pytest.approx(rate, rel=0.05)
     # The model has it from the IMU: nobody is told that it is missing, and nothing is compensated for it.
-    assert (found.verdict, found.lacking, found.beside) == ("named", (), "nothing")
+    assert (found.verdict, found.lacking, found.verdict_without_platform) == ("named", (), "nothing")
     assert "by the platform's motion alone" in show_diagnosis(found).to_text()
     assert missed(found) == ""
     assert "nothing more can be found" in show_diagnosis(found).html and "missing" not in show_diagnosis(found).html

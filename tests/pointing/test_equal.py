@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.control import Equal
+from gimbal_pin.control import EqualMarginLoop
 from gimbal_pin.dynamics import Model, nominal
 from gimbal_pin.effects import Delay
 from gimbal_pin.pointing import WANTED, Pointing, Recipe, Row, Spectrum, Station, rehearse_platform, unbalance_payload
@@ -45,7 +45,7 @@ def test_a_late_drive_slows_its_own_joint_and_no_other() -> None:
 
 def test_each_drives_forecast_is_weighted_by_its_own_loops() -> None:
     found = recipe(0.005)
-    forecast, alone = found.pointer().navigator.forecast, Equal()
+    forecast, alone = found.pointer().navigator.forecast, EqualMarginLoop()
     assert forecast.leads == (pytest.approx(0.0015), pytest.approx(0.0065))
     assert forecast.gains == (alone.pid, found.equals[0].pid)
 

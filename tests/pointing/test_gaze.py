@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import strategies as st
 
-from gimbal_pin.control import Equal
+from gimbal_pin.control import EqualMarginLoop
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Array
 from gimbal_pin.pointing import (
@@ -58,7 +58,7 @@ def verified() -> Verified:
         for name, size in SIZES.items()
     ]
     rows = tuple(Row(run.controller, (run,)) for run in runs)
-    return Verified("thesis", "cinema", rows, dict.fromkeys(SIZES, (Equal().margins,) * 3))
+    return Verified("thesis", "cinema", rows, dict.fromkeys(SIZES, (EqualMarginLoop().margins,) * 3))
 
 
 @cache
@@ -168,7 +168,7 @@ def test_the_torque_card_says_for_how_long_the_limit_is_reached(share: float, to
 def test_the_headline_says_when_margins_differ() -> None:
     """Gains that were asked for have other margins than the PID's."""
     assert headline(verified()).endswith("10 times as much.")
-    slow = (replace(Equal().margins, disk_margin=0.8),) * 3
+    slow = (replace(EqualMarginLoop().margins, disk_margin=0.8),) * 3
     other = replace(verified(), loops={**verified().loops, "computed-torque": slow})
     assert headline(other).endswith("10 times as much, each with margins of its own.")
 

@@ -19,7 +19,7 @@ from gimbal_pin.control import (
     Aim,
     BaseState,
     CarriedTorque,
-    Equal,
+    EqualMarginLoop,
     JointPid,
     Pid,
     tune,
@@ -439,12 +439,12 @@ def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
 
 
 def test_all_loops_have_the_same_margin() -> None:
-    equal = Equal()
+    equal = EqualMarginLoop()
     found = equal.margins
     assert found.crossover_hz == pytest.approx(25.0, abs=0.2)
     assert found.phase_margin_deg == pytest.approx(58.0, abs=1.0)
     assert found.disk_margin >= 1.07 and found.delay_margin >= 0.004
-    late = Equal(drive=(Delay("yaw", 0.005),))
+    late = EqualMarginLoop(drive=(Delay("yaw", 0.005),))
     assert late.fair(late.margins) and late.margins.crossover_hz < 8
 
 

@@ -29,8 +29,8 @@ from gimbal_pin.report import (
     Document,
     Section,
     Table,
+    elements,
     evaluate,
-    html,
     join,
     list_shown_joints,
     pages,
@@ -212,14 +212,14 @@ TEXTS = st.text(st.characters(min_codepoint=32, blacklist_categories=("Cs", "Cc"
 @given(TEXTS)
 @example(EVIL)
 def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
-    card = html.Card(text, text, text)
+    card = elements.Card(text, text, text)
     parts = [
-        html.paragraph(text),
-        Table([text, "b"], [[text, html.toned(text, "good")]], caption=text),
-        html.cards([card]),
-        html.bullets([text]),
-        html.figure(Markup("<svg></svg>"), text),
-        html.bar(0.5, text),
+        elements.paragraph(text),
+        Table([text, "b"], [[text, elements.toned(text, "good")]], caption=text),
+        elements.cards([card]),
+        elements.bullets([text]),
+        elements.figure(Markup("<svg></svg>"), text),
+        elements.bar(0.5, text),
     ]
     page = Document(text, text, [Section(text, parts, text)]).to_html()
     tree = parsed(page)
@@ -236,9 +236,9 @@ def test_any_text_comes_out_of_the_page_as_it_went_in(text: str) -> None:
 def test_what_is_folded_is_said_in_the_terminal_but_for_pictures() -> None:
     """Of a picture, which needs a page, not even the line that opens it."""
     picture = plots.Drawing(lambda: plots.panels(1, 1, 2.0)[0], "alt", "caption")
-    for parts, said in (((picture,), ""), ((picture, html.paragraph("a")), "\nOpens\na")):
-        assert Section("x", [html.folded("Opens", *parts)]).to_text(detailed=True) == said
-        assert Section("x", [html.folded("Opens", *parts)]).to_text() == ""
+    for parts, said in (((picture,), ""), ((picture, elements.paragraph("a")), "\nOpens\na")):
+        assert Section("x", [elements.folded("Opens", *parts)]).to_text(detailed=True) == said
+        assert Section("x", [elements.folded("Opens", *parts)]).to_text() == ""
 
 
 @given(st.lists(st.one_of(TEXTS, st.sampled_from(["Data", "data", "data-2", "Data 2", "<>"])), max_size=8))
@@ -386,7 +386,7 @@ def test_a_regrouping_breaks_between_its_terms() -> None:
 @given(st.lists(st.lists(TEXTS, min_size=3, max_size=3), max_size=5))
 def test_terminal_and_page_show_the_same_cells(rows: list[list[str]]) -> None:
     """In the terminal without their marks, a line each, in columns that begin or end below each other."""
-    table = Table(["a", "b", "c"], [[html.toned(first, "good"), *rest] for first, *rest in rows], texts=2)
+    table = Table(["a", "b", "c"], [[elements.toned(first, "good"), *rest] for first, *rest in rows], texts=2)
     page = parsed(f"<div>{Markup(table)}</div>").xpath("//tbody/tr")
     shown = [" ".join(" ".join(cell.text_content().split()) for cell in row).split() for row in page]
     head, *lines = str(table).splitlines()
@@ -611,7 +611,7 @@ def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animati
     assert titles == ["Summary", "Animation", "Parameters", "Torque", "Controller", "Tracking", "Data", "Rig"]
     assert [link.get("href") for link in tree.xpath("//nav//a")] == [f"#{s.get('id')}" for s in tree.iter("section")]
     assert embedded(tree.xpath("//iframe")[0]) == animation
-    around = page.replace(html.INFLATE, "")
+    around = page.replace(elements.INFLATE, "")
     assert re.findall(r"(?:src|href|action|data)=[\"'](?!#|data:)[^\"']*", around) == []
     assert re.findall(r"@import|url\((?!#)|<script|<object|<embed", around) == []
     assert len(around) < 0.8e6

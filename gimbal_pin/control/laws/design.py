@@ -205,7 +205,7 @@ def layered(
     law = Robust(lyapunov(gains), known, 1.0)
 
     def enough(gain: float) -> bool:
-        loops = zip(inner(gains, replace(law, gain=gain)), ratios, between)
+        loops = zip(small_error_gains(gains, replace(law, gain=gain)), ratios, between)
         return all(wish.kept(wish.smallest(*loop)) for loop in loops)
 
     high = SMALLEST_GAIN
@@ -214,7 +214,7 @@ def layered(
     return replace(law, gain=bisected(enough, high / 2, high)) if high > SMALLEST_GAIN else None
 
 
-def inner(gains: tuple[Pid, ...], law: Robust | None) -> tuple[Pid, ...]:
+def small_error_gains(gains: tuple[Pid, ...], law: Robust | None) -> tuple[Pid, ...]:
     """The gains that small errors see: the boundary layer's on top."""
     if law is None:
         return gains

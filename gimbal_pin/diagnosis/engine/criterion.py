@@ -92,7 +92,7 @@ def leave_cause_out(state: State, cause: Cause) -> State:
     return state.lacking[cause]
 
 
-def matters(state: State, other: State) -> bool:
+def exceeds_form_error(state: State, other: State) -> bool:
     """Whether a model explains more of any joint's torque than an error of the other's form could.
 
     ``Σ (|R'|² - |R|²)/(1 + s) > Σ s/(1 + s)`` over frequencies, R' and R the two residuals in units of the noise and

@@ -70,10 +70,10 @@ class Explained:
 
     @property
     def structured(self) -> tuple[bool, ...]:
-        """Whether something is left that no named cause explains, joint by joint: δ predicts it beside these.
+        """Whether a structure is left that no named cause explains, joint by joint.
 
-        What no one device makes is there, though a few narrow pieces of it are no function that δ follows; and a search
-        that was stopped has sketched something with what it had.
+        It is where δ predicts more than an error of form, where a cause has pieces that no one device makes, though δ
+        follows no function so narrow, and where a search was stopped and δ predicts anything.
         """
         stray = {one.place for one in self.state.causes if has_stray_pieces(self.state, one)}
         return tuple(
@@ -142,9 +142,11 @@ def material(lack: Lack) -> bool:
 
 
 def deserving(found: Explained) -> tuple[Cause, ...]:
-    """Return the causes that deserve a name: none where much of a structure is left.
+    """Return the causes that deserve a name.
 
-    Nor one whose size nobody knows, that noise in the motion may make, or whose pieces are of no one device.
+    Left out are all of a search that was stopped; those of a joint, and of a rig with a joint, where more than
+    `DENYING_SHARE` of a structure is left; drives beside which much is left where they act; what has a size that
+    nobody knows, what noise in the motion may make, and what has pieces of no one device.
     """
     joints = found.first.problem.evidence.rig.joints
     unknown = {joints[j] for j, lack in enumerate(found.after) if material(lack) and found.left(j) > DENYING_SHARE}

@@ -13,9 +13,9 @@ from gimbal_pin.diagnosis.engine.criterion import (
     by_block,
     compare_models,
     criterion,
+    exceeds_form_error,
     fitted,
     leave_cause_out,
-    matters,
     overfit,
     penalty,
     rows,
@@ -53,23 +53,23 @@ class Search:
 
     Attributes:
         problem: The logs.
-        shelf: Columns of the candidates.
+        library: Columns of the candidates.
         threshold: Fall of the criterion from which a cause is one.
     """
 
     problem: Problem
-    shelf: ColumnLibrary
+    library: ColumnLibrary
     threshold: float
     shared: dict[Signal, float] = field(default_factory=dict)
     unseen: WeakKeyDictionary[State, float] = field(default_factory=WeakKeyDictionary)
 
     @staticmethod
-    def among(problem: Problem, shelf: ColumnLibrary) -> Search:
+    def among(problem: Problem, library: ColumnLibrary) -> Search:
         """Return the search among some candidates.
 
         ``2 log(K/α)``: that one of K candidates gains so much by chance, ``exp(-gain/2)`` each, has a chance of α.
         """
-        return Search(problem, shelf, 2.0 * float(np.log(max(len(shelf.causes), 1) / ERROR_RATE)))
+        return Search(problem, library, 2.0 * float(np.log(max(len(library.causes), 1) / ERROR_RATE)))
 
     def share(self, state: State, signal: Signal) -> float:
         """Return the share of all noise that a candidate passes on, worked out once: no model changes it by much."""
@@ -89,7 +89,7 @@ def is_better(state: State, other: State, search: Search) -> bool:
     return (
         criterion(other) - criterion(state) >= search.threshold
         and lasting(state, other, search)
-        and matters(state, other)
+        and exceeds_form_error(state, other)
         and predicts(state, other, search)
     )
 
@@ -118,7 +118,7 @@ def promising(state: State, search: Search, tried: Collection[Names] = ()) -> li
         search: The candidates.
         tried: Models that others have grown into already: those are not made again.
     """
-    columns = search.shelf.columns(state)
+    columns = search.library.columns(state)
     net, least = falls(state, columns, state.fit), PROMISE * search.threshold
     for k in np.flatnonzero(net > least).tolist():  # what takes the torque away takes the noise with it
         if isinstance(signal := columns[k].cause, Signal):
@@ -166,8 +166,8 @@ def completed(state: State, cause: Cause, search: Search) -> Cause:
     Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad, Asilomar 1993): one piece at a time would take a
     step of the search each.
     """
-    like = [one for one in search.shelf.columns(state) if same(one.cause, cause)]
-    used, found = state.problem.evidence.used, search.shelf.of(cause, state)
+    like = [one for one in search.library.columns(state) if same(one.cause, cause)]
+    used, found = state.problem.evidence.used, search.library.of(cause, state)
     assert found.joint is not None
     fit = refit(state.fit, found.own, found.joint, used)
     while len(cause.pieces) < MOST_PIECES:

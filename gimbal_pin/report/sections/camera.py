@@ -7,13 +7,13 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup
 
-from gimbal_pin.control.controllers import BASELINE, COMPILED, OURS
+from gimbal_pin.control.controller_names import BASELINE, COMPILED, OURS
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD, PUSHED, describe_limits
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Pointing, Verified, split
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.elements import Card, Section, bullets, cards, embed, folded, heading, notice, paragraph
 from gimbal_pin.report.format import angle, controller_name, figures, listed, to_sentence
-from gimbal_pin.report.html import Card, Section, bullets, cards, embed, folded, heading, notice, paragraph
 from gimbal_pin.report.view import gaze
 
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}

@@ -16,8 +16,8 @@ from gimbal_pin.control.tuning import RIVAL, Tuning
 from gimbal_pin.export import Exported
 from gimbal_pin.log.limited import describe_limits
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.elements import Section, Table, bullets, folded, list_warnings, notice, paragraph
 from gimbal_pin.report.format import controller_name, list_shown_joints, listed
-from gimbal_pin.report.html import Section, Table, bullets, folded, list_warnings, notice, paragraph
 from gimbal_pin.report.tables import TOGETHER
 from gimbal_pin.rig.rig import Rig
 

@@ -18,6 +18,7 @@ from gimbal_pin.identification.payloads import get_stated_payload
 from gimbal_pin.log.io.inspection import Inspected, summarize_stream
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.elements import Content, Element, Section, Table, bullets, folded, heading, paragraph
 from gimbal_pin.report.format import (
     DASH,
     PALETTE,
@@ -29,7 +30,6 @@ from gimbal_pin.report.format import (
     listed,
     units,
 )
-from gimbal_pin.report.html import Content, Element, Section, Table, bullets, folded, heading, paragraph
 from gimbal_pin.rig.rig import Rig
 
 DRAWN = 3

@@ -19,8 +19,8 @@ from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import Flags
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.elements import Content, Element, Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.format import ShownJoint, list_altered, list_shown_joints, listed, to_sentence, torque_unit
-from gimbal_pin.report.html import Content, Element, Section, bullets, folded, heading, paragraph, toned
 from gimbal_pin.report.sections.model import show_payload
 
 WRONG = "What the simulation gets wrong"
@@ -51,7 +51,9 @@ GAINS = (
 
 def show_diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
-    parts: list[object] = [paragraph(toned(state_verdict(found), "good" if found.beside == "nothing" else "fair"))]
+    parts: list[object] = [
+        paragraph(toned(state_verdict(found), "good" if found.verdict_without_platform == "nothing" else "fair"))
+    ]
     if found.spoiling:
         faults = [f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling]
         parts.append(bullets([*faults, *(tables.state_size(p) for fault in found.spoiling for p in fault.answer)]))
@@ -95,7 +97,7 @@ def state_verdict(found: Diagnosis) -> str:
     open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
     moved = "" if found.lacking == found.findings else f" {BY_PLATFORM_ALONE}"
-    return f"{VERDICTS[found.beside]}{more}{moved}"
+    return f"{VERDICTS[found.verdict_without_platform]}{more}{moved}"
 
 
 def qualify_payload(found: Diagnosis) -> list[Element]:

@@ -8,8 +8,8 @@ from statistics import median
 from gimbal_pin.diagnosis import Rehearsal, Rehearsed
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.excitation import Excitation, ExpectedEstimate
+from gimbal_pin.report.elements import Section, Table, bullets, list_warnings, paragraph
 from gimbal_pin.report.format import figures
-from gimbal_pin.report.html import Section, Table, bullets, list_warnings, paragraph
 
 
 def show_excitation(found: Excitation) -> Section:

@@ -16,6 +16,7 @@ from gimbal_pin.identification import Identified, PayloadStatement, Several
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.elements import Element, Section, bullets, folded, heading, list_warnings, paragraph
 from gimbal_pin.report.evaluation import Evaluated, EvaluatedPart, KnownParameter, find_tables, known, list_shown
 from gimbal_pin.report.format import (
     DASH,
@@ -32,7 +33,6 @@ from gimbal_pin.report.format import (
     torque_text,
     torque_unit,
 )
-from gimbal_pin.report.html import Element, Section, bullets, folded, heading, list_warnings, paragraph
 
 STILL_JOINT_RATE = 2.0
 """Rate up to which friction is drawn of a joint that does not move, rad/s."""

@@ -16,11 +16,11 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from gimbal_pin.control.controllers import BASELINE, OURS
+from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.result import Pointing, Verified, split
+from gimbal_pin.report.elements import template
 from gimbal_pin.report.format import controller_name
-from gimbal_pin.report.html import template
 
 if TYPE_CHECKING:
     from gimbal_pin.report.view.three import Json

@@ -15,7 +15,7 @@ from gimbal_pin.log.log import Array, Imu, Log
 from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.report import VIEWS
-from gimbal_pin.report.html import template
+from gimbal_pin.report.elements import template
 from gimbal_pin.report.view import figure, gaze, stage, three
 from gimbal_pin.report.view.motion import Frames, Poses, motion, poses
 from gimbal_pin.report.view.solids import Solid, find_frame, stand_ins, visuals

@@ -25,7 +25,7 @@ SLOWEST_BANDWIDTH = 0.05
 
 
 @dataclass(frozen=True)
-class Equal:
+class EqualMarginLoop:
     """One joint's outer loop: the fastest that has a disk margin and does not cross above a limit.
 
     Attributes:
