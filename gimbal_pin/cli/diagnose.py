@@ -26,6 +26,7 @@ def diagnose(
     output: Annotated[opt.Folder, Writes(run=list_diagnosis_files), opt.INTO] = None,
     *,
     urdf: opt.Urdf = None,
+    mjcf: opt.Mjcf = None,
     payload: opt.Payload = None,
     mass: opt.Mass = None,
     map: opt.Map = (),
@@ -46,6 +47,7 @@ def diagnose(
 
     Args:
         urdf: write the rig's URDF with the bodies and friction of the extended model
+        mjcf: write the extended model for MuJoCo; what that cannot hold is told
         cutoff: highest frequency that is looked at (default: 12, more for teeth)
     """
     asked = describe_run("diagnose", locals())
@@ -54,6 +56,7 @@ def diagnose(
     from gimbal_pin.diagnosis import DIAGNOSIS_BAND, choose_band, planned
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.diagnosis.file import write_diagnosis
+    from gimbal_pin.export.mjcf import convert_to_mjcf
     from gimbal_pin.identification import identify, refittable_effects
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.report import pages
@@ -66,6 +69,14 @@ def diagnose(
     if urdf is not None:
         causes, filters = refittable_effects(found.after), choose_filter(None, alignment)
         atomic_write(urdf, identify(loaded, read, causes, holdout=holdout, filtering=filters).to_urdf())
+    if mjcf is not None:
+        stands, filters = found.after.rig.with_phi(loaded.phi), choose_filter(None, alignment)
+        again = identify(stands, read, refittable_effects(found.after), holdout=holdout, filtering=filters)
+        terms = {term.effect: term for term in (*found.after.terms, *again.model.terms)}
+        bodies = stands.with_phi(again.consistent.phi)
+        text, unwritten = convert_to_mjcf(replace(found.after, rig=bodies, terms=tuple(terms.values())))
+        atomic_write(mjcf, text)
+        tell(unwritten)
     files: Mapping[str, Path] = {}
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))

@@ -12,7 +12,7 @@ from tyro.conf import Positional, arg
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import describe_run, load_rig, read_base_motion, read_controller, read_payload
 from gimbal_pin.cli.paths import Writes
-from gimbal_pin.cli.present import present
+from gimbal_pin.cli.present import present, tell
 from gimbal_pin.errors import ModelError, UsageError
 
 
@@ -46,6 +46,7 @@ def export(
     ros2: Annotated[opt.Folder, Writes(run=list_ros2_files)] = None,
     simplefoc: Annotated[opt.Folder, Writes(run=list_simplefoc_files)] = None,
     odrive: Annotated[opt.File, Writes((".json",))] = None,
+    mjcf: opt.Mjcf = None,
     live: Annotated[opt.Maybe[str], arg(metavar="ADDRESS")] = None,
     secret: opt.File = None,
     rig: opt.OtherRig = None,
@@ -54,13 +55,14 @@ def export(
     map: opt.Map = (),
     json: opt.Json = None,
 ) -> None:
-    """Write a controller as C99, for ros2_control, SimpleFOC or ODrive; or tune a gimbal that runs.
+    """Write a controller as C99, for ros2_control, SimpleFOC, ODrive or MuJoCo; or tune a gimbal that runs.
 
     Args:
         c: folder for the C99 sources, made if it is not there
         ros2: folder for a package of ros2_control: a plugin, its YAML and the identified URDF
         simplefoc: folder for tables of cogging and friction, with a sketch of SimpleFOC that feeds them forward
         odrive: the same tables as an ODrive indexes them, .json
+        mjcf: the model for MuJoCo: bodies, friction, rotors, springs and drives; what it cannot hold is told
         live: send gains and feed-forward to a running gimbal: udp://HOST:PORT or serial:DEVICE@BAUD
         secret: secret of the gimbal that --live tunes: 32 hexadecimal digits
         rig: bundled rig, URDF or YAML (default: the one that CONTROLLER was tuned for)
@@ -68,13 +70,15 @@ def export(
     """
     asked = describe_run("export", locals())
     from gimbal_pin.export import export_controller, tables
+    from gimbal_pin.export.mjcf import convert_to_mjcf
     from gimbal_pin.export.ros2 import package
     from gimbal_pin.log.io.files import atomic_write, to_json, write_run
     from gimbal_pin.log.io.link import check_answer, read_secret, send_parameters
     from gimbal_pin.report.sections.control import show_export
 
-    if all(target is None for target in (c, ros2, simplefoc, odrive, live)):
-        raise UsageError("export", "is not told what to write", "add --c, --ros2, --simplefoc, --odrive or --live")
+    if all(target is None for target in (c, ros2, simplefoc, odrive, mjcf, live)):
+        options = "--c, --ros2, --simplefoc, --odrive, --mjcf or --live"
+        raise UsageError("export", "is not told what to write", f"add {options}")
     if map and platform_log is None:
         raise UsageError("--map", "has no log to map", "name it with --platform-log FILE")
     if (live is None) != (secret is None):
@@ -87,10 +91,11 @@ def export(
     folders: list[tuple[Path, Mapping[str, str]]] = []
     folders += [] if simplefoc is None else [(simplefoc, tables.simplefoc(stored.model))]
     table = None if odrive is None else to_json(tables.odrive(stored.model), 1)
-    result: dict[str, Any] = {"schema": 1}
+    simulated, notes = ("", ()) if mjcf is None else convert_to_mjcf(stored.model)
+    result: dict[str, Any] = {"schema": 1, "notes": list(notes)}
     if c is not None or ros2 is not None or live is not None:
         found = export_controller(stored, None if platform_log is None else read_base_motion(loaded, platform_log, map))
-        result = found.to_dict()
+        result |= found.to_dict()
         folders += [] if c is None else [(c, found.files)]
         folders += [] if ros2 is None else [(ros2, package(stored, found.files))]
     if live is not None and shared is not None:
@@ -100,8 +105,11 @@ def export(
         write_run(folder, {name: partial(atomic_write, content=body) for name, body in content.items()}, asked)
     if odrive is not None and table is not None:
         atomic_write(odrive, table)
+    if mjcf is not None:
+        atomic_write(mjcf, simulated)
+        tell(notes)
     told = [f"{len(content)} files → {folder}" for folder, content in folders]
-    told += [] if odrive is None else [f"→ {odrive}"]
+    told += [f"→ {file}" for file in (odrive, mjcf) if file is not None]
     told += [] if c is None else [show_export(found, c).to_text()]
     told += [] if live is None else [f"{live}: gains and feed-forward are in force"]
     present("\n".join(told), {**result, "written": [str(folder) for folder, _ in folders]}, json)

@@ -107,6 +107,7 @@ Results = Annotated[
     str, arg(aliases=["-o"], metavar="DIR", help="folder or URL for the results; what is there goes on")
 ]
 Urdf = Annotated[File, Writes((".urdf", ".xml"))]
+Mjcf = Annotated[File, Writes((".xml", ".mjcf"))]
 Page = Annotated[File, Writes((".html",))]
 Plotted = Annotated[File, Writes(paths.list_plot_suffixes)]
 Json = Annotated[File, Writes((".json", ".jsonl")), arg(help="write the result as JSON; - for standard output")]

@@ -3,6 +3,7 @@ from .compiled import CompiledLaw as CompiledLaw
 from .compiled import CompiledPointer as CompiledPointer
 from .compiled import Library as Library
 from .equations import LawEquations as LawEquations
+from .mjcf import convert_to_mjcf as convert_to_mjcf
 from .navigation import NavigationEquations as NavigationEquations
 from .sources import EXPORTED_FILES as EXPORTED_FILES
 from .sources import Exported as Exported

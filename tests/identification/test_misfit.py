@@ -175,7 +175,7 @@ def test_a_small_ripple_is_structure_and_none_is_explained_whatever_the_noise(tu
 def test_the_urdf_has_the_bodies_of_the_extended_model(
     run: Run, tmp_path: Path, turret: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With the cogging that was found in the equations they are nearer to the truth, by either verb the same."""
+    """With the cogging that was found in the equations they are nearer to the truth, by either verb and as MJCF."""
     log, folder = tmp_path / "log.csv", tmp_path / "found"
     teeth = parse_effect("cogging:pan:amplitude=0.05,harmonic=7", turret)
     write_log(prescribed(plant_with(nominal(turret), [teeth]).plant, 3, 8.0, torque_noise=0.01, dt=4e-3), log)
@@ -183,11 +183,13 @@ def test_the_urdf_has_the_bodies_of_the_extended_model(
     still = ("--alignment", "0")
     monkeypatch.setattr("gimbal_pin.diagnosis.diagnose", partial(diagnose, causes={"cogging": Cogging}))
     assert run("identify", "turret", log, "--urdf", urdfs[0], *still)[0] == 0
-    assert run("diagnose", "turret", log, "-o", folder, "--urdf", urdfs[1], *still)[0] == 0
+    urdfs.append(tmp_path / "diagnosed.xml")
+    code, _, told = run("diagnose", "turret", log, "-o", folder, "--urdf", urdfs[1], "--mjcf", urdfs[3], *still)
+    assert code == 0 and "not in MuJoCo's model: pan: cogging" in told
     assert run("identify", "turret", log, "--extended", folder / "extended.yaml", "--urdf", urdfs[2], *still)[0] == 0
     known = reduce_parameters(turret)
     off = [np.linalg.norm(given_beta(Rig.load(urdf), known) - given_beta(turret, known)) for urdf in urdfs]
-    assert off[1] < 0.5 * off[0] and off[2] == pytest.approx(off[1], rel=1e-6)
+    assert off[1] < 0.5 * off[0] and off[2:] == pytest.approx([off[1]] * 2, rel=1e-6)
 
 
 # --- What holds for nothing but what was fitted -------------------------------------------------------------------
