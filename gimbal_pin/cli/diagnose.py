@@ -27,6 +27,7 @@ def diagnose(
     *,
     urdf: opt.Urdf = None,
     mjcf: opt.Mjcf = None,
+    mcap: opt.Mcap = None,
     payload: opt.Payload = None,
     mass: opt.Mass = None,
     map: opt.Map = (),
@@ -57,11 +58,13 @@ def diagnose(
     from gimbal_pin.diagnosis import diagnose as run
     from gimbal_pin.diagnosis.file import write_diagnosis
     from gimbal_pin.export.mjcf import convert_to_mjcf
+    from gimbal_pin.export.recordings import check_recordings, write_recordings
     from gimbal_pin.identification import identify, refittable_effects
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.report import pages
     from gimbal_pin.report.sections.diagnosis import show_diagnosis
 
+    check_recordings(mcap)
     loaded, read = load_logs(rig, payload, logs, map, moving=True)
     band = choose_band(loaded, read) if cutoff is None else replace(DIAGNOSIS_BAND, cutoff=cutoff)
     band, rng = replace(band, alignment=alignment), np.random.default_rng(seed)
@@ -77,6 +80,10 @@ def diagnose(
         text, unwritten = convert_to_mjcf(replace(found.after, rig=bodies, terms=tuple(terms.values())))
         atomic_write(mjcf, text)
         tell(unwritten)
+    if found.state is not None:
+        write_recordings(found.after, read, band, mcap)
+    elif mcap is not None:
+        tell([f"{mcap} is not written: nothing of the model holds before the logs are mended"])
     files: Mapping[str, Path] = {}
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))

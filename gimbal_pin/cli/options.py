@@ -108,6 +108,11 @@ Results = Annotated[
 ]
 Urdf = Annotated[File, Writes((".urdf", ".xml"))]
 Mjcf = Annotated[File, Writes((".xml", ".mjcf"))]
+Mcap = Annotated[
+    File,
+    Writes((".mcap",)),
+    arg(help="write measured, model's and residual torque as JointState, for Foxglove and PlotJuggler"),
+]
 Page = Annotated[File, Writes((".html",))]
 Plotted = Annotated[File, Writes(paths.list_plot_suffixes)]
 Json = Annotated[File, Writes((".json", ".jsonl")), arg(help="write the result as JSON; - for standard output")]

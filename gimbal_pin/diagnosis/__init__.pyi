@@ -11,9 +11,11 @@ from .file import write_diagnosis as write_diagnosis
 from .findings import confirm_causes as confirm_causes
 from .fit import Fit as Fit
 from .fit import fit as fit
+from .gain import TorqueTrace as TorqueTrace
 from .gain import describe_motion as describe_motion
 from .gain import heat as heat
 from .gain import torque_rmse as torque_rmse
+from .gain import trace_torques as trace_torques
 from .given_causes import GivenResponse as GivenResponse
 from .given_causes import find_given_causes as find_given_causes
 from .given_model import compute_base_difference as compute_base_difference

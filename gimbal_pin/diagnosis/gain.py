@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import degrees, isfinite, nan
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from gimbal_pin.checks import check_log
 from gimbal_pin.control.judging import measure_error
 from gimbal_pin.control.tracking import tour
 from gimbal_pin.control.tuning import tune
@@ -199,3 +201,55 @@ def heat(model: Model, log: Log, filtering: Filtering = DIAGNOSIS_BAND) -> Array
         sizes.append(np.sqrt(np.maximum(power / np.maximum(moving, 0.1), 0.0)) / np.maximum(FULL * torque, 1e-300))
     t, size = np.concatenate([part.channels.t for part in evidence.parts]), np.concatenate(sizes)
     return np.clip(np.stack([np.interp(log.t, t, column) for column in size.T], axis=1), 0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueTrace:
+    """A model's torque along a log.
+
+    Attributes:
+        log: Name of the log.
+        joints: Joint names (n).
+        t: Time, s, (m,); it jumps at gaps of the log.
+        q: Angles, rad, (m, n).
+        v: Rates, rad/s, (m, n).
+        measured: Logged torque when it acts, N m, (m, n).
+        model: Torque that the model asks of the drives for that motion, N m, (m, n); near standstill, where dry
+            friction may have any direction, a guess.
+    """
+
+    log: str
+    joints: tuple[str, ...]
+    t: Array
+    q: Array
+    v: Array
+    measured: Array
+    model: Array
+
+    @property
+    def residual(self) -> Array:
+        """Measured less the model's torque, N m, (m, n)."""
+        return self.measured - self.model
+
+
+def trace_torques(model: Model, log: Log, filtering: Filtering = DIAGNOSIS_BAND) -> TorqueTrace:
+    """``model = tau - (drive(tau) - inverse(q, v, a))`` along a log, checked and smoothed as for `diagnose`.
+
+    Args:
+        model: The model, with drives and terms, of a rig with the log's joints.
+        log: The log, with torques.
+        filtering: As for `diagnose`: all channels are low-passed there.
+
+    Raises:
+        DataError: The log is too short to be judged.
+        UsageError: It holds no torque.
+    """
+    if model.estimated is not None:
+        filtering = replace(filtering, lags=model.estimated.lags)
+    checked = check_log(model.rig, log.ordered(model.rig), filtering=filtering).log
+    rows = list[tuple[Array, ...]]()
+    for part in gather(model.rig, [checked], filtering).parts:
+        c = part.channels
+        kept = np.ones(len(c.t), bool) if c.lost is None else ~c.lost
+        rows.append(tuple(x[kept] for x in (c.t, c.q, c.v, c.tau, c.tau - _compute_torque_error(part, model))))
+    return TorqueTrace(log.name, model.rig.joints, *(np.concatenate(column) for column in zip(*rows)))
