@@ -5,6 +5,9 @@ from . import pages as pages
 from . import plots as plots
 from . import tables as tables
 from . import view as view
+from .charts import Chart as Chart
+from .charts import Charts as Charts
+from .charts import Trace as Trace
 from .elements import Document as Document
 from .elements import Section as Section
 from .elements import Table as Table

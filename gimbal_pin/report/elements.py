@@ -159,8 +159,9 @@ class Document:
         """Return it as HTML: no script or picture from elsewhere, every text escaped."""
         bar = tqdm(self.sections, desc="report", unit="section", disable=None, leave=False)
         drawn = [(one.title, one.lead, one.html) for one in bar if one.parts]
+        has_charts = any('<div class="charts"' in html for _, _, html in drawn)
         values = {"title": self.title, "subtitle": self.subtitle, "sections": drawn}
-        return template("gimbal_pin.report", "report.html.j2", **values)
+        return template("gimbal_pin.report", "report.html.j2", **values, has_charts=has_charts, load=load_file)
 
 
 @dataclass(frozen=True)
@@ -201,6 +202,11 @@ def plain(cell: Content | None) -> str:
 def join_text(sections: Iterable[Section], detailed: bool = False) -> str:
     """Return sections as a terminal shows them; `detailed`: with what is a detail."""
     return "\n\n".join(filter(None, (one.to_text(detailed) for one in sections)))
+
+
+def load_file(name: str) -> str:
+    """Return the text of a file that lies beside this module."""
+    return files("gimbal_pin.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def template(package: str, name: str, **values: Any) -> str:
@@ -256,9 +262,10 @@ def cards(several: Sequence[Card], *, is_detail: bool = True) -> Element:
     )
 
 
-def figure(svg: Markup, caption: Content) -> Markup:
-    """Return a drawing with its caption."""
-    return Markup('<figure><div class="plot">{}</div><figcaption>{}</figcaption></figure>').format(svg, caption)
+def figure(svg: Markup, caption: Content, charts: object = "") -> Markup:
+    """Return a drawing with its caption; `charts`, which a script draws, take its place on a screen."""
+    html = Markup('<figure>{}<div class="plot">{}</div><figcaption>{}</figcaption></figure>')
+    return html.format(charts, svg, caption)
 
 
 def embed(page: str, title: str, kind: str) -> Markup:

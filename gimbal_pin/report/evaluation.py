@@ -26,6 +26,7 @@ class EvaluatedPart:
     Attributes:
         log: Name of the log.
         t: Time, s, (m,); it jumps at gaps of the log.
+        q: Joint angles, rad, (m, n).
         v: Joint rates, rad/s, (m, n).
         measured: Torque, N m, (m, n).
         predicted: The model's, N m, (m, n); near standstill, where dry friction may have any direction, a guess.
@@ -35,6 +36,7 @@ class EvaluatedPart:
 
     log: str
     t: Array
+    q: Array
     v: Array
     measured: Array
     predicted: Array
@@ -96,11 +98,11 @@ def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
         judged, whole = compute_blocks(one), compute_blocks(replace(one, masked=False))
         every += judged
         if judged:
-            t, v, measured = (np.concatenate([getattr(block, name) for block in whole]) for name in ("t", "v", "b"))
+            t, q, v, measured = (np.concatenate([getattr(block, name) for block in whole]) for name in "tqvb")
             predicted = np.concatenate([block.A @ theta for block in whole])
             error = np.concatenate([block.b - block.A @ theta for block in judged])
             share = np.concatenate([block.share for block in judged])
-            parts.append(EvaluatedPart(log.name, t, v, measured, predicted, error, share))
+            parts.append(EvaluatedPart(log.name, t, q, v, measured, predicted, error, share))
     power = np.sum([np.sum(block.A**2, axis=0) for block in every], axis=0)
     count = np.sum([np.sum(block.share**2, axis=0) for block in every], axis=0)
     return Evaluated(rig.joints, tuple(parts), np.sqrt(power / np.maximum(count, 1e-300)[:, None]))

@@ -20,6 +20,8 @@ if TYPE_CHECKING:  # for the sections, too: they annotate with plots.Axes and pl
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from gimbal_pin.report.charts import Charts
+
 INK, MUTED, FAINT, PAPER = "#0a0b0c", "#0a0b0d", "#0a0b0e", "#0a0b0f"
 """Text, side matters, lines and ground: the page's style sheet gives what is drawn in these its own colours."""
 PLAIN = "#8d98a7"
@@ -93,16 +95,19 @@ class Drawing:
         alt: For those who cannot see it.
         caption: Below it.
         colours: Of curves that ask for none.
+        charts: The same for a page's script to draw, which a screen then shows; paper has the figure.
     """
 
     make: Callable[[], Figure]
     alt: str
     caption: str
     colours: Sequence[str] = PALETTE
+    charts: Callable[[], Charts] | None = None
 
     def __html__(self) -> str:
         """Return it as an element of a page."""
-        return elements.figure(drawn(self.make, self.alt, self.colours), self.caption)
+        charts = "" if self.charts is None else self.charts()
+        return elements.figure(drawn(self.make, self.alt, self.colours), self.caption, charts)
 
     def __str__(self) -> str:
         """Return no lines."""

@@ -16,6 +16,7 @@ from gimbal_pin.identification import Identified, PayloadStatement, Several
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.charts import Chart, Charts, Trace
 from gimbal_pin.report.elements import Element, Section, bullets, folded, heading, list_warnings, paragraph
 from gimbal_pin.report.evaluation import Evaluated, EvaluatedPart, KnownParameter, find_tables, known, list_shown
 from gimbal_pin.report.format import (
@@ -245,8 +246,8 @@ def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Sectio
         joints, names = list_shown_joints(found.model.rig), ", ".join(evaluated.joints)
         window, whole = worst(evaluated)
         caption = (
-            f"Filtered torque {where}: measured (grey) and predicted (colour), the residual below. "
-            "Shaded: so slow that dry friction may have any direction; not judged. "
+            f"Filtered torque {where}: measured (grey), predicted (colour), and the residual, which ends (on paper: is "
+            "shaded) where the joint is so slow that dry friction may have any direction: there it is not judged. "
             f"{file_name(window.log)}, {window.t[0]:.4g} to {window.t[-1]:.4g} s: "
             f"{'the stretch with the largest error' if whole else 'all of it'}."
         )
@@ -257,7 +258,8 @@ def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Sectio
         )
         alt = f"Measured and predicted torque and residual of {names} over time"
         over_rates = f"Residual torque of {names} over rate, and its histogram"
-        parts.append(plots.Drawing(partial(overlays, joints, window), alt, caption))
+        charts = partial(chart_torques, joints, window)
+        parts.append(plots.Drawing(partial(overlays, joints, window), alt, caption, charts=charts))
         parts.append(
             folded(
                 "Residual over the rate, and its distribution",
@@ -323,6 +325,20 @@ def overlays(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> plots.Figur
     panels[-1].set(xlabel="time, s", xlim=(part.t[0], part.t[-1]))
     figure.align_ylabels()
     return figure
+
+
+def chart_torques(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> Charts:
+    """Return each joint's torques, and beside them its residual."""
+    rows = list[list[Chart]]()
+    for j, joint in enumerate(joints):
+        scale, unit = torque_unit(float(np.abs(part.error[:, j]).max()), joint.force)
+        residual = np.where(part.share[:, j] < JUDGED_SHARE, np.nan, scale * part.error[:, j])
+        over = {f"angle, {joint.unit}": joint.scale * part.q[:, j], f"rate, {joint.unit}/s": joint.scale * part.v[:, j]}
+        measured = Trace("measured", part.measured[:, j], plots.PLAIN, width=4.0)
+        torques = [measured, Trace("model", part.predicted[:, j], joint.colour)]
+        each = ((f"torque, {joint.force}", torques), (f"residual, {unit}", [Trace("residual", residual, joint.colour)]))
+        rows.append([Chart(joint.name, joint.colour, label, part.t, curves, over) for label, curves in each])
+    return Charts(part.log, rows)
 
 
 def clouds(joints: tuple[ShownJoint, ...], evaluated: Evaluated) -> plots.Figure:

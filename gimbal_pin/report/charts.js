@@ -1,0 +1,214 @@
+"use strict";
+// Draws the charts of a page: each `.charts` holds which curves they have and, deflated, a table per chart, as
+// charts.py writes them. Where this script does not run, the picture beside them stays.
+
+const colourOf = name => name.startsWith("--") ? getComputedStyle(document.body).getPropertyValue(name) : name;
+const read = value => value === null ? "–" : String(Number(value.toPrecision(5))).replace("-", "−");
+
+function add(parent, tag, attributes = {}, text = "") {
+  const made = parent.appendChild(document.createElement(tag));
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.textContent = text;
+  return made;
+}
+
+// A run: the charts that show its time, and the scene that plays it.
+class Run {
+  static named = {};
+  static of(clock) { return Run.named[clock] ??= new Run(clock); }
+  constructor(clock) {
+    this.charts = [];
+    this.scene = [...document.querySelectorAll("iframe[data-clock]")].find(frame => frame.dataset.clock === clock);
+  }
+  // Moves every cursor to a time; `by`: the chart whose cursor is there already.
+  move(time, by) {
+    this.time = time;
+    for (const chart of this.charts) chart === by ? chart.tell() : chart.mark(time);
+  }
+  seek(time) { this.scene?.contentWindow.postMessage({ seek: time }, "*"); }
+  zoom(range) {
+    this.range = range;
+    for (const chart of this.charts) if (!chart.over) chart.zoom(range);
+  }
+}
+
+class Chart {
+  constructor(home, run, what, columns, hasLabel) {
+    Object.assign(this, { run, what, hasLabel, over: 0, row: null, isPointed: false });
+    this.t = columns[0].map(since => since + what.start);
+    this.abscissae = [this.t, ...columns.slice(1, 1 + what.abscissae.length)];
+    this.curves = columns.slice(1 + what.abscissae.length);
+    const box = add(home, "div", { class: "chart" }), top = add(box, "div", { class: "legend" });
+    add(top, "b", { style: `color:${what.colour}` }, what.title);
+    add(top, "span", {}, what.label);
+    this.values = what.curves.map((curve, k) => {
+      const button = add(top, "button", { type: "button", "aria-pressed": "true" });
+      add(button, "i", { style: `border-color:${curve.colour.replace(/^--.*/, "var($&)")}` }).classList.toggle("dashed", curve.is_dashed);
+      button.append(curve.name);
+      button.addEventListener("click", () => {
+        const show = button.getAttribute("aria-pressed") !== "true";
+        button.setAttribute("aria-pressed", show);
+        this.plot.setSeries(k + 1, { show });
+      });
+      return add(button, "span");
+    });
+    this.frame = add(box, "div", { class: "frame-of-curves", role: "slider", tabindex: 0, "aria-valuenow": 0 });
+    this.frame.setAttribute("aria-label", `${what.title}: ${what.label}`);
+    this.frame.addEventListener("keydown", event => this.press(event));
+    new ResizeObserver(() => this.fit()).observe(this.frame);
+  }
+
+  get size() { return { width: this.frame.clientWidth, height: this.frame.clientHeight }; }
+  get full() { return [this.x[0], this.x[this.x.length - 1]]; }
+
+  // A chart is drawn once its room is known: in what is folded, when that opens.
+  fit() {
+    if (!this.frame.clientWidth) return;
+    if (this.plot) this.plot.setSize(this.size); else this.draw();
+  }
+
+  // Over another quantity than time the curves are dots, in its order.
+  draw() {
+    const x = this.abscissae[this.over], isTime = !this.over;
+    this.order = Uint32Array.from(x.keys());
+    if (!isTime) this.order.sort((a, b) => x[a] - x[b]);
+    this.x = Array.from(this.order, row => x[row]);
+    this.place = new Uint32Array(x.length);
+    this.order.forEach((row, place) => { this.place[row] = place; });
+    const paint = curve => () => colourOf(curve.colour), isShown = k => this.plot?.series[k + 1].show ?? true;
+    const axis = { stroke: () => colourOf("--muted"), font: "12px system-ui, sans-serif", labelSize: 18, labelFont: "12px system-ui, sans-serif", gap: 3, values: (_, splits) => splits.map(read) };
+    const lines = { stroke: () => colourOf("--line"), width: 1 };
+    const label = isTime ? "time, s" : this.what.abscissae[this.over - 1];
+    const drawn = this.what.curves.map((curve, k) => ({
+      label: curve.name, show: isShown(k), stroke: paint(curve), width: curve.width, dash: curve.is_dashed ? [5, 4] : undefined,
+      ...(isTime ? { points: { show: false } } : { paths: () => null, points: { show: true, size: 3.5, width: 0, fill: paint(curve) } }),
+    }));
+    this.plot?.destroy();
+    this.plot = new uPlot({
+      ...this.size,
+      legend: { show: false },
+      scales: { x: { time: false } },
+      axes: [{ ...axis, grid: lines, ticks: lines, size: 26, label: this.hasLabel ? label : undefined }, { ...axis, grid: lines, ticks: lines, size: 52 }],
+      series: [{}, ...drawn],
+      cursor: {
+        y: false,
+        drag: { setScale: false },
+        move: (plot, left, top) => this.put(plot, left, top),
+        dataIdx: () => this.row === null ? null : this.place[this.row],
+        bind: {
+          mousemove: (plot, target, handle) => event => { this.isPointed = true; handle(event); this.isPointed = false; },
+          dblclick: () => () => this.ask(this.full),
+        },
+      },
+      hooks: {
+        setCursor: [() => { if (this.isPointed && this.row !== null) this.run.move(this.t[this.row], this); }],
+        setSelect: [plot => {
+          const { left, width } = plot.select;
+          if (width > 3) this.ask([left, left + width].map(at => plot.posToVal(at, "x")));
+          plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+        }],
+      },
+    }, [this.x, ...this.curves.map(values => Array.from(this.order, row => Number.isNaN(values[row]) ? null : values[row]))], this.frame);
+    this.plot.over.addEventListener("click", () => { if (this.row !== null) this.run.seek(this.t[this.row]); });
+    if (isTime && this.run.range) this.zoom(this.run.range);
+    if (this.run.time !== undefined) this.mark(this.run.time);
+  }
+
+  // The cursor stands on a sample: the one nearest to the pointer, or the one of the run's time.
+  put(plot, left, top) {
+    if (this.isPointed && left >= 0) this.row = this.order[this.over ? this.nearestDot(plot, left, top) : plot.posToIdx(left)];
+    const at = this.row === null ? -10 : plot.valToPos(this.abscissae[this.over][this.row], "x");
+    return at < 0 || at > plot.over.clientWidth ? [-10, -10] : [at, top];
+  }
+  nearestDot(plot, left, top) {
+    const curves = plot.data.filter((_, k) => k && plot.series[k].show);
+    let best = plot.posToIdx(left), least = Infinity;
+    this.x.forEach((x, place) => curves.forEach(values => {
+      if (values[place] === null) return;
+      const far = Math.hypot(plot.valToPos(x, "x") - left, plot.valToPos(values[place], "y") - top);
+      if (far < least) [best, least] = [place, far];
+    }));
+    return best;
+  }
+  mark(time) {
+    const { t } = this, step = (t[t.length - 1] - t[0]) / Math.max(t.length - 1, 1);
+    const after = Math.min(t.findIndex(one => one >= time) >>> 0, t.length - 1), before = Math.max(after - 1, 0);
+    const row = time - t[before] < t[after] - time ? before : after;
+    this.row = Math.abs(t[row] - time) > 2 * step ? null : row;
+    this.plot?.setCursor({ left: 0, top: 0 }, false);
+    this.tell();
+  }
+  tell() {
+    const values = this.curves.map(values => this.row === null || Number.isNaN(values[this.row]) ? null : values[this.row]);
+    this.values.forEach((place, k) => { place.textContent = read(values[k]); });
+    if (this.row === null) return;
+    const x = this.abscissae[this.over][this.row];
+    this.frame.setAttribute("aria-valuenow", x);
+    const said = this.what.curves.map((curve, k) => `${curve.name} ${read(values[k])}`);
+    this.frame.setAttribute("aria-valuetext", `${read(x)}: ${said.join(", ")}`);
+  }
+
+  ask(range) { if (this.over) this.zoom(range); else this.run.zoom(range); }
+  zoom([min, max]) {
+    const [first, last] = this.plot ? this.full : [0, 0];
+    if (min < last && max > first) this.plot.setScale("x", { min: Math.max(min, first), max: Math.min(max, last) });
+  }
+  press(event) {
+    const { min, max } = this.plot.scales.x, place = this.row === null ? 0 : this.place[this.row], last = this.x.length - 1;
+    const step = event.shiftKey ? 10 : 1, middle = this.x[place];
+    const moves = { ArrowLeft: place - step, ArrowRight: place + step, Home: 0, End: last };
+    const about = share => [middle - share * (middle - min), middle + share * (max - middle)];
+    const acts = {
+      "+": () => this.ask(about(0.5)), "-": () => this.ask(about(2)), 0: () => this.ask(this.full),
+      Enter: () => { if (this.row !== null) this.run.seek(this.t[this.row]); },
+    };
+    if (event.key in moves) this.run.move(this.t[this.order[Math.min(Math.max(moves[event.key], 0), last)]]);
+    else if (event.key in acts) acts[event.key]();
+    else return;
+    event.preventDefault();
+  }
+}
+
+async function inflate(packed) {
+  const bytes = Uint8Array.from(atob(packed), letter => letter.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).arrayBuffer();
+}
+
+async function build(home) {
+  const charts = JSON.parse(home.dataset.charts), values = new Float32Array(await inflate(home.dataset.deflated));
+  const run = Run.of(home.dataset.clock), across = Number(home.style.getPropertyValue("--across"));
+  home.closest("figure").classList.add("live");
+  const tools = add(home, "div", { class: "tools" }), grid = add(home, "div", { class: "grid" });
+  let first = 0;
+  const own = charts.map((what, k) => {
+    const count = 1 + what.abscissae.length + what.curves.length;
+    const columns = Array.from({ length: count }, () => Float64Array.from(values.subarray(first, first += what.rows)));
+    return new Chart(grid, run, what, columns, k >= charts.length - across);
+  });
+  run.charts.push(...own);
+  if (charts[0].abscissae.length) {
+    const select = add(add(tools, "label", {}, "over "), "select");
+    for (const name of ["time", ...charts[0].abscissae]) add(select, "option", {}, name.split(",")[0]);
+    select.addEventListener("change", () => own.forEach(chart => {
+      chart.over = select.selectedIndex;
+      if (chart.plot) chart.draw();
+    }));
+  }
+  add(tools, "button", { type: "button" }, "All of it").addEventListener("click", () => {
+    if (own[0].over) own.forEach(chart => chart.zoom(chart.full)); else run.zoom([-Infinity, Infinity]);
+  });
+  const scene = run.scene ? ", a click or Enter moves the scene" : "";
+  add(tools, "span", {}, `Drag to zoom; arrow keys move the cursor, + − 0 zoom${scene}.`);
+  if (run.time === undefined) run.move(own[0].t[0]); else own.forEach(chart => chart.mark(run.time));
+}
+
+const built = Promise.all([...document.querySelectorAll(".charts")].map(build));
+
+// A scene that plays moves the cursors, unless a reader is at a chart.
+window.addEventListener("message", event => {
+  const run = Object.values(Run.named).find(one => one.scene?.contentWindow === event.source);
+  if (run && Number.isFinite(event.data.time) && !document.querySelector(".frame-of-curves:hover")) run.move(event.data.time);
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  for (const run of Object.values(Run.named)) for (const chart of run.charts) chart.plot?.redraw();
+});
