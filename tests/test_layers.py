@@ -18,7 +18,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 ROOMS = sorted({path.relative_to(PACKAGE).parts[0] for path in FILES})
 
 BELOW = "errors rig log effects dynamics regression checks identification excitation control diagnosis"
-ORDER = f"{BELOW} pointing export report fleet cli".split()
+ORDER = f"{BELOW} pointing export report studio fleet cli".split()
 """Rooms of the package, each of which imports only what stands before it."""
 
 SHARED = {
@@ -41,7 +41,7 @@ READERS = {"__init__", "parse", "plain", "resistance"}
 """Files beside the causes that are none: they use them all."""
 
 HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "meshcat", "pandas"}
-HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial", "mcap_ros2"}
+HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial", "nicegui", "mcap_ros2"}
 NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simulation", "diagnosis")
 """Verbs that know causes, but none of them by name."""
 

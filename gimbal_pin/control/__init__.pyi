@@ -25,6 +25,7 @@ from .laws.base import BaseState as BaseState
 from .laws.base import Law as Law
 from .laws.base import Outer as Outer
 from .laws.carried import CarriedTorque as CarriedTorque
+from .laws.chart import LoopCurves as LoopCurves
 from .laws.computed_torque import lyapunov as lyapunov
 from .laws.design import Wish as Wish
 from .laws.equal_margin import EqualMarginLoop as EqualMarginLoop

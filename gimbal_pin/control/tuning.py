@@ -14,6 +14,7 @@ import numpy as np
 
 from gimbal_pin.control.drive_gains import DriveGains, convert_gains
 from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, ModelErrorBounds, Pid, Robust, bounds
+from gimbal_pin.control.laws.chart import LoopCurves, compute_loop_curves, draw_loop_chart
 from gimbal_pin.control.laws.computed_torque import CompensatedPid, lyapunov
 from gimbal_pin.control.laws.design import Wish, braking, granted, layered, lowered, seen_inertia, small_error_gains
 from gimbal_pin.control.laws.reasons import (
@@ -124,14 +125,16 @@ class Tuning:
                 raise UsageError("with_", f"knows no '{name}'", f"change {', '.join(known)}")
         return tune(self.model, **{**vars(self.wish), **changes})
 
+    @cached_property
+    def loop_curves(self) -> tuple[LoopCurves, ...]:
+        """Every joint's loop as it is drawn: its response, and the answer to a disturbance."""
+        loops, wish = small_error_gains(self.gains, self.robust), self.wish
+        model = self.model
+        return compute_loop_curves(model.rig.joints, loops, self.worst, wish.dt, wish.delay, model.drives, self.ratios)
+
     def plot(self) -> Figure:
         """Return a figure of every joint's loop: Bode, Nyquist, and the answer to a disturbance."""
-        from gimbal_pin.control.laws.chart import draw_loop_chart
-
-        joints, drives, wish = self.model.rig.joints, self.model.drives, self.wish
-        return draw_loop_chart(
-            joints, small_error_gains(self.gains, self.robust), self.worst, wish.dt, wish.delay, drives, self.ratios
-        )
+        return draw_loop_chart(self.loop_curves)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `tune` writes as JSON and YAML; `stored` reads it back.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import pi
 from typing import TYPE_CHECKING
 
@@ -12,13 +13,39 @@ from gimbal_pin.control.laws.base import Pid
 from gimbal_pin.control.laws.loop import Margins, frequencies, sampled_loop
 from gimbal_pin.effects import Signal
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.brief import brief
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-def draw_loop_chart(
+@dataclass(frozen=True, eq=False)
+class LoopCurves:
+    """What is drawn of a loop that some joints share.
+
+    Attributes:
+        joints: Their names.
+        margins: The worst over `ratios`.
+        frequency: Hz, (m,).
+        response: Loop gain there, broken at the motor, complex, (m,).
+        ratios: Gains of the plant over what the law believes: the others than one are drawn thinner.
+        t: Time, s, (k,).
+        answer: Angle after a step of 1 rad/s² of disturbing acceleration, mrad, (k,).
+    """
+
+    joints: tuple[str, ...]
+    margins: Margins
+    frequency: Array
+    response: Array
+    ratios: tuple[float, ...]
+    t: Array
+    answer: Array
+
+    __repr__ = brief
+
+
+def compute_loop_curves(
     joints: Sequence[str],
     loops: Sequence[Pid],
     margins: Sequence[Margins],
@@ -26,51 +53,49 @@ def draw_loop_chart(
     delay: float,
     drives: Sequence[tuple[Signal, ...]],
     ratios: Sequence[Sequence[float]],
-) -> Figure:
-    """Return Bode's two diagrams, Nyquist's with the disk that the loops keep clear of, and a step's answer.
+) -> tuple[LoopCurves, ...]:
+    """Return what is drawn of each loop; joints with the same loop are one, as their curves coincide.
 
     Args:
-        joints: Names for the legend.
+        joints: Their names.
         loops: Gains that small errors see, one per joint.
         margins: Their margins, the worst over `ratios`.
         dt: Sampling interval, s.
         delay: Time from measurement to torque, s.
         drives: What stands between command and torque, one tuple per joint.
-        ratios: Gains of the plant over what the law believes, one tuple per joint: drawn thinner in Nyquist's diagram.
+        ratios: Gains of the plant over what the law believes, one tuple per joint.
     """
+    same: dict[tuple[Pid, Margins, tuple[Signal, ...], tuple[float, ...]], list[str]] = {}
+    for joint, pid, found, drive, several in zip(joints, loops, margins, drives, ratios):
+        same.setdefault((pid, found, drive, tuple(several)), []).append(joint)
+    curves = []
+    for (pid, found, drive, own), names in same.items():
+        omega = frequencies(pid, dt)
+        response = sampled_loop(pid, dt, delay, drive=drive)(np.exp(1j * omega * dt))
+        answer = disturbance(pid, dt, delay, drive)
+        curves.append(LoopCurves(tuple(names), found, omega / 2 / pi, response, own, *answer))
+    return tuple(curves)
+
+
+def draw_loop_chart(curves: Sequence[LoopCurves]) -> Figure:
+    """Return Bode's two diagrams, Nyquist's with the disk that the loops keep clear of, and a step's answer."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 7), layout="constrained")
     gain, nyquist, phase, step = figure.subplots(2, 2).flat
-    for joint, pid, found, drive, several in alike(joints, loops, margins, drives, ratios):
-        omega = frequencies(pid, dt)
-        response = sampled_loop(pid, dt, delay, drive=drive)(np.exp(1j * omega * dt))
-        label = f"{joint}: {found.phase_margin_deg:.0f}°, disk {found.disk_margin:.2f}"
-        gain.loglog(omega / 2 / pi, np.abs(response), label=label)
+    for one in curves:
+        found, response = one.margins, one.response
+        label = f"{', '.join(one.joints)}: {found.phase_margin_deg:.0f}°, disk {found.disk_margin:.2f}"
+        gain.loglog(one.frequency, np.abs(response), label=label)
         angle = np.degrees(np.unwrap(np.angle(response)))
-        phase.semilogx(omega / 2 / pi, angle - 360 * np.ceil(angle[0] / 360))
+        phase.semilogx(one.frequency, angle - 360 * np.ceil(angle[0] / 360))
         (line,) = nyquist.plot(response.real, response.imag)
-        for ratio in {*several} - {1.0}:
+        for ratio in {*one.ratios} - {1.0}:
             nyquist.plot(ratio * response.real, ratio * response.imag, color=line.get_color(), lw=0.6)
-        t, answer = disturbance(pid, dt, delay, drive)
-        step.plot(1e3 * t, answer)
-    disk(nyquist, min(found.disk_margin for found in margins))
+        step.plot(1e3 * one.t, one.answer)
+    nyquist.fill(*compute_disk(min(one.margins.disk_margin for one in curves)).T, alpha=0.2)
     dressed(gain, phase, nyquist, step)
     return figure
-
-
-def alike(
-    joints: Sequence[str],
-    loops: Sequence[Pid],
-    margins: Sequence[Margins],
-    drives: Sequence[tuple[Signal, ...]],
-    ratios: Sequence[Sequence[float]],
-) -> list[tuple[str, Pid, Margins, tuple[Signal, ...], Sequence[float]]]:
-    """Return the arguments of `draw_loop_chart`, joints with the same loop as one, as their curves coincide."""
-    same: dict[tuple[Pid, Margins, tuple[Signal, ...], tuple[float, ...]], list[str]] = {}
-    for joint, pid, found, drive, several in zip(joints, loops, margins, drives, ratios):
-        same.setdefault((pid, found, drive, tuple(several)), []).append(joint)
-    return [(", ".join(names), *loop) for loop, names in same.items()]
 
 
 def disturbance(pid: Pid, dt: float, delay: float, drive: tuple[Signal, ...]) -> tuple[Array, Array]:
@@ -86,16 +111,16 @@ def disturbance(pid: Pid, dt: float, delay: float, drive: tuple[Signal, ...]) ->
     closed = control.ss(loop.A - loop.B @ loop.C, push, seen, 0.0, dt)
     t = dt * np.arange(round(6 / pid.kp**0.5 / dt * 2))
     answer = control.forced_response(closed, t, np.ones_like(t))
-    return t, 1e3 * answer.outputs
+    return t, 1e3 * np.asarray(answer.outputs)
 
 
-def disk(axes: Axes, margin: float) -> None:
-    """Draw the disk around -1 that the loop gain may not enter, for a balanced disk margin."""
+def compute_disk(margin: float) -> Array:
+    """Points on the edge of the disk around -1 that the loop gain may not enter, for a balanced disk margin, (m, 2)."""
     if not 0 < margin < 2:
-        return
+        return np.zeros((0, 2))
     near, far = (1 - margin / 2) / (1 + margin / 2), (1 + margin / 2) / (1 - margin / 2)
     angle = np.linspace(0, 2 * pi, 200)
-    axes.fill(-(near + far) / 2 + (far - near) / 2 * np.cos(angle), (far - near) / 2 * np.sin(angle), alpha=0.2)
+    return np.column_stack([np.cos(angle), np.sin(angle)]) * (far - near) / 2 - [(near + far) / 2, 0.0]
 
 
 def dressed(gain: Axes, phase: Axes, nyquist: Axes, step: Axes) -> None:

@@ -1,0 +1,15 @@
+from .figures import PointingFigure as PointingFigure
+from .figures import ResidualFigure as ResidualFigure
+from .figures import compute_residual as compute_residual
+from .figures import simulate_pointing as simulate_pointing
+from .state import History as History
+from .state import Slider as Slider
+from .state import StudioState as StudioState
+from .state import list_sliders as list_sliders
+from .subject import StudioSource as StudioSource
+from .subject import Subject as Subject
+from .subject import build_model as build_model
+from .subject import build_plant as build_plant
+from .subject import list_causes as list_causes
+from .subject import prepare_subject as prepare_subject
+from .subject import tune_state as tune_state

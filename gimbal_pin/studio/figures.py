@@ -1,0 +1,77 @@
+"""Figures of a state beside those of its loops, which `Tuning.loop_curves` has: residual and pointing error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gimbal_pin.control.controller_names import BASELINE, OURS
+from gimbal_pin.control.tuning import Tuning
+from gimbal_pin.diagnosis.gain import compute_filtered_error, torque_rmse
+from gimbal_pin.log.log import Array
+from gimbal_pin.pointing import Pointing, simulate_holding
+from gimbal_pin.rig.brief import brief
+from gimbal_pin.studio.state import StudioState
+from gimbal_pin.studio.subject import Subject, build_plant
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualFigure:
+    """Measured less predicted torque of the judged logs.
+
+    Attributes:
+        t: Time, s from the first log's start, (m,); it jumps between stretches.
+        error: Residual below the diagnosis's band, away from standstill, N m, (m, n).
+        rms: Root mean square over the samples that count, N m, (n,).
+    """
+
+    t: Array
+    error: Array
+    rms: Array
+
+    __repr__ = brief
+
+
+@dataclass(frozen=True, eq=False)
+class PointingFigure:
+    """How still the camera stands on a platform that moves.
+
+    Attributes:
+        run: The run.
+        jitter: Root mean square of the line of sight's error, rad.
+    """
+
+    run: Pointing
+    jitter: float
+
+    __repr__ = brief
+
+
+def compute_residual(subject: Subject, tuning: Tuning) -> ResidualFigure | None:
+    """Return what the controller's model leaves of the logged torque; None where there is no log."""
+    evidence = subject.evidence
+    if evidence is None:
+        return None
+    t = np.concatenate([part.channels.t for part in evidence.parts])
+    error = compute_filtered_error(evidence, tuning.model)
+    return ResidualFigure(t, error, torque_rmse(evidence, tuning.model))
+
+
+def simulate_pointing(subject: Subject, state: StudioState, tuning: Tuning) -> PointingFigure | None:
+    """Hold the camera of the state's gimbal with the controller; None where the rig cannot hold it.
+
+    The gimbal has every cause, the controller knows those that are on.
+
+    Raises:
+        UsageError: The loop diverges.
+    """
+    if subject.recipe is None or subject.platform is None:
+        return None
+    delay = tuning.wish.holding_samples
+    recipe = replace(subject.recipe, model=tuning.model, law=tuning.controller, delay=delay)
+    rng = np.random.default_rng([subject.seed, 1])
+    holder, plant = recipe.pointer(BASELINE if tuning.wish.kind == "pid" else OURS), build_plant(subject, state)
+    seconds = float(subject.platform.t[-1])
+    run = simulate_holding(plant, holder, subject.platform, rng=rng, seconds=seconds, delay=delay)
+    return PointingFigure(run, run.jitter[0])

@@ -1,0 +1,127 @@
+"""What a person has chosen in the studio, and the way back: plain values, no page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from math import isfinite
+from typing import Any
+
+from gimbal_pin.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A number that a person moves.
+
+    Attributes:
+        label: What it is called.
+        low: Least value.
+        high: Largest value.
+        unit: SI unit, or samples.
+        is_whole: Whether it is a whole number.
+    """
+
+    label: str
+    low: float
+    high: float
+    unit: str = ""
+    is_whole: bool = False
+
+    def check_value(self, value: Any) -> float:
+        """Return the value, or raise `UsageError` where it is no number between the bounds."""
+        wanted = f"give {'a whole number from ' * self.is_whole}{self.low:g} to {self.high:g} {self.unit}".rstrip()
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+            raise UsageError(self.label, f"is {value!r}", wanted)
+        if not self.low <= value <= self.high or (self.is_whole and value != round(value)):
+            raise UsageError(self.label, f"is {value:g}", wanted)
+        return round(value) if self.is_whole else float(value)
+
+
+def bounded_choice(default: float | None, label: str, low: float, high: float, unit: str = "", **more: bool) -> Any:
+    """Return a field of `StudioState` that a slider moves."""
+    return field(default=default, metadata={"slider": Slider(label, low, high, unit, **more)})
+
+
+@dataclass(frozen=True)
+class StudioState:
+    """What is chosen; None: as `tune` chooses it, or as the rig and its logs say.
+
+    Bounds are those of the same options of `tune`, `track` and `identify`, and of the effects of a payload.
+
+    Attributes:
+        bandwidth_hz: Wanted bandwidth, Hz.
+        disk_margin: Disk margin that every joint keeps.
+        delay_samples: Samples from measurement to torque.
+        x: How far the payload is moved along its frame, m.
+        y: The same.
+        z: The same.
+        mass: What the payload weighs, kg.
+        off: Causes that the controller does not know, as `list_causes` names them.
+        payload: Another camera, a bundled payload's name or a file's path.
+        judged: Time of the first log that only judges the model, s from its start to its end; the rest trains.
+    """
+
+    bandwidth_hz: float | None = bounded_choice(None, "bandwidth", 0.1, 100, "Hz")
+    disk_margin: float | None = bounded_choice(None, "disk margin", 0.01, 1.99)
+    delay_samples: int | None = bounded_choice(None, "delay", 0, 50, "samples", is_whole=True)
+    x: float = bounded_choice(0.0, "payload x", -0.5, 0.5, "m")
+    y: float = bounded_choice(0.0, "payload y", -0.5, 0.5, "m")
+    z: float = bounded_choice(0.0, "payload z", -0.5, 0.5, "m")
+    mass: float | None = bounded_choice(None, "payload mass", 1e-4, 1e4, "kg")
+    off: tuple[str, ...] = ()
+    payload: str | None = None
+    judged: tuple[float, float] | None = None
+
+    def moved(self, name: str, value: Any) -> StudioState:
+        """Return the state with one choice changed.
+
+        Raises:
+            UsageError: There is no such choice, or its value is out of bounds.
+        """
+        known, sliders = {one.name: one.default for one in fields(self)}, list_sliders()
+        if name not in known:
+            raise UsageError("studio", f"has no '{name}'", f"move {', '.join(known)}")
+        if name in sliders:
+            value = known[name] if value is None else sliders[name].check_value(value)
+        elif name == "off":
+            value = tuple(sorted({*value}))
+        elif name == "judged" and value is not None:
+            first, last = (Slider("judged part", 0.0, 1e10, "s").check_value(end) for end in value)
+            if last <= first:
+                raise UsageError("judged part", f"ends at {last:g} s, not after {first:g}", "mark some time of the log")
+            value = first, last
+        return replace(self, **{name: value})
+
+
+def list_sliders() -> Mapping[str, Slider]:
+    """Return the choices that are numbers, and their bounds."""
+    return {one.name: one.metadata["slider"] for one in fields(StudioState) if one.metadata}
+
+
+@dataclass(frozen=True)
+class History:
+    """States, oldest first: what undo goes back to, what is shown, and what redo returns to.
+
+    Attributes:
+        present: What is shown.
+        past: What was shown before it.
+        future: What was undone.
+    """
+
+    present: StudioState = StudioState()
+    past: tuple[StudioState, ...] = ()
+    future: tuple[StudioState, ...] = ()
+
+    def moved(self, name: str, value: Any) -> History:
+        """Return it after one more change; one that changes nothing leaves no trace. Raises as `StudioState.moved`."""
+        state = self.present.moved(name, value)
+        return self if state == self.present else History(state, (*self.past, self.present))
+
+    def undone(self) -> History:
+        """Return it one change earlier; at the first state the same."""
+        return History(self.past[-1], self.past[:-1], (self.present, *self.future)) if self.past else self
+
+    def redone(self) -> History:
+        """Return it one change later; at the last state the same."""
+        return History(self.future[0], (*self.past, self.present), self.future[1:]) if self.future else self

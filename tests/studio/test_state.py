@@ -1,0 +1,210 @@
+"""Laws of the studio without its page: choices that go back, figures that are the records', files that are `tune`'s."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gimbal_pin.control import bench_run, compute_margins, tune
+from gimbal_pin.dynamics import nominal
+from gimbal_pin.effects import Coulomb
+from gimbal_pin.errors import UsageError
+from gimbal_pin.log.io.files import to_plain
+from gimbal_pin.studio import (
+    History,
+    Slider,
+    StudioSource,
+    StudioState,
+    Subject,
+    build_model,
+    build_plant,
+    compute_residual,
+    list_causes,
+    list_sliders,
+    prepare_subject,
+    simulate_pointing,
+    tune_state,
+)
+from tests.rigs import bundled
+
+RIG = "turret"
+
+
+@cache
+def identified() -> Subject:
+    """A turret that was identified from a log of half a minute."""
+    rig = bundled(RIG)
+    return prepare_subject(StudioSource(rig, (bench_run(nominal(rig), rng=np.random.default_rng(0), seconds=30.0),)))
+
+
+@cache
+def stated() -> Subject:
+    """The same as its URDF states it."""
+    return prepare_subject(StudioSource(bundled(RIG)))
+
+
+def values(slider: Slider) -> st.SearchStrategy[float]:
+    """Any value of a slider."""
+    return st.integers(int(slider.low), int(slider.high)) if slider.is_whole else st.floats(slider.low, slider.high)
+
+
+MOVES = st.lists(
+    st.one_of(
+        *[st.tuples(st.just(name), st.none() | values(slider)) for name, slider in list_sliders().items()],
+        st.tuples(st.just("off"), st.lists(st.sampled_from(["coulomb at pan", "viscous at tilt"]))),
+        st.tuples(st.just("payload"), st.none() | st.just("cinema")),
+        st.tuples(st.just("judged"), st.none() | st.just((1.0, 2.0))),
+    ),
+    max_size=8,
+)
+
+
+@given(MOVES)
+def test_what_was_moved_and_undone_is_as_it_was(moves: list[tuple[str, Any]]) -> None:
+    history = [History()]
+    for move in moves:
+        history.append(history[-1].moved(*move))
+    back = history[-1]
+    shown = [one.present for one, before in zip(history[1:], history) if one.present != before.present]
+    for state in reversed([StudioState(), *shown][:-1] if shown else []):
+        back = back.undone()
+        assert back.present == state
+    assert back.present == StudioState() == back.undone().present
+    for state in shown:
+        back = back.redone()
+        assert back.present == state
+    assert back == history[-1]
+
+
+@pytest.mark.parametrize("name", list_sliders())
+def test_a_value_out_of_bounds_is_refused_with_the_bounds(name: str) -> None:
+    slider = list_sliders()[name]
+    for value in (slider.low - 1e-6 - slider.is_whole, slider.high * 1.01 + 1, float("nan"), float("inf"), "1", True):
+        with pytest.raises(UsageError, match=f"^{slider.label}: is .*; give .*{slider.low:g} to {slider.high:g}"):
+            StudioState().moved(name, value)
+    with pytest.raises(UsageError, match="has no 'colour'; move bandwidth_hz"):
+        StudioState().moved("colour", 1)
+    with pytest.raises(UsageError, match="ends at 1 s, not after 2; mark"):
+        StudioState().moved("judged", (2.0, 1.0))
+
+
+@pytest.mark.parametrize("subject", [identified, stated], ids=["identified", "stated"])
+@given(st.none() | st.floats(2, 30), st.none() | st.floats(0.3, 0.8), st.none() | st.integers(0, 4))
+def test_a_state_is_tuned_as_tune_does(
+    subject: Any, hz: float | None, margin: float | None, samples: int | None
+) -> None:
+    own = subject()
+    state = replace(StudioState(), bandwidth_hz=hz, disk_margin=margin, delay_samples=samples)
+    dt = own.model.estimated.dt if own.model.estimated else 0.001
+    delay = None if samples is None else samples * dt
+    found, asked = tune_state(own, state), tune(own.model, bandwidth_hz=hz, disk_margin=margin, delay=delay)
+    assert to_plain(found.to_dict()) == to_plain(asked.to_dict())
+
+
+def test_curves_are_those_of_the_records_margins() -> None:
+    """Where Nyquist's curve crosses the unit circle stands the phase margin; the answer begins as free fall."""
+    tuning = tune_state(stated(), StudioState(bandwidth_hz=8.0))
+    (curve,) = tuning.loop_curves
+    assert curve.joints == stated().rig.joints and curve.margins == tuning.worst[0] == tuning.margins[0]
+    last = np.flatnonzero(np.abs(curve.response) >= 1)[-1]
+    assert curve.frequency[last] == pytest.approx(curve.margins.crossover_hz, rel=0.05)
+    phase = np.degrees(
+        np.interp(1.0, np.abs(curve.response[[last + 1, last]]), np.angle(curve.response[[last + 1, last]]))
+    )
+    assert 180 + phase == pytest.approx(curve.margins.phase_margin_deg, abs=1.0)
+    assert curve.margins == compute_margins(tuning.gains[0], tuning.wish.dt, tuning.wish.delay)
+    assert curve.answer[1] == pytest.approx(1e3 * curve.t[1] ** 2 / 2) and curve.answer[-1] < curve.answer.max() / 2
+
+
+def test_the_residual_is_noise_until_a_cause_is_off_or_the_payload_moves() -> None:
+    subject = identified()
+    at_rest = compute_residual(subject, tune_state(subject, StudioState()))
+    assert at_rest is not None and at_rest.error.shape == (len(at_rest.t), subject.rig.n)
+    joint = subject.rig.joints[0]
+    without = compute_residual(subject, tune_state(subject, StudioState(off=(f"coulomb at {joint}",))))
+    moved = compute_residual(subject, tune_state(subject, StudioState(z=0.02)))
+    assert without is not None and moved is not None
+    (dry,) = (term.values[0] for term in subject.model.terms if term.effect == Coulomb(joint))
+    assert without.rms[0] == pytest.approx(dry, rel=0.25)
+    assert without.rms[1] == at_rest.rms[1] < 0.1 * moved.rms[1]
+
+
+def test_a_cause_that_is_off_is_in_the_gimbal_and_not_in_the_controller() -> None:
+    subject, off = identified(), list_causes(identified().model)[:1]
+    state = StudioState(off=off)
+    known, plant = build_model(subject, state), build_plant(subject, state)
+    assert list_causes(known) == list_causes(subject.model)[1:] and plant is subject.model
+    assert known.estimated is not None and subject.model.estimated is not None
+    assert len(known.estimated.names) == len(subject.model.estimated.names) - 1
+    assert tune_state(subject, state).draws == tune_state(subject, StudioState()).draws > 0
+
+
+def test_a_payload_that_weighs_what_it_does_and_sits_where_it_does_is_the_same() -> None:
+    for subject in (identified(), stated()):
+        there = build_plant(subject, StudioState(x=0.01, mass=2.0))
+        assert not np.allclose(there.rig.phi, subject.model.rig.phi)
+        assert build_plant(subject, StudioState()) is subject.model
+
+
+def test_a_camera_swapped_there_and_back_is_the_same() -> None:
+    own = identified()
+    other = prepare_subject(StudioSource(own.rig, (), own.model), "cinema")
+    back = prepare_subject(StudioSource(other.rig, (), other.model), own.rig.payload)
+    assert other.rig.payload == "cinema"
+    np.testing.assert_allclose(back.model.rig.phi, own.model.rig.phi, atol=1e-12)
+    assert back.model.estimated is not None and own.model.estimated is not None
+    np.testing.assert_allclose(back.model.estimated.theta, own.model.estimated.theta, atol=1e-12)
+    plain = prepare_subject(StudioSource(bundled(RIG)), "cinema")
+    np.testing.assert_array_equal(plain.model.rig.phi, bundled(RIG, "cinema").phi)
+
+
+def test_impossible_payloads_are_refused_in_a_line_that_names_the_mend() -> None:
+    bare = prepare_subject(StudioSource(bundled(RIG)), "none")
+    with pytest.raises(UsageError, match="carries no payload of its own; mount one"):
+        build_plant(bare, StudioState(mass=1.0))
+    with pytest.raises(UsageError, match="judged part: leaves nothing"):
+        prepare_subject(
+            StudioSource(bundled(RIG), (bench_run(nominal(bundled(RIG)), rng=np.random.default_rng(0), seconds=2.0),)),
+            judged=(0.0, 99.0),
+        )
+
+
+def test_what_judges_does_not_train() -> None:
+    """The marked third with another torque: the model is the same, the residual is not."""
+    rig = bundled(RIG)
+    log = bench_run(nominal(rig), rng=np.random.default_rng(0), seconds=30.0)
+    late = (log.t - log.t[0] >= 20.0)[:, None]
+    wrong = replace(log, tau=np.asarray(log.tau) + 0.3 * late)
+    one, other = (prepare_subject(StudioSource(rig, (each,)), judged=(20.0, 31.0)) for each in (log, wrong))
+    np.testing.assert_array_equal(one.model.rig.phi, other.model.rig.phi)
+    small, large = (compute_residual(each, tune_state(each, StudioState())) for each in (one, other))
+    assert small is not None and large is not None and np.all(large.rms > 3 * small.rms)
+
+
+def test_a_wider_loop_holds_the_camera_more_still() -> None:
+    subject = stated()
+    errors = []
+    for hz in (3.0, 12.0):
+        state = StudioState(bandwidth_hz=hz, off=list_causes(subject.model))
+        found = simulate_pointing(subject, state, tune_state(subject, state))
+        assert found is not None and found.jitter == found.run.jitter[0]
+        errors.append(found.jitter)
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_time_from_a_slider_to_its_figures(record_testsuite_property: Any) -> None:
+    """Reports, in the suite's XML, and asserts nothing, of seconds."""
+    subject, spent = identified(), []
+    for hz in np.linspace(5, 9, 5):
+        start, state = time.perf_counter(), StudioState(bandwidth_hz=float(hz))
+        tuning = tune_state(subject, state)
+        assert tuning.loop_curves and compute_residual(subject, tuning) and simulate_pointing(subject, state, tuning)
+        spent.append(time.perf_counter() - start)
+    record_testsuite_property("slider_to_figures_ms", round(1e3 * float(np.median(spent))))
