@@ -41,7 +41,7 @@ READERS = {"__init__", "parse", "plain", "resistance"}
 """Files beside the causes that are none: they use them all."""
 
 HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "meshcat", "pandas"}
-HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial", "nicegui", "mcap_ros2"}
+HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial", "nicegui", "mcap_ros2", "rerun"}
 NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simulation", "diagnosis")
 """Verbs that know causes, but none of them by name."""
 

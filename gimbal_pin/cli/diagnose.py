@@ -28,6 +28,7 @@ def diagnose(
     urdf: opt.Urdf = None,
     mjcf: opt.Mjcf = None,
     mcap: opt.Mcap = None,
+    rrd: opt.Rrd = None,
     payload: opt.Payload = None,
     mass: opt.Mass = None,
     map: opt.Map = (),
@@ -64,7 +65,7 @@ def diagnose(
     from gimbal_pin.report import pages
     from gimbal_pin.report.sections.diagnosis import show_diagnosis
 
-    check_recordings(mcap)
+    check_recordings(mcap, rrd)
     loaded, read = load_logs(rig, payload, logs, map, moving=True)
     band = choose_band(loaded, read) if cutoff is None else replace(DIAGNOSIS_BAND, cutoff=cutoff)
     band, rng = replace(band, alignment=alignment), np.random.default_rng(seed)
@@ -81,9 +82,10 @@ def diagnose(
         atomic_write(mjcf, text)
         tell(unwritten)
     if found.state is not None:
-        write_recordings(found.after, read, band, mcap)
-    elif mcap is not None:
-        tell([f"{mcap} is not written: nothing of the model holds before the logs are mended"])
+        write_recordings(found.after, read, band, mcap, rrd)
+    else:
+        named = [str(file) for file in (mcap, rrd) if file is not None]
+        tell([f"{file} is not written: nothing of the model holds before the logs are mended" for file in named])
     files: Mapping[str, Path] = {}
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))

@@ -113,6 +113,7 @@ Mcap = Annotated[
     Writes((".mcap",)),
     arg(help="write measured, model's and residual torque as JointState, for Foxglove and PlotJuggler"),
 ]
+Rrd = Annotated[File, Writes((".rrd",)), arg(help="write the same with the moving rig, for Rerun")]
 Page = Annotated[File, Writes((".html",))]
 Plotted = Annotated[File, Writes(paths.list_plot_suffixes)]
 Json = Annotated[File, Writes((".json", ".jsonl")), arg(help="write the result as JSON; - for standard output")]

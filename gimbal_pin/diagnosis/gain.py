@@ -231,6 +231,11 @@ class TorqueTrace:
         """Measured less the model's torque, N m, (m, n)."""
         return self.measured - self.model
 
+    @property
+    def torques(self) -> dict[str, Array]:
+        """Name → the three torques, N m, (m, n) each."""
+        return {"measured": self.measured, "model": self.model, "residual": self.residual}
+
 
 def trace_torques(model: Model, log: Log, filtering: Filtering = DIAGNOSIS_BAND) -> TorqueTrace:
     """``model = tau - (drive(tau) - inverse(q, v, a))`` along a log, checked and smoothed as for `diagnose`.

@@ -6,6 +6,7 @@ from .equations import LawEquations as LawEquations
 from .mjcf import convert_to_mjcf as convert_to_mjcf
 from .navigation import NavigationEquations as NavigationEquations
 from .recordings import write_mcap as write_mcap
+from .recordings import write_rrd as write_rrd
 from .sources import EXPORTED_FILES as EXPORTED_FILES
 from .sources import Exported as Exported
 from .sources import export_controller as export_controller

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from gimbal_pin.diagnosis import TorqueTrace, diagnose, trace_torques
 from gimbal_pin.dynamics import Model, nominal, plant_with
 from gimbal_pin.effects import Cogging, parse_effect
-from gimbal_pin.export import write_mcap
+from gimbal_pin.export import write_mcap, write_rrd
 from gimbal_pin.log import Log, read_log, write_log
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
@@ -78,8 +80,54 @@ def test_mcaps_own_reader_finds_the_numbers(turret: Rig, traces: tuple[TorqueTra
         np.testing.assert_allclose(1e-9 * np.array(stamps), trace.t, atol=1e-9)
         for field, values in (("position", trace.q), ("velocity", trace.v), ("effort", getattr(trace, kind))):
             np.testing.assert_array_equal([getattr(said, field) for _, said in found[f"/{kind}"]], values)
+        assert np.array_equal(trace.torques[kind], getattr(trace, kind))
     write_mcap(turret, traces, tmp_path / "two.mcap")
     assert {f"/log_{k}/{kind}" for k in (1, 2) for kind in KINDS} <= set(read_mcap(tmp_path / "two.mcap"))
+
+
+def read_rrd(path: Path) -> dict[str, Any]:
+    """Entity → its rows, as Rerun's own reader gives them; of what does not change one each."""
+    from rerun.chunk import RrdReader
+
+    reader = RrdReader(path)
+    assert len(reader.recordings()) == len(reader.blueprints()) == 1
+    return {chunk.entity_path: chunk.to_record_batch() for chunk in reader.stream().to_chunks()}
+
+
+def test_reruns_own_reader_finds_the_numbers_and_the_poses(
+    turret: Rig, traces: tuple[TorqueTrace, ...], tmp_path: Path
+) -> None:
+    """Each joint's transform is Pinocchio's placement of it."""
+    pytest.importorskip("rerun")
+    from rerun.chunk import RrdReader
+
+    write_rrd(turret, traces[:1], tmp_path / "one.rrd")
+    trace, found = traces[0], read_rrd(tmp_path / "one.rrd")
+    model, data = turret.model, turret.model.createData()
+    for j, joint in enumerate(turret.joints):
+        values = {kind: found[f"/torque/{joint}/{kind}"] for kind in KINDS}
+        for kind, batch in values.items():
+            np.testing.assert_array_equal(
+                np.concatenate(batch["Scalars:scalars"].to_numpy(False)), trace.torques[kind][:, j]
+            )
+            stamps = 1e-9 * np.array(batch["time"].cast("int64"))
+            np.testing.assert_allclose(stamps, trace.t, atol=2e-9)
+        np.testing.assert_array_equal(
+            np.concatenate(found[f"/angle/{joint}"]["Scalars:scalars"].to_numpy(False)), trace.q[:, j]
+        )
+        moved = found[f"/joint/{joint}"]
+        assert moved["Transform3D:child_frame"].to_pylist()[0] == [turret.links[j]]
+        for k in (0, 700):
+            pin.forwardKinematics(model, data, trace.q[k])
+            turn = pin.Quaternion(np.array(moved["Transform3D:quaternion"][k].as_py()[0])).toRotationMatrix()
+            np.testing.assert_allclose(turn, data.liMi[j + 1].rotation, atol=1e-6)  # single precision
+            place = moved["Transform3D:translation"][k].as_py()[0]
+            np.testing.assert_allclose(place, data.liMi[j + 1].translation, atol=1e-6)
+    assert any(entity.endswith("base_flange") for entity in found)
+    assert not any("collision" in entity for entity in found)
+    write_rrd(turret, traces, tmp_path / "two.rrd")
+    chunks = RrdReader(tmp_path / "two.rrd").stream().to_chunks()
+    assert {name for chunk in chunks for name in chunk.timeline_names} == {"log_1", "log_2"}
 
 
 def test_diagnose_records_the_log_with_what_is_left(
