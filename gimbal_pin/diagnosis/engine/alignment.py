@@ -17,7 +17,7 @@ from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.state import State
 from gimbal_pin.effects import Cause, Signal
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression import LAG_DEVIATION, LAG_ROUNDS, LAGS_WITHIN, LARGEST_LAG
+from gimbal_pin.regression import LAG_DEVIATION, LAG_ROUNDS, LAG_SPREAD, LAGS_WITHIN, LARGEST_LAG
 
 
 def later_by(state: State) -> Array:
@@ -50,6 +50,19 @@ def retimed(evidence: Evidence, late: Array) -> Evidence:
     return replace(evidence, parts=tuple(part.retimed(late) for part in evidence.parts))
 
 
+def bound_shifts(late: Array) -> Array:
+    """Return shifts, s, (n,), as far as they are the log's: within bounds, and three deviations beside each other.
+
+    A rig's drives report alike; a joint whose torque acts later than the others' has a delay of its own. What all have
+    is the median of theirs and of none, as the stamps say.
+    """
+    late = np.clip(late, -LARGEST_LAG, LARGEST_SHIFT)
+    if len(late) == 1:
+        return late
+    common = np.median([*late, 0.0])
+    return np.clip(late, common - 3 * LAG_SPREAD, common + 3 * LAG_SPREAD)
+
+
 def align_torques(evidence: Evidence, causes: tuple[Cause, ...], modelled: Callable[[Evidence], State]) -> State:
     """Return the model with the shifts, within their bounds, at which it leaves least.
 
@@ -65,7 +78,7 @@ def align_torques(evidence: Evidence, causes: tuple[Cause, ...], modelled: Calla
     late = shifts(evidence) * free
     state = modelled(retimed(evidence, late))
     for _ in range(LAG_ROUNDS):
-        to = np.clip(late + later_by(state), -LARGEST_LAG, LARGEST_SHIFT) * free
+        to = bound_shifts(late + later_by(state)) * free
         if np.max(np.abs(to - late)) < LAGS_WITHIN:
             break
         late, state = to, modelled(retimed(evidence, to))
