@@ -16,17 +16,24 @@ from benchmark import diagnosing, excitation, memory, online, regression, simula
 from benchmark.figure import Figure, line, summary
 from gimbal_pin.log.io.files import write_json
 
+PARTS = {part.__name__.rpartition(".")[2]: part for part in (
+    regression, memory, size, simulation, online, diagnosing, excitation
+)}  # fmt: skip
 
-def main(json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None) -> None:
+
+def main(
+    only: Sequence[str] = tuple(PARTS), json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+) -> None:
     """Compare speed, memory and excitation with their requirements, on the bundled rig `thesis`.
 
     Args:
+        only: Parts that are measured.
         json: Write the figures as JSON, too.
     """
     print(f"{machine()}\n{'':72}{'measured':>12}{'required':>22}", flush=True)
     figures: list[Figure] = []
-    for part in (regression, memory, size, simulation, online, diagnosing, excitation):
-        for figure in part.measure():
+    for part in only:
+        for figure in PARTS[part].measure():
             print(line(figure), flush=True)
             figures.append(figure)
     if json is not None:

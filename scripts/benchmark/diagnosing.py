@@ -12,7 +12,7 @@ from benchmark.data import DT, noisy_log
 from benchmark.figure import Figure
 from benchmark.timing import wall_and_cpu
 from gimbal_pin.diagnosis import diagnose
-from gimbal_pin.dynamics.model import nominal
+from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import plant_with
 from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.log.log import Log
@@ -28,19 +28,19 @@ MOST = {"three": 10.0, "seven": 60.0}
 def measure() -> Iterator[Figure]:
     """Yield the time that a diagnosis takes, and the processor's time in it."""
     for axes, rig in (("three", Rig.load("thesis")), ("seven", chain(7))):
-        log = plant_two_causes(rig)
+        steps = round(SECONDS / DT), round(1 / (RATE * DT))
+        log = held(noisy_log(plant_two_causes(rig), steps[0], np.random.default_rng(3)), steps[1])
         wall, cpu = wall_and_cpu(partial(diagnose, rig, [log], rng=0), ROUNDS, "diagnosis")
         name = f"diagnosis over the whole library, {SECONDS:g} s at {RATE:g} Hz, {axes} axes"
         yield Figure(name, wall, "s", at_most=MOST[axes])
         yield Figure("the same, processor time", cpu, "s")
 
 
-def plant_two_causes(rig: Rig) -> Log:
-    """Log of a rig with cogging at its first joint and a Stribeck friction at its last."""
+def plant_two_causes(rig: Rig) -> Model:
+    """A rig with cogging at its first joint and a Stribeck friction at its last."""
     first, last = rig.joints[0], rig.joints[-1]
     texts = f"cogging:{first}:amplitude=0.03,harmonic=42", f"stribeck:{last}:speed=0.1,extra=0.05"
-    plant = plant_with(nominal(rig), [parse_effect(text, rig) for text in texts]).plant
-    return held(noisy_log(plant, round(SECONDS / DT), np.random.default_rng(3)), round(1 / (RATE * DT)))
+    return plant_with(nominal(rig), [parse_effect(text, rig) for text in texts]).plant
 
 
 def held(log: Log, step: int) -> Log:

@@ -14,13 +14,11 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmark.data import noisy_log
-from benchmark.diagnosing import PLANTED, held
+from benchmark.diagnosing import held, plant_two_causes
 from benchmark.figure import Figure
 from benchmark.memory import MB, peak
 from gimbal_pin.cli import main
 from gimbal_pin.dynamics.model import nominal
-from gimbal_pin.dynamics.simulation import plant_with
-from gimbal_pin.effects.parse import parse_effect
 from gimbal_pin.identification import identify
 from gimbal_pin.log.io import write_log
 from gimbal_pin.rig.rig import Rig
@@ -60,8 +58,7 @@ def rows(file: Path) -> dict[str, float]:
 
 def long_log(file: Path) -> None:
     """Write a log of so many rows, with two causes in it."""
-    rig = Rig.load("thesis")
-    plant = plant_with(nominal(rig), [parse_effect(text, rig) for text in PLANTED]).plant
+    plant = plant_two_causes(Rig.load("thesis"))
     write_log(held(noisy_log(plant, STEP * ROWS, np.random.default_rng(3)), STEP), file)
 
 
