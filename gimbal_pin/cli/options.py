@@ -61,7 +61,7 @@ RIG_FILES = Reads(paths.list_rig_files)
 RigName = Annotated[
     Positional[str],
     RIG_FILES,
-    arg(metavar="RIG", help="bundled rig, URDF, xacro, SDF or MJCF, or a YAML that names one"),
+    arg(metavar="RIG", help="bundled rig, URDF, xacro, SDF, MJCF, NAME_description, or a YAML that names one"),
 ]
 OtherRig = Annotated[Maybe[str], RIG_FILES, arg(metavar="RIG")]
 Logs = Annotated[

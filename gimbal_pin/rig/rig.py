@@ -84,7 +84,7 @@ class Rig:
     def load(
         rig: str | Path, payload: str | Path | None = None, mend: bool = False, fixed: Mapping[str, float] | None = None
     ) -> Rig:
-        """Load a bundled rig by name, a URDF, xacro, SDF or MJCF file, or a YAML that names one.
+        """Load a bundled rig or one of `robot_descriptions` by name, a URDF, xacro, SDF or MJCF, or a YAML of one.
 
         `payload`: a bundled one's name or a file's path; None mounts the YAML's default. `mend`: whether every inertia
         that breaks a rule becomes the nearest that does not. `fixed`: joint → angle, rad, or place, m, beside the

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from math import inf, pi
 from pathlib import Path
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from gimbal_pin.dynamics import compute_rnea
-from gimbal_pin.errors import RigError
+from gimbal_pin.errors import RigError, UsageError
 from gimbal_pin.rig import (
     Limits,
     Motor,
@@ -254,6 +255,45 @@ def test_what_is_no_rig_is_told_in_one_line(tmp_path: Path, capfd: pytest.Captur
 @pytest.mark.parametrize("name", ["nowhere.urdf", "nowhere.yaml", "thesys", "."])
 def test_a_rig_that_is_not_there(name: str) -> None:
     refused(lambda: Rig.load(name), f"{name}: is neither a file nor a bundled rig", *bundled_rigs())
+
+
+@pytest.fixture
+def clones(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Callable[[str, str | None], str]], None]]:
+    """Puts a function in the place of what clones a repository for robot_descriptions; its own modules are kept."""
+    pytest.importorskip("robot_descriptions")
+    yield lambda clone: monkeypatch.setattr("robot_descriptions._cache.clone_to_cache", clone)
+    for name in ("panda_description", "fr3_description"):
+        sys.modules.pop(f"robot_descriptions.{name}", None)
+
+
+def test_a_robot_of_robot_descriptions_is_loaded_by_its_name(tmp_path: Path, clones: Callable[..., None]) -> None:
+    """The package's own module, which finds its clone here: the download is not tried. A YAML may name it, too."""
+    place = tmp_path / "robots" / "panda_description" / "urdf"
+    place.mkdir(parents=True)
+    (place / "panda.urdf").write_text(bundled("turret").urdf)
+    clones(lambda name, commit: str(tmp_path))
+    loaded = Rig.load("panda_description")
+    assert (loaded.name, loaded.joints) == ("panda", bundled("turret").joints)
+    (tmp_path / "mine.yaml").write_text("urdf: panda_description\nmotors:\n  pan: {tau_max: 0.5}\n")
+    assert Rig.load(tmp_path / "mine.yaml").motors[0].tau_max == 0.5
+
+
+def test_a_robot_that_cannot_be_had_is_told_with_the_reason(
+    clones: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from git.exc import GitCommandError
+
+    def clone(name: str, commit: str | None) -> str:
+        raise GitCommandError("clone", 128, "Could not resolve host")
+
+    refused(lambda: Rig.load("nowhere_description"), "robot_descriptions has none of that name")
+    clones(clone)
+    refused(lambda: Rig.load("panda_description"), "panda_description", "cannot be fetched", "Could not resolve host")
+    clones(lambda name, commit: "/nowhere")
+    refused(lambda: Rig.load("fr3_description"), "xacro alone")
+    monkeypatch.setattr("gimbal_pin.rig.files.find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r"pip install 'gimbal-pin\[robots\]'"):
+        Rig.load("panda_description")
 
 
 def test_a_file_that_is_no_text(tmp_path: Path) -> None:
