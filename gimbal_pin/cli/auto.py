@@ -43,8 +43,8 @@ def auto(
 
     from gimbal_pin.identification import ESTIMATORS
     from gimbal_pin.regression import Method
-    from gimbal_pin.report.pages import describe_outcome
     from gimbal_pin.report.pipeline import auto as run
+    from gimbal_pin.report.pipeline import describe_outcome
 
     loaded, read = load_logs(rig, payload, logs, map, moving=known is None)
     first = None if known is None else read_known_gimbal(rig, payload, logs, known)

@@ -32,8 +32,8 @@ def demo(
     asked = describe_run("demo", locals())
     import numpy as np
 
-    from gimbal_pin.report.pages import describe_outcome
     from gimbal_pin.report.pipeline import demo as run
+    from gimbal_pin.report.pipeline import describe_outcome
 
     loaded = load_rig(rig, payload)
     check_cost(yes, second_of_a_joint_in_a_demo=seconds * loaded.n)

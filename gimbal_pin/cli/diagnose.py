@@ -62,8 +62,7 @@ def diagnose(
     from gimbal_pin.export.recordings import check_recordings, write_recordings
     from gimbal_pin.identification import identify, refittable_effects
     from gimbal_pin.log.io.files import atomic_write
-    from gimbal_pin.report import pages
-    from gimbal_pin.report.sections.diagnosis import show_diagnosis
+    from gimbal_pin.report.pages import describe_record
 
     check_recordings(mcap, rrd)
     loaded, read = load_logs(rig, payload, logs, map, moving=True)
@@ -89,7 +88,7 @@ def diagnose(
     files: Mapping[str, Path] = {}
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
-        files, notes = write_diagnosis(found, output, pages.describe_diagnosis(loaded, read, found).to_html(), asked)
+        files, notes = write_diagnosis(found, output, describe_record(found).to_html(), asked)
         tell(notes)
     lie = "\n".join(f"{what}: {path}" for what, path in files.items())
-    present(f"{show_diagnosis(found).to_text()}\n\n{lie}".rstrip("\n"), found.to_dict(), json)
+    present(f"{describe_record(found).to_text()}\n\n{lie}".rstrip("\n"), found.to_dict(), json)

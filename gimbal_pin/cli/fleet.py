@@ -36,7 +36,7 @@ def fleet(
     from gimbal_pin.fleet import read_manifest
     from gimbal_pin.fleet.engine import open_executors, write_whole
     from gimbal_pin.fleet.fleet import compare_fleet
-    from gimbal_pin.fleet.page import describe_fleet
+    from gimbal_pin.report.pages import describe_record
 
     manifest = read_manifest(logs)
     if scheduler is None:
@@ -47,6 +47,6 @@ def fleet(
             manifest, rig=rig, payload=payload, folder=output, reference=reference, quick=quick, seed=seed,
             executor=executor, workers=several, quiet=False,
         )  # fmt: skip
-    page = describe_fleet(found)
+    page = describe_record(found)
     write_whole(output, "report.html", page.to_html().encode())
     present(page.to_text(), found.to_dict(), json)

@@ -189,14 +189,12 @@ def tell_model(found: Identified, mass: float | None, json: Path | None, as_line
     """Tell a model: as one more line of JSON, or as a page's sections."""
     from gimbal_pin.identification import compare_payload, report_with_payload
     from gimbal_pin.log.io.files import to_json
-    from gimbal_pin.report.elements import join_text
-    from gimbal_pin.report.sections.model import show_parameters, show_torque
+    from gimbal_pin.report.pages import describe_record
 
-    about = compare_payload(found, mass)
-    result = report_with_payload(found, about)
+    result = report_with_payload(found, compare_payload(found, mass))
     if as_lines:
         return say(to_json({**result, "kind": "result"}, None)[:-1])
-    present(join_text([show_parameters(found, about), show_torque(found)]), result, json)
+    present(describe_record(replace(found, mass=mass)).to_text(), result, json)
 
 
 def write_models(

@@ -48,8 +48,8 @@ def montecarlo(
     """
     from gimbal_pin.fleet.engine import open_executors, write_whole
     from gimbal_pin.fleet.montecarlo import monte_carlo
-    from gimbal_pin.fleet.page import describe_monte_carlo
     from gimbal_pin.fleet.variation import Variation, choose_default_vary, read_vary
+    from gimbal_pin.report.pages import describe_record
 
     loaded = load_rig(rig, payload or read_payload(model) or read_payload(controller))
     known = read_plant(model, loaded)
@@ -67,6 +67,6 @@ def montecarlo(
             platform=platform == "S", seconds=seconds, sobol=sobol, seed=seed, executor=executor, workers=several,
             quiet=False,
         )  # fmt: skip
-    page = describe_monte_carlo(found)
+    page = describe_record(found)
     write_whole(output, "report.html", page.to_html().encode())
     present(page.to_text(), found.to_dict(), json)

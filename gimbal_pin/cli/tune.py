@@ -37,7 +37,8 @@ def tune(
     from gimbal_pin.identification import identify
     from gimbal_pin.identification.model_file import is_model, read_model
     from gimbal_pin.report.elements import join_text
-    from gimbal_pin.report.sections.control import show_controller, show_tracking
+    from gimbal_pin.report.pages import describe_record
+    from gimbal_pin.report.sections.control import show_tracking
 
     if len(source) == 1 and is_model(source[0]):
         model = read_model(source[0], load_rig(rig, payload or read_payload(source[0])))
@@ -51,5 +52,5 @@ def tune(
         write_controller(found, output, output.parent)
     write_figure(found.plot, plot)
     judged = judge_controllers(model, pair_rivals(found.stored), rng=0, plants=plants, delay=found.wish.delay)
-    sections = show_controller(found), show_tracking(judged, model.rig)
+    sections = *describe_record(found).sections[:1], show_tracking(judged, model.rig)
     present(join_text(sections, verbose), {**found.to_dict(), "judged": judged.to_dict()}, json)

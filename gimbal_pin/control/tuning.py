@@ -8,13 +8,13 @@ from dataclasses import MISSING, asdict, dataclass, fields, replace
 from functools import cached_property
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from gimbal_pin.control.drive_gains import DriveGains, convert_gains
 from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, ModelErrorBounds, Pid, Robust, bounds
-from gimbal_pin.control.laws.chart import LoopCurves, compute_loop_curves, draw_loop_chart
+from gimbal_pin.control.laws.chart import LoopCurves, compute_loop_curves
 from gimbal_pin.control.laws.computed_torque import CompensatedPid, lyapunov
 from gimbal_pin.control.laws.design import Wish, braking, granted, layered, lowered, seen_inertia, small_error_gains
 from gimbal_pin.control.laws.reasons import (
@@ -35,19 +35,16 @@ from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import ModelError, UsageError, finite_or_none
 from gimbal_pin.identification.model_file import describe_uncertainty, read_known_parameters
 from gimbal_pin.log.io.files import write_yaml
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TunedLaw = ComputedTorque | JointPid
 
 
 @dataclass(frozen=True, eq=False)
-class Tuning:
+class Tuning(Record):
     """The answer of `tune`: gains, their margins, and why they are what they are.
 
     Attributes:
@@ -80,6 +77,7 @@ class Tuning:
     reasons: tuple[GainReason, ...]
     doubts: tuple[str, ...] = ()
 
+    ROWS: ClassVar[str] = "joints"
     __repr__ = brief
 
     @cached_property
@@ -110,7 +108,7 @@ class Tuning:
             for joint, pid, hz, found in rows
         )
         warned = (f"warning: {said}" for said in self.warnings)
-        return "\n".join([*warned, f"{self.wish.kind} for {rig.name}", *each, *self.doubts, *map(str, self.reasons)])
+        return "\n".join([f"{self.wish.kind} for {rig.name}", *warned, *each, *self.doubts, *map(str, self.reasons)])
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -131,10 +129,6 @@ class Tuning:
         loops, wish = small_error_gains(self.gains, self.robust), self.wish
         model = self.model
         return compute_loop_curves(model.rig.joints, loops, self.worst, wish.dt, wish.delay, model.drives, self.ratios)
-
-    def plot(self) -> Figure:
-        """Return a figure of every joint's loop: Bode, Nyquist, and the answer to a disturbance."""
-        return draw_loop_chart(self.loop_curves)
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `tune` writes as JSON and YAML; `stored` reads it back.

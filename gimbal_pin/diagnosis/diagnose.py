@@ -64,7 +64,8 @@ def diagnose(
     found = diagnose_short_logs(rig, [one.log for one in shown], causes, generator, holdout, band)
     filters = None if filtering is None or filtering.alignment is None else Filtering(alignment=filtering.alignment)
     given = state_payload_with_causes(found, rig, logs, holdout, filters, mass)
-    return replace(found, given=given, seed=seed, notes=(*(one.note for one in shown if one.note), *found.notes))
+    notes = (*(one.note for one in shown if one.note), *found.notes)
+    return replace(found, given=given, seed=seed, notes=notes, data=tuple(logs))
 
 
 def diagnose_short_logs(

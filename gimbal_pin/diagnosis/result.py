@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from math import exp
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,8 +20,8 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.identification import PayloadStatement
-from gimbal_pin.log.log import Array
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.rig.brief import Record, brief
 
 MEASURED_CAUSE = "platform-motion"
 """The cause that a sensor measures, so that every model has it that is made of such a log."""
@@ -263,7 +263,7 @@ class Untestable:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Record):
     """The result of `diagnose`.
 
     Attributes:
@@ -292,6 +292,7 @@ class Diagnosis:
         instead: Causes that were fitted in the findings' places.
         seed: Repeats it as `rng`; None where a generator was given.
         altered: Log → what was altered in it before anything was fitted, see `checks.check_log`.
+        data: The logs.
     """
 
     rig: str
@@ -318,7 +319,9 @@ class Diagnosis:
     instead: tuple[Cause, ...] = ()
     seed: int | None = None
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
+    data: tuple[Log, ...] = ()
 
+    ROWS: ClassVar[str] = "findings"
     __repr__ = brief
 
     @property

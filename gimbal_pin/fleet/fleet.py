@@ -11,7 +11,7 @@ from enum import Enum
 from functools import partial
 from itertools import chain
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from gimbal_pin.identification import identify
 from gimbal_pin.log.io import read_log
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ class JudgedUnit:
 
 
 @dataclass(frozen=True, eq=False)
-class Fleet:
+class Fleet(Record):
     """The result of `compare_fleet`.
 
     Attributes:
@@ -202,6 +202,7 @@ class Fleet:
     is_dated: bool = field(repr=False)
     table: DataFrame = field(repr=False)
 
+    ROWS: ClassVar[str] = "units"
     __repr__ = brief
 
     @property
@@ -233,13 +234,6 @@ class Fleet:
             "population": self.population.rename_axis("name").reset_index().to_dict("records"),
             "causes": [asdict(cause) for cause in self.causes],
         }
-
-    def to_frame(self) -> DataFrame:
-        """Return one row per unit: verdict, reasons, and its parameters, partially pooled with the fleet's."""
-        import pandas as pd
-
-        rows = [(one.unit, str(one.verdict), ", ".join(one.reasons), one.logs) for one in self.units]
-        return pd.DataFrame(rows, columns=["unit", "verdict", "reasons", "logs"]).join(self.estimates, on="unit")
 
 
 def compare_fleet(

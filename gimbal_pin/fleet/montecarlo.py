@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,7 +17,7 @@ from gimbal_pin.fleet.study import Limit, list_figures, make_study, parse_limit
 from gimbal_pin.fleet.variation import RigDesign, Variation, Vary, choose_default_vary
 from gimbal_pin.log.io.files import to_plain
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Yield:
 
 
 @dataclass(frozen=True, eq=False)
-class MonteCarlo:
+class MonteCarlo(Record):
     """The result of `monte_carlo`.
 
     Attributes:
@@ -75,6 +75,7 @@ class MonteCarlo:
     units: Mapping[str, str] = field(repr=False)
     table: DataFrame = field(repr=False)
 
+    ROWS: ClassVar[str] = "figures"
     __repr__ = brief
 
     def to_dict(self) -> dict[str, Any]:
@@ -89,10 +90,6 @@ class MonteCarlo:
             "worst": self.worst,
         }
         return dict(to_plain(found, finite=True))
-
-    def to_frame(self) -> DataFrame:
-        """Return one row per rig."""
-        return self.table
 
 
 def monte_carlo(

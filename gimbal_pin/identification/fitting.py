@@ -262,6 +262,7 @@ def identify(
         mountings={one.log.name: one.mountings for one in checked if one.mountings},
         notes=notes,
         altered=collect_alterations(checked),
+        data=tuple(logs),
         holdout=holdout or choose_holdout(logs),
     )
     if examined == "never":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,10 +18,10 @@ from gimbal_pin.identification.agreement import Agreement
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, estimate_bodies
 from gimbal_pin.identification.validation import Accuracy, Opinion
-from gimbal_pin.log.log import Array
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base
 from gimbal_pin.regression.consistency import Consistent
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.inertia import to_urdf
 from gimbal_pin.rig.urdf import replace_friction
 
@@ -98,7 +98,7 @@ def _iterate_negative(found: Identified) -> Iterator[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class Identified:
+class Identified(Record):
     """The result of `identify`.
 
     Attributes:
@@ -128,6 +128,8 @@ class Identified:
         missed: Joint → what of its torque the model misses, see `regression.fit_misfit`.
         holdout: What was held out, as `identify` takes it: "last-third", "log:N" or "none".
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
+        data: The logs as they were fitted, mended where something was wrong with them; () where they came bit by bit.
+        mass: Of the payload, kg, where it was weighed.
     """
 
     model: Model
@@ -154,7 +156,10 @@ class Identified:
     missed: Mapping[str, Misfit] = field(default_factory=dict)
     faults: tuple[str, ...] = ()
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
+    data: tuple[Log, ...] = ()
+    mass: float | None = None
 
+    ROWS: ClassVar[str] = "base_parameters"
     __repr__ = brief
 
     def __str__(self) -> str:

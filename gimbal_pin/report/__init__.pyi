@@ -16,10 +16,12 @@ from .evaluation import Evaluated as Evaluated
 from .evaluation import evaluate as evaluate
 from .format import figures as figures
 from .format import list_shown_joints as list_shown_joints
+from .pages import describe_record as describe_record
 from .pipeline import FILES as FILES
 from .pipeline import Auto as Auto
 from .pipeline import auto as auto
 from .pipeline import demo as demo
+from .pipeline import describe_outcome as describe_outcome
 from .sections.camera import show_camera as show_camera
 from .sections.control import show_controller as show_controller
 from .sections.control import show_tracking as show_tracking

@@ -2,7 +2,8 @@
 // Draws the charts of a page: each `.charts` holds which curves they have and, deflated, a table per chart, as
 // charts.py writes them. Where this script does not run, the picture beside them stays.
 
-const colourOf = name => name.startsWith("--") ? getComputedStyle(document.body).getPropertyValue(name) : name;
+const ground = document.querySelector(".gimbal-pin") ?? document.body;  // in a notebook it has the colours
+const colourOf = name => name.startsWith("--") ? getComputedStyle(ground).getPropertyValue(name) : name;
 const read = value => value === null ? "–" : String(Number(value.toPrecision(5))).replace("-", "−");
 
 function add(parent, tag, attributes = {}, text = "") {
@@ -202,7 +203,7 @@ async function build(home) {
   if (run.time === undefined) run.move(own[0].t[0]); else own.forEach(chart => chart.mark(run.time));
 }
 
-const built = Promise.all([...document.querySelectorAll(".charts")].map(build));
+const built = Promise.all([...document.querySelectorAll(".charts:empty")].map(build));
 
 // A scene that plays moves the cursors, unless a reader is at a chart.
 window.addEventListener("message", event => {

@@ -7,17 +7,22 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from pathlib import Path
 from textwrap import wrap
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 from tqdm import tqdm
 
-from gimbal_pin.errors import shortened
+from gimbal_pin.errors import UsageError, shortened
+from gimbal_pin.log.io.files import atomic_write
 from gimbal_pin.report.format import DASH
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Content = str | Markup
 """Text, or markup whose texts have been escaped; the terminal shows it without its tags."""
@@ -120,11 +125,13 @@ class Section:
         title: Heading, and entry of the table of contents.
         parts: The content: a `Element`, a `Table`, a picture, or plain `Markup`, which a terminal leaves out.
         lead: A sentence under the heading that says what is seen here.
+        is_detail: Whether only a page shows it, and a terminal where everything is asked for.
     """
 
     title: str
     parts: Sequence[object]
     lead: str = ""
+    is_detail: bool = False
 
     @property
     def html(self) -> Markup:
@@ -144,24 +151,68 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Folded:
+    """Something that opens on a click; its parts are made when they are shown.
+
+    Attributes:
+        summary: What is clicked.
+        parts: What opens, as a section's parts.
+        is_detail: Whether a terminal shows it only where everything is asked for.
+    """
+
+    summary: Content
+    parts: Sequence[object]
+    is_detail: bool = True
+
+    def __html__(self) -> str:
+        """Return it as an element of a page."""
+        return Markup("<details><summary>{}</summary>{}</details>").format(self.summary, join(self.parts))
+
+    def __str__(self) -> str:
+        """Return the lines of what opens under the summary."""
+        lines = Section("", self.parts).to_text(detailed=True)
+        return f"\n{plain(self.summary)}\n{lines}" if lines else ""
+
+
+@dataclass(frozen=True)
 class Document:
-    """Sections under a title; those without parts are left out."""
+    """Sections under a title, one list for terminal, page and notebook; those without parts are left out."""
 
     title: str
     subtitle: str
     sections: Sequence[Section]
 
     def to_text(self, detailed: bool = False) -> str:
-        """Return what a terminal shows."""
-        return join_text(self.sections, detailed)
+        """Return what a terminal shows; `detailed`: with what is a detail."""
+        return join_text((one for one in self.sections if detailed or not one.is_detail), detailed)
 
     def to_html(self) -> str:
-        """Return it as HTML: no script or picture from elsewhere, every text escaped."""
-        bar = tqdm(self.sections, desc="report", unit="section", disable=None, leave=False)
+        """Return it as a page of HTML: no script or picture from elsewhere, every text escaped."""
+        return self._fill("report.html.j2", self.sections)
+
+    def to_inline_html(self) -> str:
+        """Return the sections that are no details as an element of another page, such as a notebook."""
+        return self._fill("inline.html.j2", [one for one in self.sections if not one.is_detail])
+
+    def _fill(self, name: str, sections: Sequence[Section]) -> str:
+        """Return a template filled with sections."""
+        bar = tqdm(sections, desc="report", unit="section", disable=None, leave=False)
         drawn = [(one.title, one.lead, one.html) for one in bar if one.parts]
         has_charts = any('<div class="charts"' in html for _, _, html in drawn)
         values = {"title": self.title, "subtitle": self.subtitle, "sections": drawn}
-        return template("gimbal_pin.report", "report.html.j2", **values, has_charts=has_charts, load=load_file)
+        return template("gimbal_pin.report", name, **values, has_charts=has_charts, load=load_file)
+
+    def write(self, path: str | Path) -> None:
+        """Write the page, whole or not at all."""
+        atomic_write(path, self.to_html())
+
+    def draw(self) -> Figure:
+        """Return the first of its drawings as a figure of Matplotlib; `UsageError` where there is none."""
+        for part in unfold(part for one in self.sections for part in one.parts):
+            if draw := getattr(part, "draw", None):
+                figure: Figure = draw()
+                return figure
+        raise UsageError("plot", f"has nothing to draw of {self.title}", "what it holds is in to_frame()")
 
 
 @dataclass(frozen=True)
@@ -215,10 +266,11 @@ def template(package: str, name: str, **values: Any) -> str:
     Values of a page's scripts go through ``tojson``: no name in them holds a character that ends a script or begins an
     element (<, >, &, ', U+2028, U+2029).
     """
-    from jinja2 import Environment, StrictUndefined
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    return environment.from_string(files(package).joinpath(name).read_text(encoding="utf-8")).render(**values)
+    loader = FunctionLoader(lambda part: files(package).joinpath(part).read_text(encoding="utf-8"))
+    looks: Any = {"autoescape": True, "undefined": StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
+    return Environment(loader=loader, **looks).get_template(name).render(**values)
 
 
 def paragraph(text: Content, kind: str = "") -> Element:
@@ -284,11 +336,15 @@ def notice(title: str, content: Element) -> Element:
     return Element(html, f"{title}\n{content}")
 
 
-def folded(summary: Content, *parts: object, is_detail: bool = True) -> Element:
+def folded(summary: Content, *parts: object, is_detail: bool = True) -> Folded:
     """Return something that opens on a click; in a terminal it is a detail, if nothing else is said."""
-    html = Markup("<details><summary>{}</summary>{}</details>").format(summary, join(parts))
-    lines = Section("", parts).to_text(detailed=True)
-    return Element(html, f"\n{plain(summary)}\n{lines}" if lines else "", is_detail)
+    return Folded(summary, parts, is_detail)
+
+
+def unfold(parts: Iterable[object]) -> Iterator[object]:
+    """Yield parts, and what is folded in them."""
+    for part in parts:
+        yield from unfold(part.parts) if isinstance(part, Folded) else (part,)
 
 
 def list_warnings(sentences: Sequence[str]) -> list[Element]:

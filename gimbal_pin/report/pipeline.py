@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -41,10 +41,17 @@ from gimbal_pin.pointing import Verified, verify
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.regression import Estimator, Filtering, fit_weighted
-from gimbal_pin.report import pages, view
-from gimbal_pin.report.format import to_sentence
+from gimbal_pin.report import view
+from gimbal_pin.report.elements import Document, Section, paragraph
+from gimbal_pin.report.evaluation import evaluate
+from gimbal_pin.report.format import controller_name, listed, to_sentence
+from gimbal_pin.report.pages import build_document, describe_record, moving, show_animation
+from gimbal_pin.report.sections.camera import show_camera
+from gimbal_pin.report.sections.control import show_controller, show_tracking
+from gimbal_pin.report.sections.diagnosis import WRONG, show_diagnosis
+from gimbal_pin.report.sections.model import show_parameters, show_torque
 from gimbal_pin.report.summary import Summary, summary
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
@@ -71,7 +78,7 @@ FILES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Auto:
+class Auto(Record):
     """The result of `auto`: every step's result, and the files it left.
 
     Attributes:
@@ -116,6 +123,11 @@ class Auto:
 
     __repr__ = brief
 
+    @cached_property
+    def recording(self) -> str:
+        """The page of the animation."""
+        return view.record(self.model.rig, self.animated)
+
     @property
     def held_on(self) -> str:
         """What the camera was held on, in words."""
@@ -137,6 +149,39 @@ class Auto:
             "not_diagnosed": self.undiagnosed or None,
             "files": {what: str(path) for what, path in self.files.items()},
         }
+
+
+@describe_record.register
+def describe_auto(found: Auto) -> Document:
+    """Return what every step of a run found, from logs to a tuned controller."""
+    wrong, held, identified = found.diagnosis, found.held, found.identified
+    evaluated = evaluate(identified, identified.data) if identified.data else None
+    sections = [found.summary.section]
+    if wrong is not None:
+        sections.append(show_diagnosis(wrong))
+    if found.undiagnosed:
+        sections.append(Section(WRONG, [paragraph(f"These logs could not be diagnosed. {found.undiagnosed}.")]))
+    law = controller_name(found.tuning.wish.kind)
+    sections += [
+        show_animation(found.recording, f"All axes to and fro under {law}; the ghost is the reference."),
+        show_parameters(identified, found.payload if wrong is None else None, evaluated),
+        show_torque(identified, evaluated),
+        show_controller(found.tuning),
+        show_tracking(found.judged, found.model.rig, found.tracking, found.plant),
+    ]
+    if held is not None:
+        known = f"The plant is {found.held_on}; the controllers know the model and no more."
+        sections.append(show_camera(held, known))
+    return build_document(found.model.rig, sections, identified.data, found.payload.weighed)
+
+
+def describe_outcome(found: Auto, verbose: bool = False) -> str:
+    """Return what `auto` prints: the head in 14 lines, or with `verbose` all that needs no picture; where files lie."""
+    names = listed(path.name for what, path in found.files.items() if what != "report")
+    path = found.files["report"]
+    lie = f"open {path}; beside it in {path.parent}: {names}"
+    text = f"{describe_auto(found).to_text(detailed=True)}\n" if verbose else found.summary.describe()
+    return f"{text}\n{lie}"
 
 
 def auto(
@@ -185,7 +230,7 @@ def auto(
     if known is not None:
         camera = identify_new(rig, logs, known, estimator=estimator, holdout=holdout, filtering=filtering)
         camera = replace(camera, mass=mass)
-    identified = fit(examined="noisy") if camera is None else camera.first
+    identified = fit(examined="noisy") if camera is None else replace(camera.first, data=tuple(logs))
     generator, seed = make_generator(rng)
     wrong, undiagnosed = None, ""
     try:
@@ -244,7 +289,7 @@ def hold_camera(
 def write_results(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping[str, object]) -> Auto:
     """Write every file into a folder; return the results with where they lie, and the notes of `write_run`."""
     identified, wrong = found.identified, found.diagnosis
-    names, animation = {"urdf": f"{rig.name}.urdf", **FILES}, view.record(rig, found.animated)
+    names = {"urdf": f"{rig.name}.urdf", **FILES}
     diagnosed = {} if wrong is None or wrong.held is None else list_writers(wrong)
     absent = {"extended model", "next experiment", "camera"} - diagnosed.keys()
     absent -= {"camera"} if found.held is not None else set()
@@ -254,12 +299,12 @@ def write_results(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run:
         "urdf": partial(atomic_write, content=(found.beside or identified).to_urdf()),
         "controller": partial(write_controller, found.tuning, folder=folder),
         "motion": partial(write_log, found.animated),
-        "animation": partial(atomic_write, content=animation),
-        "report": partial(atomic_write, content=pages.describe_auto(rig, logs, found, animation).to_html()),
+        "animation": partial(atomic_write, content=found.recording),
+        "report": partial(atomic_write, content=describe_auto(found).to_html()),
         "results": partial(write_json, found.to_dict()),
     }
     if found.held is not None:
-        writers["camera"] = partial(atomic_write, content=pages.moving(rig, found.held))
+        writers["camera"] = partial(atomic_write, content=moving(rig, found.held))
     notes = write_run(folder, {names[what]: write for what, write in (writers | diagnosed).items()}, run)
     return replace(found, notes=notes)
 

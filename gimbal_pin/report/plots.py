@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import StringIO
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -62,6 +63,9 @@ STYLE: Mapping[str, object] = {
 }
 """Matplotlib's settings in a report."""
 
+DAYLIGHT: Mapping[str, str] = {INK: "#17212d", MUTED: "#5d6a7a", FAINT: "#dde3ea", PAPER: "#ffffff"}
+"""Stand-in → its colour on white: a page's by day."""
+
 SUBS: Mapping[float, Sequence[float]] = {
     3.0: (1,),
     1.53: (1, 3),
@@ -73,15 +77,20 @@ SUBS: Mapping[float, Sequence[float]] = {
 
 
 @contextmanager
-def style(colours: Sequence[str] = PALETTE, name: str = "") -> Iterator[None]:
+def style(
+    colours: Sequence[str] = PALETTE, name: str = "", shades: Mapping[str, str] = MappingProxyType({})
+) -> Iterator[None]:
     """Draw in the report's style within the block.
 
-    `colours`: those of curves that ask for none; `name`: what the figure's identifiers in a page are made of.
+    `colours`: those of curves that ask for none; `name`: what the figure's identifiers in a page are made of; `shades`:
+    stand-in → the colour that is drawn instead of it.
     """
     import matplotlib
     from cycler import cycler
 
-    settings: Any = {**STYLE, "axes.prop_cycle": cycler(color=list(colours)), "svg.hashsalt": name}
+    settings: Any = {key: shades.get(str(value), value) for key, value in STYLE.items()}
+    settings |= {"axes.prop_cycle": cycler(color=list(colours)), "svg.hashsalt": name}
+    settings |= {"figure.facecolor": shades.get(PAPER, "none")}
     with matplotlib.rc_context(settings):
         yield
 
@@ -113,6 +122,14 @@ class Drawing:
         """Return no lines."""
         return ""
 
+    def draw(self) -> Figure:
+        """Return it as a figure of its own, in the colours of a page in daylight, for a file of any format."""
+        with style(self.colours, self.alt, DAYLIGHT):
+            figure = self.make()
+            plain_powers(figure)
+            paint(figure)
+        return figure
+
 
 def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE) -> Markup:
     """Return the figure that `make` draws in the report's style as an SVG element of a page.
@@ -137,6 +154,20 @@ def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE
     body = re.sub(r"M([\d.-]+ [\d.-]+)L\1(?=[M\"])", r"M\1h0", body)  # a dot
     (box,) = re.findall(r'viewBox="[^"]*"', head)
     return Markup(f'<svg {box} role="img" aria-label="{escape(alt)}">{body}')
+
+
+def paint(figure: Figure) -> None:
+    """Give what a drawing itself drew in stand-ins the colours of daylight."""
+    from matplotlib.colors import to_hex
+
+    for artist in figure.findobj():
+        for name in ("color", "edgecolor", "facecolor", "markeredgecolor", "markerfacecolor"):
+            held = getattr(artist, f"get_{name}", lambda: None)()
+            if isinstance(held, str | tuple) and (shade := DAYLIGHT.get(to_hex(held))):
+                getattr(artist, f"set_{name}")(shade)
+            elif isinstance(held, np.ndarray) and held.ndim == 2 and len(held):
+                every = [(DAYLIGHT.get(to_hex(one), one[:3]), float(one[3])) for one in held.tolist()]
+                getattr(artist, f"set_{name}")(every)
 
 
 def plain_powers(figure: Figure) -> None:

@@ -1,4 +1,5 @@
 from . import urdf as urdf
+from .brief import Record as Record
 from .config import Limits as Limits
 from .config import Motor as Motor
 from .config import Noise as Noise

@@ -1,12 +1,18 @@
-"""How results print at a prompt: what they are and what they hold, in a few lines at most."""
+"""How results show themselves: as a line at a prompt, in a notebook, as a table, a figure and a page."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from typing import Any
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from gimbal_pin.errors import FEW, digits, shortened, visible
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
 
 _LONGEST = 400
 """Most characters of a `repr`: five lines of a terminal of eighty columns."""
@@ -14,14 +20,55 @@ _LONGEST_WORD = 60
 """Most characters of a text in it."""
 
 
+class Record:
+    """What a function of the package returns: a frozen dataclass of numbers, which shows itself.
+
+    How it looks, `report.pages.describe_record` alone knows: it is asked for when a person looks, and is the one
+    import of a higher room by a lower.
+    """
+
+    ROWS: ClassVar[str]
+    """Key of `to_dict` under which the rows of `to_frame` stand: a list of them, or name → row."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what JSON holds, in SI units and radians."""
+        raise NotImplementedError
+
+    def to_frame(self) -> DataFrame:
+        """Return its main rows, ``to_dict()[ROWS]``, as a table of Pandas; what is nested has names with dots."""
+        import pandas as pd
+
+        rows = self.to_dict()[self.ROWS]
+        if isinstance(rows, Mapping):
+            rows = [{"name": name, **row} for name, row in rows.items()]
+        return pd.json_normalize(rows)
+
+    def plot(self) -> Figure:
+        """Return its main figure, the first of its page; `UsageError` where there is nothing to draw."""
+        figure: Figure = self._describe().draw()
+        return figure
+
+    def report(self, path: str | Path) -> None:
+        """Write all that there is to say of it as one page of HTML, which needs nothing but a browser."""
+        self._describe().write(path)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the sections that a terminal prints, with their figures."""
+        return str(self._describe().to_inline_html())
+
+    def _describe(self) -> Any:
+        """Return its page, a `report.Document`."""
+        return import_module("gimbal_pin.report.pages").describe_record(self)
+
+
 def brief(result: Any) -> str:
-    """Return the first lines of ``str``, or ``Type(field=what it holds, …)``: a class takes it as its ``__repr__``.
+    """Return the first line of ``str``, or ``Type(field=what it holds, …)``: a class takes it as its ``__repr__``.
 
     Of an array it is the shape, of names the names, of other things how many there are. What is None or empty is left
     out, and so is what would be beyond `_LONGEST`.
     """
     if "__str__" in vars(type(result)):
-        return _join_fitting(str(result).split("\n"))
+        return shortened(str(result).partition("\n")[0], _LONGEST)
     names = [one.name for one in fields(result)] if is_dataclass(result) else result._fields
     values = ((name, getattr(result, name)) for name in names)
     shown = [f"{name}={_describe_value(value)}" for name, value in values if not _is_empty(value)]
@@ -29,7 +76,7 @@ def brief(result: Any) -> str:
     return f"{name}({_join_fitting(shown, ', ', _LONGEST - len(name) - 2)})"
 
 
-def _join_fitting(parts: Sequence[str], between: str = "\n", most: int = _LONGEST) -> str:
+def _join_fitting(parts: Sequence[str], between: str, most: int) -> str:
     """Join as many of the first parts as fit into so many characters; the first is shortened if need be."""
     text = between.join(parts)
     if len(text) <= most:

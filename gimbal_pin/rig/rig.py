@@ -182,6 +182,11 @@ class Rig:
         model.gravity = pin.Motion.Zero()
         return replace(self, model=model)
 
+    @cached_property
+    def stated(self) -> Rig:
+        """The rig with the inertial parameters that its URDF states."""
+        return replace(self, model=to_pinocchio(self.urdf, str(self.path)))
+
     def with_phi(self, phi: Array) -> Rig:
         """Return the rig with other inertial parameters in its model, (10 n,); its URDF text stays as it is."""
         model = self.model.copy()

@@ -108,10 +108,8 @@ def test_who_is_odd_in_what_and_since_when(fleet: Fleet) -> None:
 def test_estimates_are_pooled_and_the_population_is_the_plants(fleet: Fleet) -> None:
     population = fleet.population
     assert abs(population["mean"]["tilt.Fs"] - 0.04) < 4 * population["mean_std"]["tilt.Fs"]
-    frame = fleet.to_frame().set_index("unit")
-    assert frame.loc["thick", "tilt.Fv"] > 2 * population["mean"]["tilt.Fv"] and np.isnan(
-        frame.loc["broken", "tilt.Fv"]
-    )
+    frame = fleet.estimates
+    assert frame.loc["thick", "tilt.Fv"] > 2 * population["mean"]["tilt.Fv"] and "broken" not in frame.index
     like = frame.loc[[f"00{k}" for k in range(8)], "tilt.Fv"]
     own = fleet.table.set_index("serial").loc[like.index, "value.tilt.Fv"]
     assert np.ptp(like) < np.ptp(own)

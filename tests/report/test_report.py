@@ -29,11 +29,12 @@ from gimbal_pin.report import (
     Document,
     Section,
     Table,
+    describe_outcome,
+    describe_record,
     elements,
     evaluate,
     join,
     list_shown_joints,
-    pages,
     plots,
     show_check,
     show_controller,
@@ -125,14 +126,14 @@ def animation(walk: Walk) -> str:
 
 
 @pytest.fixture(scope="module")
-def page(walk: Walk, animation: str) -> str:
+def page(walk: Walk) -> str:
     """The whole report."""
-    return whole(walk, animation)
+    return whole(walk)
 
 
-def whole(walk: Walk, animation: str, **more: str) -> str:
+def whole(walk: Walk, **more: str) -> str:
     """Return the report of a walk."""
-    return pages.describe_auto(walk.rig, walk.logs, gather(walk, **more), animation).to_html()
+    return describe_record(gather(walk, **more)).to_html()
 
 
 def gather(walk: Walk, why: str = "", **more: str) -> Auto:
@@ -141,13 +142,14 @@ def gather(walk: Walk, why: str = "", **more: str) -> Auto:
     head = summary(walk.rig, walk.found, tuned, walk.result, walk.logs, payload=payload, not_held=why, **more)
     files = {what: Path("out") / name for what, name in FILES.items()}
     tuning = walk.tunings["computed-torque"]
-    steps = walk.found, None, walk.found.model, tuning, walk.result, walk.judged, walk.logs[0], files
+    moved = walk.result.of("all-axes", "computed-torque").log
+    steps = walk.found, None, walk.found.model, tuning, walk.result, walk.judged, moved, files
     return Auto(*steps, "the identified model", head, payload, why=why, **more)
 
 
 def test_what_could_not_be_diagnosed_says_why(walk: Walk, page: str) -> None:
     why = "turret.csv: its torque has nothing to do with the motion; check its column"
-    said = whole(walk, "", undiagnosed=why)
+    said = whole(walk, undiagnosed=why)
     assert why in said and why not in page and WRONG in said
 
 
@@ -579,7 +581,7 @@ def test_a_rig_without_a_camera_hears_nothing_of_one(slid: Walk) -> None:
     assert not slid.rig.aims and Rig.load("turret").aims and Rig.load("turret", "none").aims
     payload = compare_payload(slid.found)
     assert payload.lines
-    shown = whole(slid, "", why="its joints cannot turn sledge to where it should look")
+    shown = whole(slid, why="its joints cannot turn sledge to where it should look")
     words = parsed(shown).xpath("//main")[0].text_content() + str(
         show_parameters(slid.found, payload, evaluate(slid.found, slid.logs)).html
     )
@@ -630,7 +632,7 @@ def test_names_that_would_break_the_page_are_only_text() -> None:
     rig = replace(rig, name=EVIL, joints=evil, payload=EVIL, config=replace(rig.config, description=EVIL, motors={}))
     walk = walked(rig, EVIL)
     assert parsed(Document(EVIL, "", [Section("x", [Markup("y")])]).to_html()).findtext(".//title") == EVIL
-    tree = parsed(whole(walk, "<b>page</b>"))
+    tree = parsed(whole(walk))
     assert len(tree.xpath("//script")) == 2 and tree.xpath("//main//b//script") == []
     assert tree.findtext(".//h1").startswith(EVIL)
     drawn = [text.text_content() for text in tree.iter("text")]
@@ -650,7 +652,7 @@ def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) 
     """First what was found, what to do, and what to take care of, as the page's head has it."""
     found = gather(walk, why="no IMU")
     head, page = found.summary, parsed(str(found.summary.section.html)).text_content()
-    brief, everything = (pages.describe_outcome(found, verbose).splitlines() for verbose in (False, True))
+    brief, everything = (describe_outcome(found, verbose).splitlines() for verbose in (False, True))
     assert brief[:3] == [head.found, "What to do", f"  {head.to_do[0]}"]
     why = "No camera was held on a platform that moves: no IMU."
     assert head.doubts == (why, SIMULATED.format("the identified model"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,10 +13,6 @@ from gimbal_pin.control.laws.loop import Margins, frequencies, sampled_loop
 from gimbal_pin.effects import Signal
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,27 +72,6 @@ def compute_loop_curves(
     return tuple(curves)
 
 
-def draw_loop_chart(curves: Sequence[LoopCurves]) -> Figure:
-    """Return Bode's two diagrams, Nyquist's with the disk that the loops keep clear of, and a step's answer."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 7), layout="constrained")
-    gain, nyquist, phase, step = figure.subplots(2, 2).flat
-    for one in curves:
-        found, response = one.margins, one.response
-        label = f"{', '.join(one.joints)}: {found.phase_margin_deg:.0f}°, disk {found.disk_margin:.2f}"
-        gain.loglog(one.frequency, np.abs(response), label=label)
-        angle = np.degrees(np.unwrap(np.angle(response)))
-        phase.semilogx(one.frequency, angle - 360 * np.ceil(angle[0] / 360))
-        (line,) = nyquist.plot(response.real, response.imag)
-        for ratio in {*one.ratios} - {1.0}:
-            nyquist.plot(ratio * response.real, ratio * response.imag, color=line.get_color(), lw=0.6)
-        step.plot(1e3 * one.t, one.answer)
-    nyquist.fill(*compute_disk(min(one.margins.disk_margin for one in curves)).T, alpha=0.2)
-    dressed(gain, phase, nyquist, step)
-    return figure
-
-
 def disturbance(pid: Pid, dt: float, delay: float, drive: tuple[Signal, ...]) -> tuple[Array, Array]:
     """Time, s, and the angle after a step of 1 rad/s² of disturbing acceleration, mrad."""
     import control
@@ -121,22 +95,3 @@ def compute_disk(margin: float) -> Array:
     near, far = (1 - margin / 2) / (1 + margin / 2), (1 + margin / 2) / (1 - margin / 2)
     angle = np.linspace(0, 2 * pi, 200)
     return np.column_stack([np.cos(angle), np.sin(angle)]) * (far - near) / 2 - [(near + far) / 2, 0.0]
-
-
-def dressed(gain: Axes, phase: Axes, nyquist: Axes, step: Axes) -> None:
-    """Label the four diagrams."""
-    gain.axhline(1.0, color="0.6", lw=0.8)
-    gain.set(title="Loop gain at the motor, home pose", ylabel="gain")
-    gain.legend()
-    phase.axhline(-180.0, color="0.6", lw=0.8)
-    phase.set(title="Phase", xlabel="frequency, Hz", ylabel="phase, °", ylim=(-360, -90))
-    nyquist.plot(-1, 0, "k+")
-    nyquist.set(
-        title="Nyquist (thin: worst), disk kept clear",
-        xlabel="real",
-        ylabel="imaginary",
-        xlim=(-3, 1),
-        ylim=(-2, 2),
-        aspect="equal",
-    )
-    step.set(title="Response to a disturbance of 1 rad/s²", xlabel="time, ms", ylabel="error, mrad")

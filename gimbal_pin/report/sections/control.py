@@ -17,7 +17,8 @@ from gimbal_pin.export import Exported
 from gimbal_pin.log.limited import describe_limits
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.elements import Section, Table, bullets, folded, list_warnings, notice, paragraph
-from gimbal_pin.report.format import controller_name, list_shown_joints, listed
+from gimbal_pin.report.format import controller_name, joint_colours, list_shown_joints, listed
+from gimbal_pin.report.loop_chart import draw_loop_chart
 from gimbal_pin.report.tables import TOGETHER
 from gimbal_pin.rig.rig import Rig
 
@@ -41,6 +42,7 @@ def show_controller(tuning: Tuning) -> Section:
         f"The loops of {controller_name(wish.kind)}, sampled and delayed as they will run: the further the "
         "Nyquist curves stay from −1, the safer."
     )
+    drawn = partial(draw_loop_chart, tuning.loop_curves)
     parts: list[object] = [
         *list_warnings((*tuning.warnings, *tuning.doubts)),
         paragraph(f"{timing}; damping {wish.damping:g}, disk margin of at least {wish.disk:g}."),
@@ -49,7 +51,7 @@ def show_controller(tuning: Tuning) -> Section:
         folded("Why these gains", bullets(usual)),
         folded("Gains for drives", tables.drive_gains(tuning), is_detail=False),
         *([paragraph(f"{listed(fast)}: {no_cascade}", "side")] if fast else []),
-        folded("The loops", plots.Drawing(tuning.plot, alt, caption, [one.colour for one in list_shown_joints(rig)])),
+        folded("The loops", plots.Drawing(drawn, alt, caption, joint_colours(rig.joints))),
     ]
     lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
     return Section("Controller", parts, lead)

@@ -70,7 +70,7 @@ def show_rig(rig: Rig, weighed: float | None = None) -> Section:
         Table(head, limits, texts=2, caption="Joints and limits"),
         folded(loads, Table(more, motors, label=loads), is_detail=False),
     ]
-    return Section("Rig", parts)
+    return Section("Rig", parts, is_detail=True)
 
 
 def show_check(rig: Rig, found: Checked) -> Section:
@@ -157,7 +157,7 @@ def show_logs(rig: Rig, logs: Sequence[Log]) -> Section:
         drawn = plots.Drawing(partial(draw_overview, rig, log), alt, caption, joint_colours(rig.joints))
         parts.append(folded(f"Over time: {file_name(log.name)}", drawn))
     events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
-    return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.")
+    return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.", True)
 
 
 def draw_overview(rig: Rig, log: Log) -> plots.Figure:

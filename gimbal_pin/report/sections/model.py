@@ -9,6 +9,7 @@ from math import degrees, isnan
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from gimbal_pin.effects import Sample
 from gimbal_pin.errors import NORMAL_95, digits
@@ -17,7 +18,7 @@ from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.charts import Chart, Charts, Trace
-from gimbal_pin.report.elements import Element, Section, bullets, folded, heading, list_warnings, paragraph
+from gimbal_pin.report.elements import Element, Folded, Section, bullets, folded, heading, list_warnings, paragraph
 from gimbal_pin.report.evaluation import Evaluated, EvaluatedPart, KnownParameter, find_tables, known, list_shown
 from gimbal_pin.report.format import (
     DASH,
@@ -76,7 +77,7 @@ def show_cameras(found: Several) -> Section:
     return Section("Cameras", [*parts, *list_parameter_parts(found.first), *list_notes(found.first)])
 
 
-def list_notes(found: Identified) -> list[Element]:
+def list_notes(found: Identified) -> list[Folded]:
     """Return what of the logs was not used or was altered, how IMUs sit, and when torques act."""
     notes = [*found.notes, *list_altered(found.altered), *list_mountings(found), *describe_lags(found)]
     return [folded("Notes", bullets(notes), is_detail=False)] if notes else []
@@ -104,7 +105,9 @@ def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) 
     ]
     for line, place in zip(tables.list_tables(found), find_tables(found).values()):
         values = tables.parameters([rows[k] for k in place], None, line, force)
-        parts.append(Element(folded(line, values).html, f"{line}; all of them in the model's file and --json"))
+        parts.append(
+            Element(Markup(folded(line, values).__html__()), f"{line}; all of them in the model's file and --json")
+        )
     parts += [] if evaluated is None else [picture_effects(found, evaluated)]
     parts += describe_bound(found)
     parts += [] if agreement is None else [paragraph(f"{agreement.sentence}.")]
@@ -113,7 +116,7 @@ def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) 
     return [*parts, folded("The nearest bodies", *bodies, is_detail=False)]
 
 
-def show_payload(payload: PayloadStatement, *more: Element) -> list[Element]:
+def show_payload(payload: PayloadStatement, *more: Element) -> list[Folded]:
     """Where the payload sits and what it weighs against the given model, and how to balance it; then `more` of that."""
     lines = (*payload.lines, *payload.advice)
     return [folded("The payload against its URDF (± 95 %)", bullets(lines), *more, is_detail=False)] if lines else []

@@ -34,7 +34,6 @@ ROUND = 1e-3
 """
 FADE = 2.0
 """Time after which the path of a line of sight has faded away, s of playing."""
-ONBOARD_FPS = 30.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +160,7 @@ def onboard(rig: Rig, run: Pointing, seen: gaze.Outlook, wanted: Array) -> str:
     locked = np.tile(sight.reached(np.eye(3), wanted, sight.home), (rows.stop - rows.start, 1))
     name, imus = f"held by {seen.held[-1].called} on platform {run.platform}", {rig.base: Imu(quat=run.base[rows])}
     log = Log(name, rig.joints, run.t[rows], run.q[rows], q_ref=locked, imus=imus, payload=rig.payload)
-    moved = replace(motion(rig, log, ONBOARD_FPS, 1.0, True, None), pivot=sight.centre, wanted=wanted)
+    moved = replace(motion(rig, log, 30.0, 1.0, True, None), pivot=sight.centre, wanted=wanted)
     return render_scene(rig, name, moved, scene(rig, moved), gaze.draw_pictures(seen, wanted, 2))
 
 

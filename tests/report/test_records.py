@@ -1,0 +1,133 @@
+"""Every record shows itself: the same numbers in dict, table, terminal, notebook and page, and none of it alters it."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import fields, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import lxml.html
+import numpy as np
+import pytest
+
+import gimbal_pin
+from gimbal_pin import GimbalPinError, Log, Rig
+from gimbal_pin.diagnosis import Diagnosis
+from gimbal_pin.identification import Identified
+from gimbal_pin.log import to_json
+from gimbal_pin.report import describe_record
+from gimbal_pin.rig import Record
+from tests.bench_logs import prescribed
+from tests.rigs import bundled, spelled
+
+MARKED = """<robot name="&lt;i&gt;rig"><link name="base"/><link name="&lt;u&gt;arm"><inertial><origin xyz="0.1 0 0.02"/>
+  <mass value="0.8"/><inertia ixx="0.001" iyy="0.002" izz="0.002" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="&lt;em&gt;" type="revolute"><parent link="base"/><child link="&lt;u&gt;arm"/><axis xyz="0 1 0"/>
+    <limit lower="-2" upper="2" effort="3" velocity="4"/><dynamics friction="0.04" damping="0.02"/></joint></robot>"""
+"""A rig whose names are elements of HTML."""
+
+
+@cache
+def log_of(rig: Rig) -> Log:
+    return prescribed(gimbal_pin.nominal(rig), seconds=12.0, torque_noise=0.01)
+
+
+@cache
+def identified(rig: Rig) -> Identified:
+    return gimbal_pin.identify(rig, [log_of(rig)])
+
+
+@cache
+def diagnosed(rig: Rig) -> Diagnosis:
+    return gimbal_pin.diagnose(rig, [log_of(rig)], rng=0)
+
+
+def spoilt(rig: Rig) -> Diagnosis:
+    """The verdict is *data*, and nothing else is known."""
+    log = log_of(rig)
+    found = gimbal_pin.diagnose(rig, [replace(log, tau=np.roll(np.asarray(log.tau), 200, axis=0))], rng=0)
+    assert found.verdict == "data" and found.held is None
+    return found
+
+
+RECORDS: dict[str, Callable[[Rig], Record]] = {
+    "Identified": identified,
+    "Identified without its logs": lambda rig: replace(identified(rig), data=()),
+    "Diagnosis": diagnosed,
+    "Diagnosis of spoilt logs": spoilt,
+    "Tuning": lambda rig: gimbal_pin.tune(identified(rig).model, disk_margin=1.0),
+}
+"""What is shown → how it is found of a rig."""
+
+
+@pytest.fixture(scope="module", params=RECORDS)
+def record(request: pytest.FixtureRequest) -> Record:
+    return RECORDS[request.param](bundled("turret"))
+
+
+def numbers(text: str) -> set[str]:
+    return set(re.findall(r"\d+(?:\.\d+)?", text))
+
+
+def flat(value: Any, name: str = "") -> dict[str, Any]:
+    """A tree of dictionaries as one, the names joined by dots."""
+    if not isinstance(value, dict) or not value:
+        return {name: value}
+    inside = (flat(one, f"{name}.{key}".lstrip(".")) for key, one in value.items())
+    return {key: one for part in inside for key, one in part.items()}
+
+
+def test_a_record_is_a_line_at_a_prompt(record: Record) -> None:
+    assert "\n" not in repr(record) and 10 < len(repr(record)) <= 400
+
+
+def test_the_table_holds_what_the_dict_holds(record: Record) -> None:
+    rows = record.to_dict()[record.ROWS]
+    if isinstance(rows, dict):
+        rows = [{"name": name, **row} for name, row in rows.items()]
+    frame = record.to_frame()
+    assert len(frame) == len(rows)
+    for row, cells in zip(rows, frame.to_dict("records")):
+        for name, value in flat(row).items():
+            same = cells.get(name) == value or (value is None and cells[name] != cells[name])
+            assert same or (value == {} and name not in cells), name
+
+
+def test_a_notebook_and_a_page_show_every_number_of_the_terminal(record: Record, tmp_path: Path) -> None:
+    said, shown = describe_record(record).to_text(), lxml.html.fromstring(record._repr_html_())
+    assert numbers(said) and numbers(said) <= numbers(shown.text_content())
+    record.report(tmp_path / "page.html")
+    page = lxml.html.parse(tmp_path / "page.html").getroot()
+    assert numbers(said) <= numbers(page.find("body").text_content())
+    titles, every = ([one.text for one in tree.iter("h2")] for tree in (shown, page))
+    assert titles == every[: len(titles)]
+
+
+def test_showing_a_record_does_not_change_it(record: Record, tmp_path: Path) -> None:
+    before = to_json(record.to_dict()), {one.name: id(getattr(record, one.name)) for one in fields(record)}  # type: ignore[arg-type]
+    first = record._repr_html_()
+    record.report(tmp_path / "page.html")
+    assert record._repr_html_() == first
+    assert before == (to_json(record.to_dict()), {name: id(getattr(record, name)) for name in before[1]})
+    assert json.loads(before[0])
+
+
+def test_a_record_draws_the_first_figure_of_its_page_or_says_that_there_is_none(record: Record, tmp_path: Path) -> None:
+    if "<svg" in describe_record(record).to_html():
+        for suffix in ("png", "svg"):
+            record.plot().savefig(tmp_path / f"figure.{suffix}")
+        assert "#0a0b0" not in (tmp_path / "figure.svg").read_text(encoding="utf-8")
+    else:
+        with pytest.raises(GimbalPinError, match="plot: has nothing to draw of turret"):
+            record.plot()
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_names_that_are_elements_stay_text(name: str) -> None:
+    shown = RECORDS[name](spelled(MARKED))._repr_html_()
+    tree = lxml.html.fromstring(shown)
+    assert "<em>" in tree.text_content() and not [*tree.iter("em"), *tree.iter("u")]
