@@ -68,7 +68,7 @@ Logs = Annotated[
     Positional[tuple[str, ...]],
     arg(
         metavar="LOG …",
-        help="CSV, Parquet, NumPy, MATLAB, ROS bag or ULog; A.csv+B.csv: one log; LOG@PAYLOAD names its payload",
+        help="CSV, Parquet, NumPy, MATLAB, ROS bag, LeRobot, ULog; A.csv+B.csv: one log; LOG@PAYLOAD names its payload",
         help_behavior_hint="(at least one)",
     ),
 ]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import resource
 import sqlite3
 import struct
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 
@@ -258,6 +259,96 @@ def test_a_missing_library_is_one_line(
     (tmp_path / name).write_bytes(b"\x89HDF\r\n\x1a\n" if extra == "mat" else b"")
     monkeypatch.setattr(readers, "find_spec", lambda module: None)
     refused(run("identify", "turret", tmp_path / name), 2, f"pip install 'gimbal_pin[{extra}]'")
+
+
+# --- LeRobot --------------------------------------------------------------------------------------------------------
+
+
+FPS = 50
+
+
+def write_lerobot(folder: Path, log: Log, episodes: Sequence[slice], names: object) -> None:
+    """Write a data set of version 3.0: two files of data, as lists of either kind, and all of its metadata."""
+    vectors = {"observation.state": log.q, "observation.velocity": log.v, "observation.effort": log.tau}
+    features = {key: {"dtype": "float32", "shape": [TURRET.n], "names": names} for key in (*vectors, "action")}
+    features |= {"next.done": {"dtype": "bool", "shape": [1], "names": None}}
+    features |= {"observation.images.front": {"dtype": "video", "shape": [480, 640, 3], "names": list("hwc")}}
+    features |= {"observation.scan": {"dtype": "float32", "shape": [100], "names": None}}
+    features |= {"timestamp": {"dtype": "float32", "shape": [1], "names": None}}
+    counts = ("frame_index", "episode_index", "index", "task_index")
+    features |= {key: {"dtype": "int64", "shape": [1], "names": None} for key in counts}
+    data = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+    info = {"codebase_version": "v3.0", "robot_type": "turret", "fps": FPS, "features": features, "data_path": data}
+    info |= {"total_episodes": len(episodes), "total_frames": len(log), "total_tasks": 1, "chunks_size": 1000}
+    info |= {"data_files_size_in_mb": 100, "splits": {"train": f"0:{len(episodes)}"}}
+    for part in ("meta/episodes/chunk-000", "data/chunk-000"):
+        (folder / part).mkdir(parents=True)
+    (folder / "meta" / "info.json").write_text(json.dumps(info, indent=4))
+    parquet.write_table(pyarrow.table({"task_index": [0], "task": ["move"]}), folder / "meta" / "tasks.parquet")
+    rows = {"episode_index": range(len(episodes)), "length": [one.stop - one.start for one in episodes]}
+    rows |= {"dataset_from_index": [one.start for one in episodes], "dataset_to_index": [one.stop for one in episodes]}
+    parquet.write_table(pyarrow.table(rows), folder / "meta/episodes/chunk-000/file-000.parquet")
+    for k, half in enumerate((episodes[0], slice(episodes[0].stop, len(log)))):
+        lists = pyarrow.list_(pyarrow.float32(), TURRET.n if k == 0 else -1)
+        table = {key: pyarrow.array(list(x[half].astype(np.float32)), lists) for key, x in vectors.items()}
+        table |= {"action": table["observation.state"], "next.done": [False] * (half.stop - half.start)}
+        wide = pyarrow.list_(pyarrow.float32(), 100)
+        table |= {"observation.scan": pyarrow.array([np.zeros(100, np.float32)] * (half.stop - half.start), wide)}
+        own = [(number, row - one.start) for number, one in enumerate(episodes) for row in range(one.start, one.stop)]
+        episode, frame = np.array(own)[half].T
+        table |= {"timestamp": pyarrow.array((frame / FPS).astype(np.float32)), "frame_index": frame}
+        table |= {"episode_index": episode, "index": np.arange(len(log))[half], "task_index": 0 * frame}
+        parquet.write_table(pyarrow.table(table), folder / f"data/chunk-000/file-{k:03d}.parquet")
+
+
+NAMED = [
+    ([f"{joint}.pos" for joint in TURRET.joints], [f".{joint}.pos" for joint in TURRET.joints]),
+    ({"motors": [*TURRET.joints]}, [f".{joint}" for joint in TURRET.joints]),
+    (None, [f"[{k}]" for k in range(TURRET.n)]),
+]
+"""What data sets call the numbers of a feature, and the ends of their columns' names."""
+
+
+@pytest.mark.parametrize(("names", "ends"), NAMED)
+def test_a_lerobot_data_set_is_one_log_with_pauses(names: object, ends: list[str], tmp_path: Path) -> None:
+    """Frames come at multiples of 1/fps to the last bit, though their stamps are rounded; vectors are float32."""
+    log = motion()
+    write_lerobot(tmp_path / "set", log, (slice(0, 25), slice(25, 45), slice(45, 60)), names)
+    pairs = {"q": "state", "dq": "velocity", "tau": "effort", "q_ref": "action"}
+    own = {column: f"observation.{key}" if column != "q_ref" else key for column, key in pairs.items()}
+    mapping = [f"{c}_{j}={key}{end}" for c, key in own.items() for j, end in zip(TURRET.joints, ends)]
+    read = io.read_log(tmp_path / "set", TURRET, mapping)
+    for found, true in ((read.q, log.q), (read.v, log.v), (read.tau, log.tau), (read.q_ref, log.q)):
+        np.testing.assert_array_equal(found, true.astype(np.float32))
+    steps = np.diff(read.t)
+    np.testing.assert_allclose(np.delete(steps, [24, 44]), 1 / FPS, atol=1e-12)
+    assert all(steps[[24, 44]] > 10.0)
+    assert all(any(word in event for event in read.events) for word in ("3 episodes", "observation.scan"))
+    (tmp_path / "set/data/chunk-000/file-001.parquet").unlink()
+    rest = io.read_log(tmp_path / "set", TURRET, mapping)
+    assert len(rest) == 25 and any("25 of 60 frames" in event for event in rest.events)
+
+
+def test_a_damaged_lerobot_data_set_is_refused_in_one_line(tmp_path: Path, run: Run) -> None:
+    write_lerobot(tmp_path / "set", motion(), (slice(0, 60),), None)
+    info, data = tmp_path / "set/meta/info.json", tmp_path / "set/data/chunk-000/file-000.parquet"
+    whole, stated = data.read_bytes(), info.read_text()
+    table = parquet.read_table(data)
+    uneven = pyarrow.array([[0.0] * (1 + row % 2) for row in range(60)], pyarrow.list_(pyarrow.float32()))
+    place = table.schema.get_field_index("observation.state")
+    cases = (
+        (lambda: data.write_bytes(whole[:-200]), "is not Parquet"),
+        (lambda: parquet.write_table(table.drop_columns(["index"]), data), "no column 'index'"),
+        (lambda: parquet.write_table(table.set_column(place, "observation.state", uneven), data), "2 numbers a row"),
+        (lambda: info.write_text(stated.replace(f'"fps": {FPS}', '"fps": 0')), "no LeRobot data set"),
+        (lambda: info.write_text("{"), "is not YAML"),
+        (lambda: [file.unlink() for file in data.parent.iterdir()], "no data"),
+    )
+    for damage, word in cases:
+        data.write_bytes(whole)
+        info.write_text(stated)
+        damage()
+        refused(run("identify", "turret", tmp_path / "set"), 2, word)
 
 
 # --- Several files are one log --------------------------------------------------------------------------------------

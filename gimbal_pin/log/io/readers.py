@@ -12,7 +12,7 @@ import zipfile
 import zlib
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -40,9 +40,9 @@ from gimbal_pin.log.io.tables import (
     make_table,
     quote_names,
 )
-from gimbal_pin.log.log import Array
+from gimbal_pin.log.log import PAUSE, Array
 from gimbal_pin.rig.bounded import ProcessStopped, run_bounded
-from gimbal_pin.rig.reading import LARGEST_LOG, check_size, read_beginning, read_bytes, wrap_read_errors
+from gimbal_pin.rig.reading import LARGEST_LOG, check_size, read_beginning, read_bytes, read_yaml, wrap_read_errors
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _BAG_SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
@@ -99,9 +99,11 @@ def format_of(path: Path) -> Format:
 
 
 def _open_file(path: Path) -> ColumnTable:
-    """Return what one file holds, or a bag's folder."""
+    """Return what one file holds, or the folder of a bag or of a LeRobot data set."""
     if (path / "metadata.yaml").is_file():
         return _open_isolated("bag", path)
+    if (path / "meta" / "info.json").is_file():
+        return _open_lerobot(path)
     head = read_beginning(path, 16)  # of what cannot be read its reader says why
     begun = next((form for form in FORMATS.values() if form.magic and head.startswith(form.magic)), None)
     return (begun or format_of(path)).open(path)
@@ -163,19 +165,48 @@ class _ParquetColumns(Mapping[str, Array]):
 
     def __getitem__(self, column: str) -> Array:
         """Return a column as float64, nan where a value is missing; `LogError` if it is damaged or no numbers."""
+        return self._to_numbers(column, self._load(column))
+
+    def read_rows(self, column: str, width: int) -> Array:
+        """Return a column of numbers, or of lists of so many, as float64, (N, width); `LogError` as above."""
+        import pyarrow.compute
+        from pyarrow.types import is_fixed_size_list, is_list
+
+        data = self._load(column)
+        lengths = [1]
+        if is_list(data.type) or is_fixed_size_list(data.type):
+            lengths = pyarrow.compute.list_value_length(data).unique().to_pylist()
+            data = pyarrow.compute.list_flatten(data)
+        if lengths not in ([], [width]):
+            what = f"does not hold {width} numbers a row, as its shape says"
+            raise LogError(f"{self.name} column '{column}'", what, "write it again")
+        return self._to_numbers(column, data).reshape(-1, width)
+
+    def _load(self, column: str) -> Any:
+        """Return a column as pyarrow has it."""
+        import pyarrow
+
+        try:
+            return self.file.read(columns=[column]).column(column)
+        except (pyarrow.ArrowException, OSError) as error:
+            raise LogError(self.name, f"is a damaged Parquet file ({error})", "write it again") from error
+
+    def _to_numbers(self, column: str, data: Any) -> Array:
+        """Return a column's values as float64."""
         import pyarrow
         from pyarrow.types import is_decimal, is_floating, is_integer
 
-        try:
-            data = self.file.read(columns=[column]).column(column)
-        except (pyarrow.ArrowException, OSError) as error:
-            raise LogError(self.name, f"is a damaged Parquet file ({error})", "write it again") from error
         if not (is_integer(data.type) or is_floating(data.type) or is_decimal(data.type)):
             raise LogError(f"{self.name} column '{column}'", f"holds {data.type}, not numbers", "write it as float64")
         return np.array(data.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=np.float64)
 
 
 def _open_parquet(path: Path) -> ArrayTable:
+    """Open a Parquet file as a table; `LogError` if it is missing or is none."""
+    return ArrayTable(str(path), _load_parquet(path), row="row")
+
+
+def _load_parquet(path: Path) -> _ParquetColumns:
     """Open a Parquet file and read its schema; `LogError` if it is missing or is none."""
     parquet = _import_parquet(path)
     import pyarrow
@@ -186,7 +217,7 @@ def _open_parquet(path: Path) -> ArrayTable:
         raise LogError(str(path), f"is not Parquet ({error})", "give it the suffix of its format") from error
     groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
     check_size(path, sum(max(group.total_byte_size, 8 * group.num_rows) for group in groups), LogError)
-    return ArrayTable(str(path), _ParquetColumns(str(path), file), row="row")
+    return _ParquetColumns(str(path), file)
 
 
 def _write_parquet(columns: Mapping[str, Array], path: Path) -> None:
@@ -207,6 +238,76 @@ def _import_parquet(path: Path) -> Any:
         mend = "install it (pip install 'gimbal_pin[parquet]'), or use CSV"
         raise UsageError(str(path), "is Parquet, which needs the package pyarrow", mend) from error
     return pyarrow.parquet
+
+
+# --- LeRobot --------------------------------------------------------------------------------------------------------
+
+
+def _open_lerobot(path: Path) -> ColumnTable:
+    """Read a LeRobot data set's folder, version 2 or 3: ``feature.name`` of each number, all episodes in a row.
+
+    ``t`` is ``frame_index / fps`` where `timestamp` says the same, and pauses between episodes. ``meta/info.json``
+    names the numbers of a feature; units are the recorder's. Source:
+    https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
+
+    Raises:
+        LogError: It is damaged, or states no features and frames a second.
+        UsageError: pyarrow is not installed.
+    """
+    files, info = sorted((path / "data").glob("*/*.parquet")), read_yaml(path / "meta" / "info.json", LogError)
+    features, fps = (info.get(key) if isinstance(info, dict) else None for key in ("features", "fps"))
+    if not (files and isinstance(features, dict) and isinstance(fps, (int, float)) and 0 < fps < np.inf):
+        what = "is no LeRobot data set: no features or fps in meta/info.json, or no data/*/*.parquet"
+        raise LogError(str(path), what, "give the folder of a data set of version 2 or 3")
+    tables = [_load_parquet(file) for file in files]
+    read, wide = _read_features(path, features, tables)
+    if lost := {"timestamp", "frame_index", "episode_index", "index"} - read.keys():
+        raise LogError(str(path), f"has no column {quote_names(sorted(lost))}", "write it again with LeRobot")
+    order = np.argsort(read["index"][:, 0], kind="stable")
+    stamp, frame, episode = (read[key][order, 0] for key in ("timestamp", "frame_index", "episode_index"))
+    # LeRobot's own tolerance, and the rounding of its stamps.
+    regular = np.all(np.abs(frame / fps - stamp) <= 1e-4 + np.finfo(np.float32).eps * np.abs(stamp))
+    t, first = frame / fps if regular else stamp, np.flatnonzero(np.diff(episode)) + 1
+    jumps = np.zeros_like(t)
+    jumps[first] = t[first - 1] - t[first] + PAUSE + 1 / fps
+    columns = {"t": t + np.cumsum(jumps), "episode_index": episode}
+    for key in [key for key in read if key not in ("timestamp", "frame_index", "episode_index", "index", "task_index")]:
+        columns |= _name_features(key, features[key].get("names"), read[key][order])
+    notes = [f"is {len(first) + 1} episodes, with a pause of {PAUSE:g} s between them"] if len(first) else []
+    stated = info.get("total_frames", len(t))
+    notes += [f"holds {len(t)} of {stated} frames: files of data/ are missing"] if stated != len(t) else []
+    notes += [f"left out for more than {WIDEST_ARRAY} numbers: {quote_names(wide)}"] if wide else []
+    return make_table(str(path), [Stream("t", columns)], notes)
+
+
+def _read_features(
+    path: Path, features: Mapping[str, Any], tables: Sequence[_ParquetColumns]
+) -> tuple[dict[str, Array], list[str]]:
+    """Return feature → numbers of all files, (N, k), and which features have too many: neither pictures nor words."""
+    read, wide = dict[str, Array](), list[str]()
+    held = set(tables[0]).intersection(*tables[1:])
+    for key, feature in features.items():
+        shape, kind = (feature.get(name) if isinstance(feature, dict) else None for name in ("shape", "dtype"))
+        if not str(kind).startswith(("float", "int", "uint")) or key not in held:
+            continue
+        if not isinstance(shape, list) or len(shape) != 1:
+            continue
+        if shape[0] not in range(1, WIDEST_ARRAY + 1):
+            wide.append(key)
+            continue
+        rows = [table.read_rows(key, shape[0]) for table in tables]
+        check_size(path, 8 * sum(one.size for one in (*rows, *read.values())), LogError)
+        read[key] = np.concatenate(rows)
+    return read, wide
+
+
+def _name_features(key: str, names: Any, values: Array) -> dict[str, Array]:
+    """Return the numbers of a feature, (N, k), by their names in ``info.json``, or ``key[0]`` where it has none."""
+    stated = next(iter(names.values()), None) if isinstance(names, dict) else names  # {"motors": [...]} in version 2
+    width = values.shape[1]
+    if isinstance(stated, list) and len(set(map(str, stated))) == len(stated) == width:
+        return {f"{key}.{name}": values[:, k] for k, name in enumerate(stated)}
+    return {f"{key}[{k}]" if width > 1 else key: values[:, k] for k in range(width)}
 
 
 # --- In a process of its own ----------------------------------------------------------------------------------------
