@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+import yaml
 
 import gimbal_pin
 from gimbal_pin.checks import CHECKS
@@ -126,3 +127,16 @@ def test_places_that_contributing_names_are_there() -> None:
 def test_the_page_of_causes_has_them_all() -> None:
     text = (ROOT / "docs" / "pages" / "causes.md").read_text(encoding="utf-8")
     assert {*CAUSES, *CHECKS, "platform-motion"} <= set(re.findall(r"`([a-z-]+)`", text))
+
+
+def test_the_conda_recipe_asks_for_what_the_package_does() -> None:
+    """Names as conda-forge has them, versions as pyproject.toml, and the command."""
+    tomllib = pytest.importorskip("tomllib")
+    names = {"pin": "pinocchio", "meshcat": "meshcat-python", "matplotlib": "matplotlib-base"}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    recipe = yaml.safe_load((ROOT / "docs" / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
+    wanted = [re.match(r"([\w-]+)(.*)", line) for line in project["dependencies"]]
+    asked = {f"{names.get(found[1], found[1])} {found[2]}" for found in wanted if found}
+    assert {*recipe["requirements"]["run"][1:]} == asked
+    assert recipe["context"]["version"] == project["version"]
+    assert recipe["build"]["python"]["entry_points"] == [f"{k} = {v}" for k, v in project["scripts"].items()]
