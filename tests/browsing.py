@@ -27,8 +27,8 @@ def browser_missing() -> str:
     return "" if Chromium.find_browser(skip_local=False) else "no Chromium is installed"
 
 
-INFLATING = """[...document.querySelectorAll('iframe')].some(frame => frame.contentDocument.URL !== 'about:srcdoc'
-  || frame.contentDocument.readyState !== 'complete')"""
+INFLATING = """[...document.querySelectorAll('iframe[data-deflated]')].some(frame =>
+  frame.contentDocument.URL !== 'about:srcdoc' || frame.contentDocument.readyState !== 'complete')"""
 """Whether a page in the page is not yet there."""
 
 needs_browser = pytest.mark.skipif(bool(browser_missing()), reason=browser_missing() or "there is one")

@@ -41,7 +41,7 @@ READERS = {"__init__", "parse", "plain", "resistance"}
 """Files beside the causes that are none: they use them all."""
 
 HEAVY = {"control", "yourdfpy", "matplotlib", "scipy.optimize", "scipy.io", "meshcat", "pandas"}
-HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial", "nicegui", "mcap_ros2", "rerun"}
+HEAVY |= {"h5py", "rosbags", "pyulog", "casadi", "serial", "mcap_ros2", "rerun"}
 LOOKED_AT = ("rig/brief", "gimbal_pin.report.pages")
 """The one import of a higher room, by whom and of what: `Record` asks how it looks when a person looks at it."""
 NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simulation", "diagnosis")

@@ -27,7 +27,7 @@ VERBS: Mapping[str, Callable[..., None]] = {
     name.replace("_", "-"): getattr(import_module(f"gimbal_pin.cli.{name}"), name)
     for name in (
         *("inspect", "rigs", "new_rig", "check", "base", "excite", "simulate", "rehearse", "identify", "diagnose"),
-        *("tune", "track", "export", "animate", "auto", "montecarlo", "fleet", "demo"),
+        *("tune", "track", "export", "animate", "auto", "studio", "montecarlo", "fleet", "demo"),
     )
 }
 

@@ -1,7 +1,10 @@
+from .desk import Desk as Desk
 from .figures import PointingFigure as PointingFigure
 from .figures import ResidualFigure as ResidualFigure
 from .figures import compute_residual as compute_residual
 from .figures import simulate_pointing as simulate_pointing
+from .saving import keep_controller as keep_controller
+from .saving import keep_report as keep_report
 from .state import History as History
 from .state import Slider as Slider
 from .state import StudioState as StudioState

@@ -22,7 +22,7 @@ from gimbal_pin.effects.payload_mass import PayloadMass
 from gimbal_pin.effects.payload_shift import PayloadShift
 from gimbal_pin.effects.rig_effect import get_payload
 from gimbal_pin.errors import UsageError
-from gimbal_pin.identification import identify
+from gimbal_pin.identification import identify, split_logs
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BASE_MOTIONS, Platform
 from gimbal_pin.pointing import WANTED, Recipe, Station, draw_profile, learn_recipe, unable
@@ -94,14 +94,15 @@ def prepare_subject(
     Raises:
         GimbalPinError: A payload cannot be mounted, or the logs do not show the parameters.
     """
-    rig, logs = source.rig, source.logs
+    rig, logs, model, filters = source.rig, source.logs, source.model, source.filtering
     parts = logs if judged is None or not logs else split_at(logs, *judged)
-    model = source.model
+    how = None if parts is logs else f"log:{len(parts)}"
     if model is None:
-        how = None if parts is logs else f"log:{len(parts)}"
-        filters = source.filtering
         model = identify(rig, parts, holdout=how, filtering=filters).model if logs else nominal(rig)
-    evidence = gather_for_judgement(rig, logs if judged is None else parts[-1:], DIAGNOSIS_BAND) if logs else None
+        judges = split_logs(parts, how, filters or Filtering())[1] if logs else ()
+    else:
+        judges = logs if parts is logs else parts[-1:]
+    evidence = gather_for_judgement(rig, judges, DIAGNOSIS_BAND) if judges else None
     if payload is not None:
         other = Rig.load(rig.source, payload, fixed=rig.config.fixed)
         is_stated = source.model is None and not logs

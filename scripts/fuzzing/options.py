@@ -32,6 +32,7 @@ LINES: Mapping[str, tuple[float, str]] = {
     "export": (3, "controller.yaml --c out --rig pan.yaml"),
     "animate": (10, "pan.yaml log.csv -o out.html"),
     "auto": (0.3, "pan.yaml log.csv -o out --plants 1"),
+    "studio": (0.5, "pan.yaml -o out --check"),
     "montecarlo": (0.5, "pan.yaml -o out --count 1 --seconds 0.6 --workers 1"),
     "fleet": (0.5, ". --rig pan.yaml -o out --quick --workers 1"),
     "demo": (0.3, "-o out --seconds 2 --plants 1"),
@@ -39,8 +40,8 @@ LINES: Mapping[str, tuple[float, str]] = {
 """Verb → its weight, dearer ones less, and a call that is quick."""
 THERE = ("log.csv", "map.yaml", "model.yaml", "controller.yaml", "platform.csv", "block.urdf", "reference.csv")
 """Files that options may name."""
-LEFT_OUT = {"live", "yes", "force", "jobs", "workers", "scheduler"}
-"""Options that open a port, allow what would be refused, or start or look for processes."""
+LEFT_OUT = {"live", "browser", "check", "yes", "force", "jobs", "workers", "scheduler"}
+"""Options that open a port, or keep from it, allow what would be refused, or start or look for processes."""
 OUTPUTS = (
     "--output", "--c", "--ros2", "--simplefoc", "--odrive", "--json", "--urdf", "--mend", "--plot", "--report",
     "--animation", "--yaml",

@@ -1,0 +1,78 @@
+"""What all windows of one studio share: what was given, chosen, prepared and saved."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gimbal_pin.control.laws.uncertainty import home
+from gimbal_pin.control.tuning import Tuning
+from gimbal_pin.log.io.files import write_run
+from gimbal_pin.report.view.live import Live
+from gimbal_pin.rig.files import bundled_payloads
+from gimbal_pin.studio.figures import ResidualFigure, compute_residual
+from gimbal_pin.studio.saving import Writer
+from gimbal_pin.studio.state import History, StudioState
+from gimbal_pin.studio.subject import StudioSource, Subject, prepare_subject, tune_state
+
+
+@dataclass
+class Desk:
+    """What all windows of one studio share.
+
+    Attributes:
+        source: What was given on the command line.
+        folder: Where files are saved.
+        about: What `run.json` says beside them.
+        history: What was chosen.
+        subjects: Payload and judged part → what was prepared for them.
+        cameras: Payloads that were mounted, the latest first.
+        kept: Name → what writes each file that was saved.
+        scenes: Payload → the rig in a scene.
+    """
+
+    source: StudioSource
+    folder: Path
+    about: Mapping[str, Any]
+    history: History = field(default_factory=History)
+    subjects: dict[tuple[str | None, tuple[float, float] | None], Subject] = field(default_factory=dict)
+    cameras: list[str] = field(default_factory=list)
+    kept: dict[str, Writer] = field(default_factory=dict)
+    scenes: dict[str | None, Live] = field(default_factory=dict)
+
+    def find_subject(self, state: StudioState) -> Subject:
+        """Return what is prepared for a state; the first time it takes as long as identifying does."""
+        wanted = state.payload, state.judged
+        if wanted not in self.subjects:
+            self.subjects[wanted] = prepare_subject(self.source, *wanted)
+        return self.subjects[wanted]
+
+    def tune_loops(self, state: StudioState) -> tuple[Subject, Tuning, ResidualFigure | None]:
+        """Return what is shown first: the loops, and what the controller's model leaves of the torque."""
+        subject = self.find_subject(state)
+        tuning = tune_state(subject, state)
+        assert tuning.loop_curves
+        return subject, tuning, compute_residual(subject, tuning)
+
+    def find_scene(self, subject: Subject, payload: str | None) -> str:
+        """Return the address of the rig in its scene: it plays the first log, or stands at home."""
+        if payload not in self.scenes:
+            live = self.scenes[payload] = Live(subject.rig)
+            if self.source.logs:
+                live.play(self.source.logs[0])
+            else:
+                live.pose(home(subject.rig))
+        return self.scenes[payload].url
+
+    def list_cameras(self) -> list[str]:
+        """Return the payloads to choose from: those that were mounted, then the bundled ones."""
+        return list(dict.fromkeys([*self.cameras, *bundled_payloads()]))
+
+    def save_file(self, name: str, writer: Writer) -> Path:
+        """Write a file and all that were saved before into the folder."""
+        kept = {**self.kept, name: writer}
+        write_run(self.folder, kept, self.about)
+        self.kept = kept
+        return self.folder / name

@@ -1,0 +1,180 @@
+"""Figures of a state as the page's charts read them (ECharts' options): plain dictionaries, no page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gimbal_pin.control.laws.chart import compute_disk
+from gimbal_pin.control.tuning import Tuning
+from gimbal_pin.log.log import Array, Log
+from gimbal_pin.pointing.result import split
+from gimbal_pin.report.format import figures, list_shown_joints, torque_unit
+from gimbal_pin.report.plots import PLAIN, thinned
+from gimbal_pin.rig.rig import Rig
+from gimbal_pin.studio.figures import PointingFigure, ResidualFigure
+from gimbal_pin.studio.state import StudioState
+from gimbal_pin.studio.subject import StudioSource
+
+Options = dict[str, Any]
+"""What ECharts is given."""
+
+
+def build_chart(x: Options, y: Options, series: Sequence[Options], **more: Any) -> Options:
+    """Return a chart; lines and labels have a grey that is seen on light and on dark ground."""
+    grey = {"color": PLAIN}
+    faint = {"lineStyle": {"color": PLAIN, "opacity": 0.25}}
+    plain: Options = {
+        "type": "value",
+        "nameLocation": "middle",
+        "nameTextStyle": grey,
+        "axisLabel": {**grey, "hideOverlap": True},
+        "axisLine": {"lineStyle": grey},
+        "splitLine": faint,
+    }
+    return {
+        "animation": False,
+        "backgroundColor": "transparent",
+        "grid": {"left": 56, "right": 16, "top": 30, "bottom": 42},
+        "legend": {
+            "textStyle": grey,
+            "type": "scroll",
+            "icon": "roundRect",
+            "itemHeight": 4,
+            "top": 0,
+            "data": [s["name"] for s in series if s.get("name")],
+        },
+        "tooltip": {"trigger": "axis", "confine": True},
+        "xAxis": {**plain, "nameGap": 26, "axisLabel": {**plain["axisLabel"], "showMaxLabel": False}, **x},
+        "yAxis": {**plain, "nameGap": 40, **y},
+        "series": list(series),
+        **more,
+    }
+
+
+def build_line(name: str, x: Array, y: Array, colour: str, **more: Any) -> Options:
+    """Return a curve of a chart, thinned to what can be seen where x increases."""
+    if np.all(np.diff(x) > 0):
+        x, y = thinned(x, y, 600)
+    points = [[round(a, 7), None if np.isnan(b) else float(f"{b:.6g}")] for a, b in zip(x.tolist(), y.tolist())]
+    look = {"color": colour, "width": more.pop("width", 1.6)}
+    return {
+        "type": "line",
+        "name": name,
+        "data": points,
+        "showSymbol": False,
+        "lineStyle": look,
+        "color": colour,
+        **more,
+    }
+
+
+def list_colours(rig: Rig) -> dict[str, str]:
+    """Return joint → its colour, as in every report."""
+    return {joint.name: joint.colour for joint in list_shown_joints(rig)}
+
+
+def build_nyquist_options(tuning: Tuning) -> Options:
+    """Return Nyquist's diagram of every loop, with the disk that all keep clear of."""
+    colours, lines = list_colours(tuning.model.rig), []
+    for curve in tuning.loop_curves:
+        near = np.abs(curve.response) < 30
+        name, colour = ", ".join(curve.joints), colours[curve.joints[0]]
+        for ratio in sorted({*curve.ratios}):
+            real, imaginary = ratio * curve.response.real[near], ratio * curve.response.imag[near]
+            thin = ratio != 1.0
+            lines.append(build_line("" if thin else name, real, imaginary, colour, width=0.6 if thin else 1.6))
+    disk = compute_disk(min(curve.margins.disk_margin for curve in tuning.loop_curves))
+    look: Options = {"areaStyle": {"color": PLAIN, "opacity": 0.0}, "width": 1.2, "silent": True}
+    lines.append(build_line("disk kept clear", disk[:, 0], disk[:, 1], PLAIN, **look))
+    lines.append({"type": "scatter", "data": [[-1, 0]], "symbolSize": 7, "color": "#e23b2f", "silent": True})
+    square: Options = {"tooltip": {"show": False}}
+    return build_chart(
+        {"min": -3, "max": 1, "name": "real"}, {"min": -2, "max": 2, "name": "imaginary"}, lines, **square
+    )
+
+
+def build_step_options(tuning: Tuning) -> Options:
+    """Return the angle of every loop after a step of 1 rad/s² of disturbing acceleration."""
+    colours = list_colours(tuning.model.rig)
+    lines = [
+        build_line(", ".join(one.joints), 1e3 * one.t, one.answer, colours[one.joints[0]]) for one in tuning.loop_curves
+    ]
+    return build_chart({"name": "time, ms", "min": 0, "max": "dataMax"}, {"name": "error, mrad"}, lines)
+
+
+def build_pointing_options(found: PointingFigure) -> Options:
+    """Return the line of sight's error along the run on the platform, its slow part taken off."""
+    fast, _ = split(found.run.sight, found.run.dt)
+    t = 1e3 * found.run.t[found.run.counted]
+    lines = [
+        build_line(name, t, 1e3 * column, colour)
+        for name, column, colour in zip(("up and down", "left and right"), fast.T, ("#1a75f2", "#d98200"))
+    ]
+    return build_chart({"name": "time, ms", "min": "dataMin", "max": "dataMax"}, {"name": "error, mrad"}, lines)
+
+
+def build_residual_options(found: ResidualFigure, rig: Rig) -> Options:
+    """Return the residual of every joint over time; between stretches of the log the curves are broken."""
+    t = found.t
+    gaps = np.flatnonzero(np.diff(t) > 5 * np.median(np.diff(t))) + 1
+    broken = np.insert(found.error, gaps, np.nan, axis=0)
+    times = np.insert(t, gaps, (t[gaps - 1] + t[gaps]) / 2)
+    lines = [
+        build_line(joint, times - t[0], column, colour)
+        for (joint, colour), column in zip(list_colours(rig).items(), broken.T)
+    ]
+    return build_chart({"name": "time, s", "min": 0, "max": "dataMax"}, {"name": f"residual, {rig.force}"}, lines)
+
+
+def build_log_options(log: Log, rig: Rig, judged: tuple[float, float] | None) -> Options:
+    """Return the angles of a log over time, s from its start; what judges stands on a darker ground."""
+    t = log.t - log.t[0]
+    shown = zip(list_shown_joints(rig), log.q[:, log.columns(rig)].T)
+    lines = [build_line(joint.name, t, joint.scale * column, joint.colour) for joint, column in shown]
+    ends = [] if judged is None else [[{"xAxis": judged[0]}, {"xAxis": min(judged[1], float(t[-1]))}]]
+    lines[0]["markArea"] = {"silent": True, "itemStyle": {"color": PLAIN, "opacity": 0.3}, "data": ends}
+    brush = {"xAxisIndex": 0, "throttleType": "debounce", "throttleDelay": 100, "toolbox": [""]}
+    unit = " or ".join(dict.fromkeys(joint.unit for joint in list_shown_joints(rig)))
+    x: Options = {"name": "time, s", "min": 0, "max": "dataMax"}
+    return build_chart(x, {"name": unit}, lines, brush=brush, tooltip={"show": False})
+
+
+def list_numbers(tuning: Tuning, residual: ResidualFigure | None) -> dict[str, dict[str, str]]:
+    """Return joint → figure → how it is shown: bandwidth, margins, and the residual where there is a log."""
+    rig, rows = tuning.model.rig, {}
+    for k, (joint, hz, least) in enumerate(zip(rig.joints, tuning.bandwidth_hz, tuning.worst)):
+        rows[joint] = {
+            "bandwidth": f"{figures(hz)} Hz",
+            "phase margin": f"{figures(least.phase_margin_deg)}°",
+            "disk margin": figures(least.disk_margin),
+            "delay margin": f"{figures(1e3 * least.delay_margin)} ms",
+        }
+        if residual is not None:
+            value, unit = torque_unit(float(residual.rms[k]), rig.in_units(joint, "N m"))
+            rows[joint]["residual"] = f"{figures(value * float(residual.rms[k]))} {unit}"
+    return rows
+
+
+def describe_jitter(found: PointingFigure) -> str:
+    """Say how still the camera stands."""
+    return f"{figures(1e3 * found.jitter)} mrad rms"
+
+
+def find_judged(source: StudioSource, state: StudioState) -> tuple[float, float] | None:
+    """Return the part of the first log that judges, s from its start; None: none of it, or all that was recorded."""
+    if state.judged is not None or source.model is not None or len(source.logs) != 1:
+        return state.judged
+    length = float(source.logs[0].t[-1] - source.logs[0].t[0])
+    return 2 / 3 * length, length
+
+
+def describe_judged(source: StudioSource, state: StudioState) -> str:
+    """Say what judges the model: the marked part, or what `identify` holds out."""
+    marked = find_judged(source, state)
+    what = "the residual is of it" if source.model is not None else "the rest trains"
+    if marked is not None:
+        return f"{marked[0]:.1f} to {marked[1]:.1f} s judge, {what}"
+    return "all logs judge the given model" if source.model is not None else f"{source.logs[-1].name} judges, {what}"

@@ -1,0 +1,415 @@
+"""The page: elements that show a state, and events that move it; all else stands in the other files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from importlib.resources import files
+from math import log10
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+from nicegui import run, ui
+
+from gimbal_pin.control.tuning import Tuning
+from gimbal_pin.effects.rig_effect import get_payload
+from gimbal_pin.errors import GimbalPinError, UsageError
+from gimbal_pin.studio import options
+from gimbal_pin.studio.desk import Desk
+from gimbal_pin.studio.figures import ResidualFigure, simulate_pointing
+from gimbal_pin.studio.saving import Writer, keep_controller, keep_report, list_studio_files
+from gimbal_pin.studio.state import History, StudioState, list_sliders
+from gimbal_pin.studio.subject import Subject, list_causes
+
+
+@dataclass(frozen=True)
+class Handle:
+    """How a slider's positions stand for a choice's values: ``shown = factor value``, or its decimal logarithm."""
+
+    low: float
+    high: float
+    step: float
+    factor: float = 1.0
+    unit: str = ""
+    is_log: bool = False
+
+    def to_position(self, shown: float) -> float:
+        """Return where the slider stands, within its ends."""
+        place = log10(shown) if self.is_log else shown
+        return min(max(place, self.low), self.high)
+
+    def to_shown(self, position: float) -> float:
+        """Return what the number beside it says there."""
+        return float(f"{10**position:.3g}") if self.is_log else round(position, 6)
+
+
+def build_handles(subject: Subject) -> dict[str, Handle]:
+    """Return the handles of what can be moved: without a payload its place and mass cannot."""
+    mm = Handle(-50, 50, 0.5, 1e3, "mm")
+    loops = {
+        "bandwidth_hz": Handle(log10(0.5), log10(60), 0.01, unit="Hz", is_log=True),
+        "disk_margin": Handle(0.05, 1.5, 0.01),
+        "delay_samples": Handle(0, 20, 1, unit="samples"),
+    }
+    try:
+        mass = float(get_payload(subject.rig)[1].mass)
+    except UsageError:
+        return loops
+    heavy = Handle(0.1 * mass, 3 * mass, float(f"{mass / 100:.1g}"), unit="kg")
+    return {**loops, "x": mm, "y": mm, "z": mm, "mass": heavy}
+
+
+class Window:
+    """One window: what it shows, and what happens when something in it is moved."""
+
+    def __init__(self, desk: Desk) -> None:
+        """Build the elements; figures follow at once."""
+        self.desk, self.wanted = desk, desk.history.present
+        self.subject = desk.find_subject(StudioState())
+        self.tuning: Tuning | None = None
+        self.drawn: StudioState | None = None
+        self.is_drawing = self.is_setting = False
+        self.handles = build_handles(self.subject)
+        self.sliders: dict[str, Any] = {}
+        self.numbers: dict[str, Any] = {}
+        self.charts: dict[str, Any] = {}
+        ui.add_css(files("gimbal_pin.studio").joinpath("page.css").read_text(encoding="utf-8"))
+        ui.add_head_html('<meta name="referrer" content="no-referrer">')
+        with ui.element("main").classes("studio"):
+            self.build_head()
+            with ui.element("div").classes("controls"):
+                self.build_controls()
+            with ui.element("div").classes("panels"):
+                self.build_panels()
+        ui.keyboard(self.press_key)
+        ui.timer(0.01, self.redraw, once=True)
+
+    # -- elements ------------------------------------------------------------------------------------------------------
+
+    def build_head(self) -> None:
+        """Build title, buttons and the line that says what happened."""
+        with ui.element("header"):
+            self.title = ui.html("", tag="h1", sanitize=False)
+            self.build_cameras()
+            look = "outline dense no-caps padding='4px 10px'"
+            self.back = ui.button("Undo", on_click=self.undo).props(f"{look} data-act=undo")
+            self.forth = ui.button("Redo", on_click=self.redo).props(f"{look} data-act=redo")
+            ui.button("Save controller", on_click=self.save_controller).props(f"{look} data-act=save-controller")
+            ui.button("Save report", on_click=self.save_report).props(f"{look} data-act=save-report")
+        self.said = ui.label("").classes("said").props('role="status"')
+
+    def build_cameras(self) -> None:
+        """Build the button that swaps the camera, and the list that it opens."""
+        with ui.dialog() as self.cameras, ui.element("div").classes("cameras"):
+            ui.html("Mount another camera", tag="strong", sanitize=False)
+            self.camera_list = ui.element("div").classes("cameras-list")
+            path = ui.input("or the path of its URDF").props("dense outlined")
+            ui.button("Mount", on_click=lambda: self.swap(path.value.strip() or None)).props("no-caps")
+        button = ui.button("Swap camera", on_click=self.show_cameras)
+        button.props("outline dense no-caps padding='4px 10px' data-act=swap-camera")
+
+    def build_controls(self) -> None:
+        """Build a slider with its number for each choice, and a box for each cause."""
+        groups = {"Controller": ("bandwidth_hz", "disk_margin", "delay_samples"), "Payload": ("x", "y", "z", "mass")}
+        for title, names in groups.items():
+            with ui.element("section").classes("card"):
+                ui.html(title, tag="h2", sanitize=False)
+                for name in [name for name in names if name in self.handles]:
+                    self.build_choice(name)
+                if not any(name in self.handles for name in names):
+                    ui.label("The rig carries no payload of its own: swap the camera to mount one.").classes("side")
+        with ui.element("section").classes("card"):
+            ui.html("Causes that the controller knows", tag="h2", sanitize=False)
+            self.causes = ui.element("div").classes("causes")
+            self.boxes: dict[str, Any] = {}
+
+    def build_choice(self, name: str) -> None:
+        """Build one slider, its number, and the button that gives the choice back."""
+        handle, label = self.handles[name], list_sliders()[name].label
+        with ui.element("div").classes("choice"):
+            ui.label(f"{label}, {handle.unit}" if handle.unit else label)
+            number = ui.number(value=handle.to_shown(handle.low), format="%.4g")
+            number.props(f'dense borderless aria-label="{label}" data-number="{name}"')
+            ui.button(icon="restart_alt", on_click=partial(self.move, name, None)).props(
+                f'flat dense round size=sm aria-label="{label}: as proposed" title="as proposed"'
+            )
+            slider = ui.slider(min=handle.low, max=handle.high, step=handle.step, value=handle.low)
+            slider.props(f'dense aria-label="{label}" data-slider="{name}"')
+        self.sliders[name], self.numbers[name] = slider, number
+        slider.on_value_change(lambda event: self.slide(name, event.value))
+        slider.on("change", lambda: self.move(name, handle.to_shown(slider.value) / handle.factor))
+        for event in ("blur", "keydown.enter"):
+            number.on(event, lambda: self.enter_number(name))
+
+    def build_panels(self) -> None:
+        """Build the scene, the numbers and the charts."""
+        logs = self.desk.source.logs
+        with self.build_card("Scene"):
+            self.scene = ui.element("iframe").props('title="The rig"')
+        with self.build_card("Figures"):
+            self.table = ui.html("", sanitize=False)
+            self.jitter = ui.html("", sanitize=False)
+            self.reasons = ui.html("", sanitize=False).classes("side")
+        if logs:
+            with self.build_card("Log: drag to mark what judges"):
+                self.charts["log"] = ui.echart({}).classes("chart")
+                self.charts["log"].on("chart:brushEnd", self.brush, ["areas"])
+                with ui.element("div").classes("row"):
+                    self.judged = ui.label("").classes("side")
+                    ui.button("As proposed", on_click=partial(self.move, "judged", None)).props("flat dense no-caps")
+            with self.build_card("Residual of the judged part"):
+                self.charts["residual"] = ui.echart({}).classes("chart")
+        for name, title in (("nyquist", "Nyquist"), ("step", "After a step of 1 rad/s² of disturbance")):
+            with self.build_card(title):
+                self.charts[name] = ui.echart({}).classes(f"chart {name}")
+        with self.build_card("Line of sight on a platform that is shaken").classes("wide"):
+            if self.subject.unable:
+                ui.label(f"This rig cannot hold its camera: {self.subject.unable}.").classes("side")
+            else:
+                self.charts["pointing"] = ui.echart({}).classes("chart")
+                ui.label("Half a second of profile S; 'gimbal-pin track' measures 30 s and against a PID.").classes(
+                    "side"
+                )
+
+    def build_card(self, title: str) -> Any:
+        """Return an open card with a title."""
+        card = ui.element("section").classes("card")
+        with card:
+            ui.html(title, tag="h2", sanitize=False)
+        return card
+
+    # -- what happens --------------------------------------------------------------------------------------------------
+
+    async def slide(self, name: str, position: float) -> None:
+        """Show a value while its slider is dragged; it is chosen when it is let go."""
+        if not self.is_setting:
+            shown = self.handles[name].to_shown(position)
+            self.set_value(self.numbers[name], shown)
+            await self.show(lambda: self.desk.history.present.moved(name, shown / self.handles[name].factor))
+
+    async def enter_number(self, name: str) -> None:
+        """Choose the number that was typed."""
+        value = self.numbers[name].value
+        if value is not None and not self.is_setting and value != self.read_shown(name):
+            await self.move(name, value / self.handles[name].factor)
+
+    async def move(self, name: str, value: Any) -> None:
+        """Choose a value."""
+        if name == "delay_samples" and value is not None:
+            value = round(value)
+        await self.change(lambda history: history.moved(name, value))
+
+    async def undo(self) -> None:
+        """Go back one change."""
+        await self.change(History.undone)
+
+    async def redo(self) -> None:
+        """Take back what was undone."""
+        await self.change(History.redone)
+
+    async def press_key(self, event: Any) -> None:
+        """Undo with Ctrl-Z, redo with Ctrl-Y."""
+        if event.action.keydown and event.modifiers.ctrl and event.key in ("z", "y"):
+            await (self.undo() if event.key == "z" else self.redo())
+
+    async def brush(self, event: Any) -> None:
+        """Let the marked part of the log judge, and the rest train."""
+        areas = event.args["areas"]
+        self.charts["log"].run_chart_method("dispatchAction", {"type": "brush", "areas": []})
+        if areas:
+            log = self.desk.source.logs[0]
+            first, last = areas[0]["coordRange"]
+            await self.move("judged", (max(first, 0.0), min(last, float(log.t[-1] - log.t[0]))))
+
+    def show_cameras(self) -> None:
+        """Open the list of cameras."""
+        self.camera_list.clear()
+        with self.camera_list:
+            for name in self.desk.list_cameras():
+                ui.button(name, on_click=partial(self.swap, name)).props("flat no-caps align=left").classes("camera")
+        self.cameras.open()
+
+    async def swap(self, payload: str | None) -> None:
+        """Mount another camera."""
+        self.cameras.close()
+        if payload is not None:
+            is_own = payload == self.desk.source.rig.payload
+            await self.move("payload", None if is_own else payload)
+            if self.tuning is not None:
+                self.desk.cameras = [payload, *(one for one in self.desk.cameras if one != payload)]
+
+    async def save_controller(self) -> None:
+        """Write the controller that is shown."""
+        await self.save(list_studio_files()[0], keep_controller)
+
+    async def save_report(self) -> None:
+        """Write the report of the controller that is shown."""
+        await self.save(list_studio_files()[1], lambda tuning, folder: keep_report(tuning))
+
+    async def save(self, name: str, keep: Callable[[Tuning, Path], Writer]) -> None:
+        """Write a file, and say where it lies."""
+        tuning, desk = self.tuning, self.desk
+        if tuning is None:
+            return
+        self.say(f"writing {name} …")
+        try:
+            path = await run.io_bound(lambda: desk.save_file(name, keep(tuning, desk.folder)))
+            self.say(f"saved {path}")
+        except GimbalPinError as error:
+            self.say(str(error), is_bad=True)
+
+    async def change(self, act: Callable[[History], History]) -> None:
+        """Change what is chosen, and show it."""
+        try:
+            self.desk.history = act(self.desk.history)
+        except GimbalPinError as error:
+            self.say(str(error), is_bad=True)
+            self.set_values()
+            return
+        self.set_buttons()
+        await self.show(lambda: self.desk.history.present)
+
+    async def show(self, find: Callable[[], StudioState]) -> None:
+        """Show a state as soon as the one before is drawn; of several that wait the last."""
+        try:
+            self.wanted = find()
+        except GimbalPinError as error:
+            self.say(str(error), is_bad=True)
+            return
+        await self.redraw()
+
+    async def redraw(self) -> None:
+        """Draw the wanted state: first the loops, then what a simulation of the held camera gives."""
+        if self.is_drawing:
+            return
+        self.is_drawing = True
+        try:
+            while self.drawn != self.wanted:
+                state = self.wanted
+                await self.draw(state)
+                self.drawn = state
+        finally:
+            self.is_drawing = False
+
+    async def draw(self, state: StudioState) -> None:
+        """Draw one state; what is wrong with it is said, and its figures are not saved."""
+        self.tuning = None
+        try:
+            if (state.payload, state.judged) not in self.desk.subjects:
+                self.say("preparing …")
+            found = await run.io_bound(self.desk.tune_loops, state)
+            if found is None:  # the server ends
+                return
+            self.subject, tuning, residual = found
+            self.tuning = tuning
+            self.draw_loops(state, tuning, residual)
+            pointing = await run.io_bound(simulate_pointing, self.subject, state, tuning)
+            if pointing is not None:
+                self.put("pointing", options.build_pointing_options(pointing))
+                said = Markup('<p>jitter <b data-figure="jitter">{}</b></p>')
+                self.jitter.set_content(said.format(options.describe_jitter(pointing)))
+            self.say("")
+        except GimbalPinError as error:
+            self.say(str(error), is_bad=True)
+
+    # -- what is shown -------------------------------------------------------------------------------------------------
+
+    def draw_loops(self, state: StudioState, tuning: Tuning, residual: ResidualFigure | None) -> None:
+        """Show the loops, the residual, and what is chosen."""
+        rig, source = self.subject.rig, self.desk.source
+        self.title.set_content(Markup("{}").format(rig.title))
+        self.put("nyquist", options.build_nyquist_options(tuning))
+        self.put("step", options.build_step_options(tuning))
+        if residual is not None:
+            self.put("residual", options.build_residual_options(residual, rig))
+            is_new = "series" not in self.charts["log"].options
+            self.put("log", options.build_log_options(source.logs[0], rig, options.find_judged(source, state)))
+            if is_new:
+                pen = {"type": "takeGlobalCursor", "key": "brush"}
+                pen["brushOption"] = {"brushType": "lineX", "brushMode": "single"}  # type: ignore[assignment]
+                ui.timer(0.3, lambda: self.charts["log"].run_chart_method("dispatchAction", pen), once=True)
+            self.judged.set_text(options.describe_judged(source, state))
+        self.tabulate(options.list_numbers(tuning, residual))
+        said = [*tuning.warnings, *tuning.doubts, *map(str, tuning.reasons)]
+        self.reasons.set_content(Markup("").join(Markup("<p>{}</p>").format(one) for one in said[:4]))
+        self.scene.props(f'src="{self.desk.find_scene(self.subject, state.payload)}"')
+        self.list_boxes(state)
+        self.set_values()
+
+    def tabulate(self, rows: Mapping[str, Mapping[str, str]]) -> None:
+        """Show the figures of every joint."""
+        cell, line = Markup('<td data-figure="{}">{}</td>'), Markup("<tr><th scope=row>{}</th>{}</tr>")
+        names = next(iter(rows.values())).keys()
+        head = Markup("").join(Markup("<th scope=col>{}</th>").format(name) for name in names)
+        body = [
+            line.format(of, Markup("").join(cell.format(*pair) for pair in row.items())) for of, row in rows.items()
+        ]
+        table = Markup('<table class="numbers"><tr><td></td>{}</tr>{}</table>').format(head, Markup("").join(body))
+        self.table.set_content(table)
+
+    def put(self, name: str, shown: options.Options) -> None:
+        """Show a chart's figures."""
+        if name in self.charts:
+            self.charts[name].options.clear()
+            self.charts[name].options.update(shown)
+            self.charts[name].update()
+
+    def list_boxes(self, state: StudioState) -> None:
+        """Show a box for each cause of the model."""
+        causes = list_causes(self.subject.model)
+        if tuple(self.boxes) != causes:
+            self.causes.clear()
+            with self.causes:
+                self.boxes = {
+                    name: ui.checkbox(name, value=True, on_change=self.tick).props("dense") for name in causes
+                }
+        for name, box in self.boxes.items():
+            self.set_value(box, name not in state.off)
+
+    async def tick(self) -> None:
+        """Let the controller know the causes whose boxes are ticked."""
+        if not self.is_setting:
+            await self.move("off", tuple(name for name, box in self.boxes.items() if not box.value))
+
+    def read_shown(self, name: str) -> float:
+        """Return what a number says of the wanted state: its choice, or what stands for it."""
+        chosen = getattr(self.wanted, name)
+        if chosen is None and name == "mass":
+            chosen = float(get_payload(self.subject.rig)[1].mass)
+        if chosen is None and self.tuning is not None:
+            wish = self.tuning.wish
+            used = {
+                "bandwidth_hz": max(self.tuning.bandwidth_hz),
+                "disk_margin": wish.disk,
+                "delay_samples": wish.samples,
+            }
+            chosen = used[name]
+        return float(f"{self.handles[name].factor * (chosen or 0.0):.4g}")
+
+    def set_values(self) -> None:
+        """Let sliders and numbers say what is chosen."""
+        for name, handle in self.handles.items():
+            shown = self.read_shown(name)
+            self.set_value(self.numbers[name], shown)
+            self.set_value(self.sliders[name], handle.to_position(shown))
+        self.set_buttons()
+
+    def set_buttons(self) -> None:
+        """Let undo and redo be pressed where there is something to go to."""
+        self.back.set_enabled(bool(self.desk.history.past))
+        self.forth.set_enabled(bool(self.desk.history.future))
+
+    def set_value(self, element: Any, value: Any) -> None:
+        """Let an element say something that nobody chose in it."""
+        self.is_setting = True
+        try:
+            element.set_value(value)
+        finally:
+            self.is_setting = False
+
+    def say(self, text: str, is_bad: bool = False) -> None:
+        """Say what happened, in one line."""
+        self.said.set_text(text)
+        self.said.classes(add="bad" if is_bad else "", remove="" if is_bad else "bad")

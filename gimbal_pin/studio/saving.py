@@ -1,0 +1,34 @@
+"""What the studio leaves behind: the controller as `tune` writes it, and a report, in a folder of one run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from gimbal_pin.control.judging import judge_controllers
+from gimbal_pin.control.tuning import Tuning, pair_rivals, write_controller
+from gimbal_pin.log.io.files import atomic_write
+from gimbal_pin.report.elements import Document
+from gimbal_pin.report.sections.control import show_controller, show_tracking
+from gimbal_pin.report.sections.data import show_rig
+
+Writer = Callable[[Path], object]
+
+
+def list_studio_files() -> tuple[str, str]:
+    """Return the names of the files that may come to stand in the folder: the controller's and the report's."""
+    return "controller.yaml", "report.html"
+
+
+def keep_controller(tuning: Tuning, folder: Path) -> Writer:
+    """Return what writes a controller into a folder as ``tune -o`` does."""
+    return partial(write_controller, tuning, folder=folder)
+
+
+def keep_report(tuning: Tuning, plants: int = 50) -> Writer:
+    """Return what writes the report of a controller: gains, margins, loops, and its judgement, which takes seconds."""
+    model = tuning.model
+    judged = judge_controllers(model, pair_rivals(tuning.stored), rng=0, plants=plants, delay=tuning.wish.delay)
+    sections = show_controller(tuning), show_tracking(judged, model.rig), show_rig(model.rig)
+    return partial(atomic_write, content=Document(model.rig.title, model.rig.config.description, sections).to_html())

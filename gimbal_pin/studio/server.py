@@ -1,0 +1,92 @@
+"""The studio's server: this machine alone, and there only who has the address."""
+
+from __future__ import annotations
+
+import contextlib
+import secrets
+import socket
+from collections.abc import Callable
+from importlib.util import find_spec
+from typing import Any
+
+from gimbal_pin.errors import UsageError
+from gimbal_pin.report.view.live import HOME
+from gimbal_pin.studio.desk import Desk
+
+
+class Gate:
+    """An ASGI application before another: only requests below the token, addressed to this machine, come through.
+
+    A name that another's DNS gives this machine (rebinding) is refused, and so are WebSockets of other pages.
+
+    Attributes:
+        app: The application behind it.
+        token: First part of every path.
+    """
+
+    def __init__(self, app: Any, token: str) -> None:
+        """Guard `app`."""
+        self.app, self.token = app, token
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        """Pass a request on, or answer 403."""
+        if scope["type"] == "lifespan" or self._is_ours(scope):
+            await self.app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008})  # before it was accepted: HTTP 403
+        else:
+            await send({"type": "http.response.start", "status": 403, "headers": [(b"content-type", b"text/plain")]})
+            await send({"type": "http.response.body", "body": b"403: open the address that gimbal-pin studio printed"})
+
+    def _is_ours(self, scope: Any) -> bool:
+        """Whether a request knows the token and comes from this machine's own page."""
+        headers = dict(scope["headers"])
+        host = headers.get(b"host", b"").decode("latin-1")
+        origin = headers.get(b"origin", f"http://{host}".encode()).decode("latin-1")
+        first = scope["path"].split("/")[1]
+        knows = secrets.compare_digest(first.encode(), self.token.encode())
+        return knows and host.partition(":")[0] in (HOME, "localhost") and origin == f"http://{host}"
+
+
+def check_nicegui() -> None:
+    """Raise `UsageError` where NiceGUI, which the page is made with, is missing."""
+    if find_spec("nicegui") is None:
+        raise UsageError("studio", "NiceGUI is not installed", "pip install 'gimbal-pin[studio]'")
+
+
+def serve_desk(desk: Desk, announce: Callable[[str], object]) -> None:
+    """Serve the page of a desk until the process is told to end.
+
+    Args:
+        desk: What the page shows.
+        announce: Is told the address before the first request is answered.
+
+    Raises:
+        UsageError: NiceGUI is missing, or no port can be had.
+    """
+    check_nicegui()
+    import uvicorn
+    from fastapi import FastAPI
+    from nicegui import ui
+
+    from gimbal_pin.studio.page import Window
+
+    token, app = secrets.token_urlsafe(), FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    ui.run_with(
+        app,
+        root=lambda: Window(desk),
+        title=f"{desk.source.rig.name} – gimbal-pin studio",
+        mount_path=f"/{token}",
+        dark=None,
+        tailwind=False,
+        reconnect_timeout=30.0,
+        show_welcome_message=False,
+    )
+    try:
+        door = socket.create_server((HOME, 0))
+    except OSError as error:
+        raise UsageError("studio", f"no port on {HOME} ({error.strerror})", "end a program that holds ports") from error
+    config = uvicorn.Config(Gate(app, token), log_level="error", timeout_graceful_shutdown=1, server_header=False)
+    with door, contextlib.suppress(KeyboardInterrupt):
+        announce(f"http://{HOME}:{door.getsockname()[1]}/{token}/")
+        uvicorn.Server(config).run(sockets=[door])

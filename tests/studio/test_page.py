@@ -1,0 +1,182 @@
+"""The studio's page in a real browser, and its server: this machine alone, and there only who has the address."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+import yaml
+
+from gimbal_pin import write_log
+from gimbal_pin.control import bench_run
+from gimbal_pin.dynamics import nominal
+from gimbal_pin.report.view import browser
+from tests.browsing import Step, needs_browser, visit, wide
+from tests.command_line import Run, heard, refused
+from tests.report.test_live import listening, on_linux
+from tests.rigs import bundled
+
+pytest.importorskip("nicegui")
+
+
+@contextmanager
+def served(*words: str, folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A studio of these words in a folder: its process and its address."""
+    call = [sys.executable, "-m", "gimbal_pin.cli", "studio", *words, "--no-browser"]
+    pipes: Any = dict(stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=folder, preexec_fn=heard)
+    with subprocess.Popen(call, **pipes) as process:
+        try:
+            assert process.stdout is not None and process.stderr is not None
+            found = re.search(r"http://\S+", process.stdout.readline())
+            assert found, process.stderr.read()
+            yield process, found[0]
+            process.send_signal(signal.SIGINT)
+            process.wait(20)
+            assert process.stderr.read() == ""
+        finally:
+            process.kill()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a log of the turret."""
+    place = tmp_path_factory.mktemp("studio")
+    write_log(bench_run(nominal(bundled("turret")), rng=np.random.default_rng(0), seconds=20.0), place / "log.csv")
+    return place
+
+
+def until(condition: str, seconds: float = 60.0) -> Step:
+    """Wait until a script's value is true."""
+
+    async def waited(tab: Any) -> None:
+        for _ in range(round(seconds / 0.1)):
+            if await browser.evaluate(tab, condition):
+                return
+            await asyncio.sleep(0.1)
+        raise AssertionError(f"never: {condition}: {await browser.evaluate(tab, SAID)}")
+
+    return waited
+
+
+def press(element: str, share: float = 0.5, to: float | None = None) -> Step:
+    """Press the mouse on an element, so far along its width, and let it go there or at another share."""
+
+    async def pressed(tab: Any) -> None:
+        find = f"(() => {{ const e = {element}; e.scrollIntoView({{block: 'center'}}); return e; }})()"
+        box = await browser.evaluate(tab, f"(({find}).getBoundingClientRect().toJSON())")
+        ends = [box["left"] + x * box["width"] for x in (share, share if to is None else to)]
+        moves = [
+            ("mouseMoved", ends[0]),
+            ("mousePressed", ends[0]),
+            ("mouseMoved", ends[1]),
+            ("mouseReleased", ends[1]),
+        ]
+        for kind, x in moves:
+            place = {"x": x, "y": box["top"] + box["height"] / 2, "button": "left", "clickCount": 1}
+            await tab.send_command("Input.dispatchMouseEvent", {"type": kind, **place})
+            await asyncio.sleep(0.1)
+
+    return pressed
+
+
+SAID = "document.querySelector('.said').textContent"
+TITLE = "document.querySelector('h1').textContent"
+BANDWIDTH = "document.querySelector('[data-figure=bandwidth]')?.textContent"
+JITTER = "document.querySelector('[data-figure=jitter]')?.textContent"
+SETTLED = f"{JITTER} && {SAID} === ''"
+JUDGED = "document.querySelector('.row .side').textContent"
+
+
+def act(name: str) -> Step:
+    """Press a button, once it can be."""
+    button = f"document.querySelector('[data-act={name}]')"
+
+    async def acted(tab: Any) -> None:
+        await until(f"!{button}.disabled")(tab)  # type: ignore[operator]
+        await press(button)(tab)  # type: ignore[operator]
+
+    return acted
+
+
+@needs_browser
+def test_a_person_tunes_swaps_goes_back_and_saves(folder: Path, run: Run) -> None:
+    slider = "document.querySelector('[data-slider=bandwidth_hz] .q-slider__track-container')"
+    camera = "[...document.querySelectorAll('button.camera')].find(one => one.innerText.trim() === 'cinema')"
+    swap = [act("swap-camera"), until(f"{camera} && {camera}.getBoundingClientRect().width > 50"), press(camera)]
+    with served("turret", "log.csv", "-o", "out", folder=folder) as (_, url):
+        seen = visit(
+            url, wide(1280), until(SETTLED), BANDWIDTH, TITLE, "document.querySelectorAll('canvas').length", JUDGED,
+            act("save-controller"), until(f"{SAID}.startsWith('saved')"),
+            press(slider, 0.85), until(f"{BANDWIDTH} !== '8.00 Hz' && {SAID} === ''"), BANDWIDTH,
+            "document.querySelector('[data-number=bandwidth_hz]').value",
+            act("undo"), until(f"{BANDWIDTH} === '8.00 Hz'"),
+            *swap, until(f"{TITLE} === 'turret with cinema' && {SAID} === ''"),
+            act("undo"), until(f"{TITLE} === 'turret with infrared'"),
+            act("redo"), until(f"{TITLE} === 'turret with cinema'"),
+            act("undo"), until(f"{TITLE} === 'turret with infrared' && {SAID} === ''"),
+            press("document.querySelector('canvas')", 0.3, 0.6), until(f"!{JUDGED}.startsWith('13.3 to')"),
+            JUDGED, until(SETTLED),
+            "document.documentElement.scrollWidth <= innerWidth",
+            act("save-report"), until(f"{SAID}.startsWith('saved')", 120),
+        )  # fmt: skip
+    first, title, canvases, judged, moved, number, marked, fits = seen.values
+    assert (first, title, canvases, fits) == ("8.00 Hz", "turret with infrared", 5, True)
+    assert float(moved.split()[0]) == pytest.approx(float(number), rel=0.01) and float(number) > 15
+    assert judged.startswith("13.3 to 20.0 s") and float(marked.split()[0]) < 13
+    assert seen.complaints == []
+    assert {urlsplit(one).hostname for one in seen.requests} == {"127.0.0.1"}
+    own = folder / "tuned.yaml"
+    assert run("tune", "turret", folder / "log.csv", "-o", own, "--plants", "1")[0] == 0
+    assert (folder / "out" / "controller.yaml").read_bytes() == own.read_bytes()
+    assert "<h2" in (folder / "out" / "report.html").read_text() and (folder / "out" / "run.json").is_file()
+
+
+def answer(url: str, path: str, **headers: str) -> int:
+    """Return the status of what the server says to a request."""
+    at = urlsplit(url)
+    with closing(http.client.HTTPConnection(at.hostname or "", at.port, timeout=20)) as connection:
+        connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+        return connection.getresponse().status
+
+
+@on_linux
+def test_only_this_machine_and_only_who_has_the_address(folder: Path) -> None:
+    with served("turret", folder=folder) as (process, url):
+        own = urlsplit(url).path
+        assert answer(url, own) == 200
+        inner = f"{own}_nicegui_ws/socket.io/?EIO=4&transport=websocket"
+        upgrade = {"Connection": "Upgrade", "Upgrade": "websocket"}
+        upgrade |= {"Sec_WebSocket_Version": "13", "Sec_WebSocket_Key": "MDEyMzQ1Njc4OWFiY2RlZg=="}
+        for path in ("/", "/x/", f"{own[:-2]}/", f"/x{own}", "/docs", inner.replace(own, "/x/")):
+            assert answer(url, path) == 403
+        assert answer(url, own, Host="evil.example") == answer(url, own, Origin="http://evil.example") == 403
+        assert answer(url, inner, **upgrade, Origin="http://evil.example") == 403
+        assert answer(url, inner.replace(own, "/x/"), **upgrade) == 403
+        assert listening(process.pid) == {"0100007F"}
+
+
+def test_without_a_page_it_says_what_it_would_show(run: Run, folder: Path, tmp_path: Path) -> None:
+    own = tmp_path / "tuned.yaml"
+    assert run("tune", "turret", folder / "log.csv", "-o", own, "--plants", "1")[0] == 0
+    code, out, _ = run("studio", "turret", folder / "log.csv", "--check")
+    assert code == 0 and out.startswith("computed-torque for turret\npan: kp ")
+    kp = yaml.safe_load(own.read_text())["joints"]["pan"]["kp"]
+    assert f"pan: kp {kp:.4g}," in out
+
+
+def test_what_is_missing_is_named(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "controller.yaml").write_text("mine")
+    refused(run("studio", "turret", "-o", tmp_path, "--check"), 2, "holds controller.yaml", "name another folder")
+    monkeypatch.setattr("gimbal_pin.studio.server.find_spec", lambda name: None)
+    refused(run("studio", "turret"), 2, "NiceGUI is not installed; pip install 'gimbal-pin[studio]'")
