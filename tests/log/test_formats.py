@@ -252,7 +252,9 @@ def test_objects_and_shapes_that_are_not_there_are_refused(tmp_path: Path) -> No
             io.read_log(tmp_path / name, TURRET)
 
 
-@pytest.mark.parametrize(("name", "extra"), [("x.bag", "ros"), ("x.ulg", "px4"), ("x.h5", "mat")])
+@pytest.mark.parametrize(
+    ("name", "extra"), [("x.bag", "ros"), ("x.ulg", "px4"), ("x.tlog", "mavlink"), ("x.h5", "mat")]
+)
 def test_a_missing_library_is_one_line(
     name: str, extra: str, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -349,6 +351,78 @@ def test_a_damaged_lerobot_data_set_is_refused_in_one_line(tmp_path: Path, run: 
         info.write_text(stated)
         damage()
         refused(run("identify", "turret", tmp_path / "set"), 2, word)
+
+
+# --- MAVLink ---------------------------------------------------------------------------------------------------------
+
+
+def write_tlog(path: Path, t: np.ndarray, imu: Imu, q: np.ndarray) -> None:
+    """Write a telemetry log as ground stations do: the vehicle's IMU, a slower one of another device, its gimbal."""
+    from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+    vehicle, camera = mavlink.MAVLink(None, 1, 1), mavlink.MAVLink(None, 1, 154)
+    flip = np.array([1.0, -1.0, -1.0])  # forward, left, up to forward, right, down
+    gyro, accel = imu.gyro * flip, imu.accel * flip
+    with path.open("wb") as file:
+
+        def write(link: object, message: object, at: float, old: bool = False) -> None:
+            packet = message.pack(link, force_mavlink1=old)  # type: ignore[attr-defined]
+            file.write(struct.pack(">Q", round(1.7e15 + 1e6 * at)) + packet)
+
+        for k, at in enumerate(t.tolist()):
+            write(vehicle, mavlink.MAVLink_heartbeat_message(2, 3, 81, 0, 4, 3), at, old=True)
+            state = [round(1e6 * at), *accel[k], *gyro[k], *([0.0] * 3), 1000.0, 0.0, 0.0, 25.0, 63]
+            write(vehicle, mavlink.MAVLink_highres_imu_message(*state), at)
+            if k % 2 == 0:
+                write(vehicle, mavlink.MAVLink_highres_imu_message(*state, id=1), at)
+                device = [0, 0, round(1e3 * at), 0, q[k].tolist(), *gyro[k], 0]
+                write(camera, mavlink.MAVLink_gimbal_device_attitude_status_message(*device), at)
+                write(camera, mavlink.MAVLink_mount_orientation_message(round(1e3 * at), 10.0, -90.0, 45.0), at)
+
+
+def test_a_telemetry_log_of_mavlink_carries_the_platform(tmp_path: Path) -> None:
+    """The vehicle's IMU as the base's, in single precision; angles in radians; the gimbal's own attitude."""
+    rng, t = np.random.default_rng(2), np.arange(200) / 250
+    gyro, accel = rng.normal(size=(2, 200, 3))
+    imu, q = Imu(gyro, accel, None), rng.normal(size=(200, 4))
+    write_tlog(tmp_path / "flight.tlog", t, imu, q)
+    signs = {"x": "", "y": "*-1", "z": "*-1"}
+    own = [f"{kind}_{TURRET.base}_{axis}=HIGHRES_IMU.{axis}{of}{sign}"
+           for kind, of in (("gyro", "gyro"), ("accel", "acc")) for axis, sign in signs.items()]  # fmt: skip
+    clock, read = io.read_imu(tmp_path / "flight.tlog", TURRET, TURRET.base, ["t=HIGHRES_IMU.t", *own])
+    np.testing.assert_allclose(clock, t, atol=1e-6)
+    for found, true in ((read.gyro, gyro), (read.accel, accel)):
+        assert found is not None
+        np.testing.assert_allclose(found, true, rtol=1e-6)
+    table = io.open_table(tmp_path / "flight.tlog")
+    expected = {
+        "MOUNT_ORIENTATION.pitch": np.full(100, -np.pi / 2),
+        "GIMBAL_DEVICE_ATTITUDE_STATUS.q[2]": q[::2, 2],
+        "HIGHRES_IMU#2.zacc": -accel[::2, 2],
+    }
+    for name, values in expected.items():
+        of = f"{name.partition('.')[0]}.t"
+        data = table.read([of, name])
+        np.testing.assert_allclose(data[name], values, rtol=1e-6)
+        np.testing.assert_allclose(data[of], t[::2], atol=1e-6)
+    assert not any("damaged" in note for note in table.notes)
+
+
+def test_what_is_whole_of_a_damaged_telemetry_log_is_read(tmp_path: Path) -> None:
+    """Bytes between packets, and one within a packet that is another: the others are all there, and that is said."""
+    t, imu = np.arange(40) / 250, Imu(np.ones((40, 3)), np.ones((40, 3)), None)
+    write_tlog(tmp_path / "whole.tlog", t, imu, np.ones((40, 4)))
+    whole = (tmp_path / "whole.tlog").read_bytes()
+    broken = bytearray(whole)
+    broken[whole.index(b"\xfd", len(whole) // 2) + 12] ^= 0x55
+    for damaged in (whole[:500] + b"\xfd\xfe\xfd" + whole[500:], bytes(broken), whole[:-5]):
+        (tmp_path / "damaged.tlog").write_bytes(damaged)
+        table = io.open_table(tmp_path / "damaged.tlog")
+        assert len(table.read(["HIGHRES_IMU.t"])["HIGHRES_IMU.t"]) >= 38
+        assert any("damaged" in note for note in table.notes)
+    (tmp_path / "empty.tlog").write_bytes(b"\xfd\xfe" * 500)
+    with pytest.raises(LogError, match="holds no columns"):
+        io.open_table(tmp_path / "empty.tlog")
 
 
 # --- Several files are one log --------------------------------------------------------------------------------------

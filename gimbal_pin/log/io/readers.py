@@ -1,7 +1,7 @@
 """Every format of a log, in one table: how its files begin, their suffixes, what reads and what writes them.
 
-MATLAB files, ULogs and bags are read in a process of its own (`bounded`): their libraries are not made for untrusted
-files.
+MATLAB files, ULogs, MAVLink logs and bags are read in a process of its own (`bounded`): their libraries are not made
+for untrusted files.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from gimbal_pin.errors import GimbalPinError, LogError, UsageError
 from gimbal_pin.log.io.candump import CANDUMP_MAGIC, open_candump
 from gimbal_pin.log.io.csv import GZIP_MAGIC, open_csv, write_csv
 from gimbal_pin.log.io.files import open_replacement, wrap_os_errors
+from gimbal_pin.log.io.mavlink import read_tlog
 from gimbal_pin.log.io.tables import (
     DEEPEST_NESTING,
     WIDEST_ARRAY,
@@ -515,6 +516,7 @@ _ISOLATED: Mapping[str, Isolated] = {
     "mat": Isolated("a .mat", "scipy", "mat", _read_mat),
     "hdf5": Isolated("an _HDF5 or MATLAB 7.3 file", "h5py", "mat", _read_hdf5),
     "ulog": Isolated("a PX4 ULog", "pyulog", "px4", _read_ulog),
+    "tlog": Isolated("a MAVLink log", "pymavlink", "mavlink", read_tlog),
     "bag": Isolated("a ROS bag", "rosbags", "ros", _read_bag),
 }
 
@@ -547,6 +549,7 @@ FORMATS: Mapping[str, Format] = {
     ".h5": Format(_open_mat),
     ".hdf5": Format(_open_mat),
     **{suffix: Format(partial(_open_isolated, "bag"), magic=(magic,)) for magic, suffix in _BAG_SUFFIXES.items()},
+    ".tlog": Format(partial(_open_isolated, "tlog")),
     ".ulg": Format(partial(_open_isolated, "ulog"), magic=(b"ULog\x01\x12\x35",)),
 }
 """Suffix → format."""
