@@ -14,7 +14,7 @@ def base(rig: opt.RigName, *, payload: opt.Payload = None, diagonal: bool = Fals
         diagonal: diagonal inertias and no masses, as in the thesis
     """
     from gimbal_pin.dynamics.base_parameters import compute_base
-    from gimbal_pin.report.sections.data import show_base
+    from gimbal_pin.report.pages import describe_record
 
     found = compute_base(load_rig(rig, payload), diagonal)
-    present(show_base(found).to_text(), found.to_dict(), json)
+    present(describe_record(found).to_text(), found.to_dict(), json)

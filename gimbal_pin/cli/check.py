@@ -24,7 +24,7 @@ def check(
     """
     from gimbal_pin.dynamics.checking import check as run
     from gimbal_pin.log.io.files import atomic_write
-    from gimbal_pin.report.sections.data import show_check
+    from gimbal_pin.report.pages import describe_record
     from gimbal_pin.rig.rig import Rig
 
     loaded = Rig.load(rig, payload, mend=mend is not None)
@@ -32,4 +32,4 @@ def check(
         atomic_write(mend, loaded.urdf)
         tell([f"{mend} is written: name it as 'urdf:' in the rig's YAML"])
     found = run(loaded)
-    present(show_check(loaded, found).to_text(), found.to_dict(), json)
+    present(describe_record(found).to_text(), found.to_dict(), json)

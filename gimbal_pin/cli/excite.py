@@ -66,8 +66,8 @@ def excite(
     from gimbal_pin.excitation import build_sequential_criterion, count_periods, list_shown_effects, predict_estimate
     from gimbal_pin.excitation import excite as run
     from gimbal_pin.log.io import write_motion
-    from gimbal_pin.report.elements import join_text
-    from gimbal_pin.report.sections.excitation import show_excitation, show_expectation
+    from gimbal_pin.report.elements import join_documents
+    from gimbal_pin.report.pages import describe_record
     from gimbal_pin.rig.config import read_limits
 
     camera = payload or read_payload(model)
@@ -87,7 +87,7 @@ def excite(
     told = predict_estimate(
         plant, found.sample(log_rate), effects=shown, torque_noise=torque_noise, form_error=form_error, rng=seed
     )
-    said = join_text([show_excitation(found), show_expectation(told)])
+    said = join_documents([describe_record(found), describe_record(told)]).to_text()
     said = f"{said}\n{describe_next_step(rig, output, first, bool(read))}".rstrip()
     present(said, {**found.to_dict(), "expected": told.to_dict()}, json)
 

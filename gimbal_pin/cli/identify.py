@@ -129,13 +129,12 @@ def tell_cameras(
     json: Path | None,
 ) -> None:
     """Estimate several cameras, or a new one on a known gimbal, write their models, and tell them."""
-    from gimbal_pin.report.elements import join_text
-    from gimbal_pin.report.sections.model import show_cameras
+    from gimbal_pin.report.pages import describe_record
 
     several = estimate(holdout=holdout or "last-third" if refit else holdout)
     several = replace(several.refitted(estimate(holdout="none")) if refit else several, mass=mass)
     write_models(several.first, output, urdf, several.identified)
-    present(join_text([show_cameras(several)]), several.to_dict(), json)
+    present(describe_record(several).to_text(), several.to_dict(), json)
 
 
 def start_online(

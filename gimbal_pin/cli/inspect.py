@@ -9,7 +9,7 @@ from tyro.conf import arg
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_rig
 from gimbal_pin.cli.paths import Writes, list_plot_suffixes
-from gimbal_pin.cli.present import present, tell
+from gimbal_pin.cli.present import present, tell, write_figure
 from gimbal_pin.errors import GimbalPinError, UsageError
 
 if TYPE_CHECKING:
@@ -34,10 +34,10 @@ def inspect(
         yaml: write the mapping that is proposed for the first file, to look through and edit
     """
     from gimbal_pin.log.io import split_payload
-    from gimbal_pin.log.io.files import atomic_write, open_replacement
+    from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.log.io.inspection import inspect as run
     from gimbal_pin.report.elements import Document, join_text
-    from gimbal_pin.report.sections.data import show_file, write_picture
+    from gimbal_pin.report.sections.data import show_file
 
     if not files:
         raise UsageError("LOG", "none was given", "name at least one file")
@@ -49,9 +49,8 @@ def inspect(
         atomic_write(yaml, found[0].yaml)
     if output is not None and output.suffix.lower() == ".html":
         atomic_write(output, Document("What the logs hold", "", [show_file(one) for one in found]).to_html())
-    elif output is not None:
-        with open_replacement(output) as temporary:
-            write_picture(found[0], temporary)
+    else:
+        write_figure(found[0].plot, output)
     altered = [() if loaded is None else find_alterations(loaded, one) for one in found]
     described = [
         {**one.to_dict(), "altered": [change.to_dict() for change in each]} for one, each in zip(found, altered)

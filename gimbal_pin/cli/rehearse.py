@@ -28,7 +28,7 @@ def rehearse(
     from gimbal_pin.diagnosis import rehearse as run
     from gimbal_pin.log.io import read_motion
     from gimbal_pin.log.log import Log
-    from gimbal_pin.report.sections.excitation import show_rehearsal
+    from gimbal_pin.report.pages import describe_record
 
     loaded = load_rig(rig, payload)
     planned = read_motion(motion, loaded)
@@ -36,4 +36,4 @@ def rehearse(
     moving, _ = fix_still_joints(loaded, [asked], rig, payload)
     still = [joint for joint in loaded.joints if joint not in moving.joints]
     found = run(moving, read_motion(motion, moving), still=still, torque_noise=torque_noise, rng=seed)
-    present(show_rehearsal(found).to_text(), found.to_dict(), json)
+    present(describe_record(found).to_text(), found.to_dict(), json)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -72,9 +72,8 @@ def track(
     from gimbal_pin.export import Library
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.pointing import parse_fault, verify
-    from gimbal_pin.report import pages
-    from gimbal_pin.report.elements import join_text
-    from gimbal_pin.report.sections.camera import draw_camera_chart
+    from gimbal_pin.report.elements import join_documents
+    from gimbal_pin.report.pages import describe_record, render_held
 
     moving = platform != "none" or platform_log is not None
     check_camera_options(controller, compiled, moving, (animation, plot, fault, effect))
@@ -90,6 +89,7 @@ def track(
     if tuned is not None:
         tell(("--effect stands in the plant whose camera is held; the steps are without it",) if effect else ())
         steps, judged = step_controllers(tuned, machine, plant or tuned.model, delay_samples, plants, seed)
+        steps = replace(steps, plant="the controller's own model" if model is None else f"the model in {model}")
     if moving:
         recorded = read_platform(loaded, platform, platform_log, map)
         known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
@@ -101,14 +101,13 @@ def track(
             causes=effect, faults=tuple(parse_fault(one) for one in fault), seeds=seeds, seconds=seconds, jobs=jobs,
             delay=late,
         )  # fmt: skip
-        write_figure(partial(draw_camera_chart, held), plot)
-    stood = "the controller's own model" if model is None else f"the model in {model}"
-    told = pages.describe_tracking(loaded, held, steps, stood, judged)
+        write_figure(held.plot, plot)
+    page = join_documents([describe_record(one) for one in (judged, steps, held) if one is not None])
     if report is not None:
-        atomic_write(report, told.to_html())
+        page.write(report)
     if animation is not None and held is not None:
-        atomic_write(animation, pages.moving(loaded, held))
-    present(join_text(told.sections[:-1], verbose), collect_results(steps, judged, held), json)
+        atomic_write(animation, render_held(held))
+    present(page.to_text(verbose), collect_results(steps, judged, held), json)
 
 
 def collect_results(steps: Tracking | None, judged: Judgement | None, held: Verified | None) -> dict[str, Any]:

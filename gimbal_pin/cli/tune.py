@@ -36,9 +36,8 @@ def tune(
     from gimbal_pin.control.tuning import tune as run
     from gimbal_pin.identification import identify
     from gimbal_pin.identification.model_file import is_model, read_model
-    from gimbal_pin.report.elements import join_text
+    from gimbal_pin.report.elements import join_documents
     from gimbal_pin.report.pages import describe_record
-    from gimbal_pin.report.sections.control import show_tracking
 
     if len(source) == 1 and is_model(source[0]):
         model = read_model(source[0], load_rig(rig, payload or read_payload(source[0])))
@@ -52,5 +51,5 @@ def tune(
         write_controller(found, output, output.parent)
     write_figure(found.plot, plot)
     judged = judge_controllers(model, pair_rivals(found.stored), rng=0, plants=plants, delay=found.wish.delay)
-    sections = *describe_record(found).sections[:1], show_tracking(judged, model.rig)
-    present(join_text(sections, verbose), {**found.to_dict(), "judged": judged.to_dict()}, json)
+    page = join_documents([describe_record(found), describe_record(judged)])
+    present(page.to_text(verbose), {**found.to_dict(), "judged": judged.to_dict()}, json)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from tqdm import tqdm
@@ -23,16 +23,17 @@ from gimbal_pin.effects.stribeck import Stribeck
 from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import UsageError, finite_or_none
 from gimbal_pin.log.log import Array, Motion
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
+from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
 
 @dataclass(frozen=True, eq=False)
-class Judgement:
+class Judgement(Record):
     """How closely controllers follow a step of all axes on perturbed plants, beside the last of them, a PID.
 
     Attributes:
-        joints: Names, (n).
+        rig: The rig.
         plants: How many.
         errors: Controller → root mean square of reference less true angle, rad, (plants, n); inf where the loop
             diverged, and never less than `resolved`.
@@ -40,13 +41,19 @@ class Judgement:
         seed: Repeats it as `rng`; None where a generator was given.
     """
 
-    joints: tuple[str, ...]
+    rig: Rig
     plants: int
     errors: Mapping[str, Array]
     resolved: Array
     seed: int | None = None
 
+    ROWS: ClassVar[str] = "errors"
     __repr__ = brief
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names, (n)."""
+        return self.rig.joints
 
     def compute_ratios(self, name: str) -> Array:
         """The PID's error over a controller's, (plants, n + 1): of each joint, and their geometric mean."""
@@ -110,7 +117,7 @@ def judge_controllers(
         for law, rows in zip(laws, errors):
             error = measure_error(plant, law, reference, rest, sense, own)
             rows[k] = np.maximum(np.nan_to_num(error, nan=np.inf), resolved)
-    return Judgement(rig.joints, plants, dict(zip(controllers, errors)), resolved, seed)
+    return Judgement(rig, plants, dict(zip(controllers, errors)), resolved, seed)
 
 
 def assume_sensors(model: Model, dt: float) -> Sensors:

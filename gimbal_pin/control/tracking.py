@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from math import isnan, nan
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from gimbal_pin.dynamics.simulation import Controller, Sensors, simulate
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.limited import compute_limit_shares
 from gimbal_pin.log.log import Array, Log, Motion
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
+from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
 PEAK_RATE = 15 / 8
@@ -152,23 +153,24 @@ class Experiment:
 
 
 @dataclass(frozen=True, eq=False)
-class Tracking:
+class Tracking(Record):
     """The result of `track`.
 
     Attributes:
-        rig: Name of the rig.
-        payload: Its payload, or None.
+        rig: The rig.
         steps: Joint → step, rad.
         experiments: Every step with every controller.
         seed: Repeats it as `rng`; None where a generator was given.
+        plant: What it was simulated on, within a sentence; "": nobody says.
     """
 
-    rig: str
-    payload: str | None
+    rig: Rig
     steps: Mapping[str, float]
     experiments: tuple[Experiment, ...]
     seed: int | None = None
+    plant: str = ""
 
+    ROWS: ClassVar[str] = "experiments"
     __repr__ = brief
 
     def of(self, name: str, controller: str) -> Experiment:
@@ -183,8 +185,8 @@ class Tracking:
         """Return what `track --json` writes, in SI units and radians; null for what a joint has none of."""
         return {
             "schema": 1,
-            "rig": self.rig,
-            "payload": self.payload,
+            "rig": self.rig.name,
+            "payload": self.rig.payload,
             "steps": dict(self.steps),
             "experiments": [
                 {
@@ -275,7 +277,7 @@ def track(
         for (name, goal), each in zip(plan, seeds.tolist())
         for controller in controllers.items()
     ]
-    return Tracking(rig.name, rig.payload, dict(zip(rig.joints, steps.tolist())), tuple(experiments), seed)
+    return Tracking(rig, dict(zip(rig.joints, steps.tolist())), tuple(experiments), seed)
 
 
 def metrics(t: Array, wanted: Array, angle: Array, distance: float, saturated: float) -> StepMetrics:

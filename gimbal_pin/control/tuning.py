@@ -30,7 +30,7 @@ from gimbal_pin.control.laws.reasons import (
     group_reasons,
 )
 from gimbal_pin.control.laws.uncertainty import DRAWN_MODELS, Ratios, draw_inertia_ratios, widened
-from gimbal_pin.dynamics.model import Model, convert_model, read_model_data
+from gimbal_pin.dynamics.model import Model, read_model_data
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import ModelError, UsageError, finite_or_none
 from gimbal_pin.identification.model_file import describe_uncertainty, read_known_parameters
@@ -163,7 +163,7 @@ class Tuning(Record):
             "warnings": list(self.warnings),
             "reasons": list(map(str, self.reasons)),
             "doubts": list(self.doubts),
-            "model": {**convert_model(self.model), **describe_uncertainty(self.model.estimated)},
+            "model": {**self.model.to_dict(), **describe_uncertainty(self.model.estimated)},
         }
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import islice
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from scipy.special import logit
@@ -41,7 +41,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.excitation import record_log
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import FORM_ERROR, subsample_log
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
@@ -99,7 +99,7 @@ class Rehearsed(CauseAt):
 
 
 @dataclass(frozen=True, eq=False)
-class Rehearsal:
+class Rehearsal(Record):
     """What a log of a motion would show.
 
     Attributes:
@@ -112,6 +112,7 @@ class Rehearsal:
     seconds: float
     causes: tuple[Rehearsed, ...]
 
+    ROWS: ClassVar[str] = "causes"
     __repr__ = brief
 
     def to_dict(self) -> dict[str, Any]:

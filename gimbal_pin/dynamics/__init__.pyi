@@ -10,7 +10,6 @@ from .model import Doubt as Doubt
 from .model import Estimated as Estimated
 from .model import Model as Model
 from .model import build_friction_effects as build_friction_effects
-from .model import convert_model as convert_model
 from .model import nominal as nominal
 from .model import read_model_data as read_model_data
 from .moving_base import MovingBase as MovingBase

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from gimbal_pin.dynamics.model import build_friction_effects
 from gimbal_pin.dynamics.reduction import Reduction, format_sum, reduce_parameters
 from gimbal_pin.log.platform import BASE_MOTIONS, BaseMotion
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 
 
 @dataclass(frozen=True)
-class Base:
+class Base(Record):
     """The result of `compute_base`.
 
     Attributes:
@@ -31,6 +31,7 @@ class Base:
     unidentifiable: tuple[str, ...]
     moving: Mapping[BaseMotion, tuple[Mapping[str, float], ...]]
 
+    ROWS: ClassVar[str] = "base"
     __repr__ = brief
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from gimbal_pin.dynamics.base_parameters import compute_base
 from gimbal_pin.dynamics.reduction import spread_states
 from gimbal_pin.dynamics.regressor import compute_rnea
 from gimbal_pin.log.log import Array
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.config import load_config
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs, find_payload, find_rig
 from gimbal_pin.rig.rig import Rig
@@ -50,7 +50,7 @@ class JointCheck:
 
 
 @dataclass(frozen=True)
-class Checked:
+class Checked(Record):
     """The result of `check`.
 
     Attributes:
@@ -66,8 +66,7 @@ class Checked:
         warnings: Sentences about what is not wrong but unwise.
     """
 
-    rig: str
-    payload: str | None
+    rig: Rig
     camera_frame: str
     mount: str | None
     imus: tuple[str, ...]
@@ -77,11 +76,13 @@ class Checked:
     optional: tuple[str, ...]
     warnings: tuple[str, ...]
 
+    ROWS: ClassVar[str] = "joints"
     __repr__ = brief
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds."""
-        return {"schema": 1, **asdict(self)}
+        every = {**vars(self), "joints": {joint: asdict(one) for joint, one in self.joints.items()}}
+        return {"schema": 1, **every, "rig": self.rig.name, "payload": self.rig.payload}
 
 
 def check(rig: Rig) -> Checked:
@@ -107,8 +108,7 @@ def check(rig: Rig) -> Checked:
     may = tuple(f"{name}_{joint}" for name in ("dq", "q_ref", "temp") for joint in rig.joints)
     imus = tuple(f"{kind}_{link}_x/y/z" for link in rig.config.imus for kind in ("gyro", "accel"))
     return Checked(
-        rig=rig.name,
-        payload=rig.payload,
+        rig=rig,
         camera_frame=rig.camera_frame,
         mount=rig.config.mount,
         imus=rig.config.imus,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +19,7 @@ from gimbal_pin.effects.plain import read_cause, read_term
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.records import prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
 
@@ -94,7 +94,7 @@ class Doubt:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class Model(Record):
     """``tau = rnea(q, v, a; phi) + sum of terms`` (thesis 3.70).
 
     Attributes:
@@ -113,6 +113,7 @@ class Model:
     changes: tuple[RigEffect, ...] = ()
     doubts: tuple[Doubt, ...] = ()
 
+    ROWS: ClassVar[str] = "terms"
     __repr__ = brief
 
     def __str__(self) -> str:
@@ -122,6 +123,15 @@ class Model:
         beside = [f"{cause.name} at {cause.place}" for cause in causes if cause.name not in plain]
         known = "as stated" if self.estimated is None else f"{len(self.estimated.names)} parameters identified"
         return ", ".join([f"model of {self.rig.title}: {known}", *beside])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as plain data, as YAML holds it, without its uncertainty; `read_model_data` reads it back."""
+        return {
+            "phi": self.rig.phi.tolist(),
+            "terms": [term.to_dict() for term in self.terms],
+            "drive": [signal.to_dict() for signal in self.drive],
+            "changes": [change.to_dict() for change in self.changes],
+        }
 
     @cached_property
     def tau_max(self) -> Array:
@@ -259,19 +269,9 @@ def _solve_implicit_torque(total: Callable[[Array], Array], start: Array) -> Arr
     return y
 
 
-def convert_model(model: Model) -> dict[str, Any]:
-    """Return it as plain data, as YAML holds it, without its uncertainty; `read_model_data` reads it back."""
-    return {
-        "phi": model.rig.phi.tolist(),
-        "terms": [term.to_dict() for term in model.terms],
-        "drive": [signal.to_dict() for signal in model.drive],
-        "changes": [change.to_dict() for change in model.changes],
-    }
-
-
 @dataclass(frozen=True)
 class _ModelData:
-    """What `convert_model` writes of a model: inertial parameters, and its terms, drive and changes as plain data."""
+    """What `Model.to_dict` writes of a model: inertial parameters, and its terms, drive and changes as plain data."""
 
     phi: tuple[float, ...]
     terms: tuple[Any, ...]
@@ -280,7 +280,7 @@ class _ModelData:
 
 
 def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
-    """Return the model that `convert_model` wrote, on a rig as its URDF states it; `place` is the file.
+    """Return the model that `Model.to_dict` wrote, on a rig as its URDF states it; `place` is the file.
 
     Raises:
         ModelError: Something is missing, is of the wrong kind, or no rig can have it.

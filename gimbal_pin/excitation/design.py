@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, isinf
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from tqdm import trange
@@ -22,7 +22,7 @@ from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.limits import QUANTITIES, AssumedLimit, Envelope, assume_limits
 from gimbal_pin.excitation.problem import ExcitationProblem
 from gimbal_pin.log.log import Array, Motion
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 
@@ -34,12 +34,11 @@ and friction at most: a wrong sign then pushes with a tenth of the motor, for a 
 
 
 @dataclass(frozen=True, eq=False)
-class Excitation:
+class Excitation(Record):
     """A motion that starts and ends at rest, can be repeated, and keeps to the rig's limits.
 
     Attributes:
-        rig: The rig's name.
-        joints: Joint names (n).
+        rig: The rig.
         motion: The motion, both ends included.
         series: The Fourier series; a long motion holds a whole number of its periods.
         coefficients: Its coefficients (2 L + 1, n): q0 rad, a_l and b_l rad/s.
@@ -57,8 +56,7 @@ class Excitation:
         assumed: Limits that nobody states, and that it keeps to all the same.
     """
 
-    rig: str
-    joints: tuple[str, ...]
+    rig: Rig
     motion: Motion
     series: Series
     coefficients: Array
@@ -74,7 +72,13 @@ class Excitation:
     seed: int | None = None
     assumed: tuple[AssumedLimit, ...] = ()
 
+    ROWS: ClassVar[str] = "limits_used"
     __repr__ = brief
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joint names (n)."""
+        return self.rig.joints
 
     @property
     def seconds(self) -> float:
@@ -82,8 +86,8 @@ class Excitation:
         return float(self.motion.t[-1])
 
     def __str__(self) -> str:
-        """One line: condition number and length; `text.excitation` has what it uses of the limits."""
-        return f"excitation of {self.rig}: condition number {self.condition_number:.1f} in {self.length}"
+        """One line: condition number and length; its page has what it uses of the limits."""
+        return f"excitation of {self.rig.name}: condition number {self.condition_number:.1f} in {self.length}"
 
     def sample(self, rate: float | None) -> Motion:
         """Return the motion at so many samples per second; None: as it is."""
@@ -114,7 +118,7 @@ class Excitation:
         """The result as `gimbal-pin excite --json` writes it."""
         return {
             "schema": 1,
-            "rig": self.rig,
+            "rig": self.rig.name,
             "criterion": self.criterion,
             "value": self.value,
             "condition_number": self.condition_number,
@@ -259,8 +263,7 @@ def describe(problem: ExcitationProblem, x: Array, motion: Motion, finished: boo
         narrowed = criterion.compare_deviations(problem.columns.scale_rows(dense))
     shares = Envelope.of(rig).find_largest_shares(problem.model, dense)
     return Excitation(
-        rig=rig.name,
-        joints=rig.joints,
+        rig=rig,
         motion=motion,
         series=problem.series,
         coefficients=problem.coefficients(x),

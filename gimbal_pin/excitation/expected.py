@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import nan
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from gimbal_pin.regression import (
     fit_weighted,
     presume_misfit,
 )
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.inertia import join_names
 from gimbal_pin.rig.types import Rng, make_generator
 
@@ -37,7 +37,7 @@ WEAK_FROM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class ExpectedEstimate:
+class ExpectedEstimate(Record):
     """What `identify` will know from a log of a motion.
 
     Attributes:
@@ -66,6 +66,7 @@ class ExpectedEstimate:
     sampling: Mapping[str, float]
     lag_std: Mapping[str, float]
 
+    ROWS: ClassVar[str] = "parameters"
     __repr__ = brief
 
     @property

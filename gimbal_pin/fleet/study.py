@@ -12,7 +12,7 @@ from gimbal_pin.control.judging import FlawedDrive
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tracking import track
 from gimbal_pin.control.tuning import StoredController, TunedLaw, Tuning, tune
-from gimbal_pin.dynamics.model import Model, convert_model
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.errors import GimbalPinError, UsageError
 from gimbal_pin.fleet.engine import Value
@@ -105,11 +105,11 @@ class Study:
     def describe(self) -> dict[str, object]:
         """Return what the results depend on."""
         model, law, known = self.variation.model, self.law, self.variation.estimated
-        believed = convert_model(getattr(law, "model", model))
+        believed = getattr(law, "model", model).to_dict()
         gains = None if law is None else [law.gains, repr(vars(law).get("robust")), believed]
         return {
             "rig": model.rig.name,
-            "model": [describe_rig(model.rig), convert_model(model)],
+            "model": [describe_rig(model.rig), model.to_dict()],
             "covariance": None if known is None else known.covariance.tolist(),
             "controller": [vars(self.wish), gains],
             "seconds": self.seconds,

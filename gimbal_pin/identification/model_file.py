@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import Doubt, Estimated, Model, convert_model, read_model_data
+from gimbal_pin.dynamics.model import Doubt, Estimated, Model, read_model_data
 from gimbal_pin.errors import ModelError
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.io.files import write_yaml
@@ -61,7 +61,7 @@ def write_extended(model: Model, path: str | Path) -> None:
             "kind": KIND,
             "schema": 1,
             **rows,
-            **convert_model(model),
+            **model.to_dict(),
             **describe_uncertainty(model.estimated),
             **_describe_doubts(model),
         },

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import zip_longest
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -54,7 +54,7 @@ from gimbal_pin.regression import (
     map_phi_to_base,
 )
 from gimbal_pin.regression.consistency import find_likeliest_bodies
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import PHI, Rig
 
 BARE = "none"
@@ -97,7 +97,7 @@ class CameraEstimate:
 
 
 @dataclass(frozen=True, eq=False)
-class Several:
+class Several(Record):
     """The result of `identify_several` and of `identify_new`.
 
     Attributes:
@@ -114,6 +114,7 @@ class Several:
     mass: float | None = None
     known: Model | None = None
 
+    ROWS: ClassVar[str] = "payloads"
     __repr__ = brief
 
     @property

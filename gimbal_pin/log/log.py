@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.mapping import Source, format_remapping
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.types import Array
 
 if TYPE_CHECKING:
@@ -215,7 +215,7 @@ class Imu:
 
 
 @dataclass(frozen=True, eq=False)
-class Log:
+class Log(Record):
     """One trajectory as it was recorded or simulated.
 
     Lists and arrays are copied. What takes a rig and a log finds the log's columns by the names of the rig's joints.
@@ -250,6 +250,7 @@ class Log:
     seed: int | None = None
     sources: Mapping[str, Source] = field(default_factory=dict)
 
+    ROWS: ClassVar[str] = "samples"
     __repr__ = brief
 
     def __post_init__(self) -> None:
@@ -284,6 +285,15 @@ class Log:
         held = [*self.channels, *(f"IMU of {link}" for link in self.imus)]
         span = f"{len(self)} samples, {self.t[-1] - self.t[0]:.4g} s" if len(self) else "no samples"
         return f"log {self.name}: {span} of {', '.join(self.joints)} ({', '.join(held)})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what it is of, and the samples as a row of columns each, named as in files."""
+        from gimbal_pin.log.io.columns import log_columns
+
+        columns = log_columns(self)
+        rows = np.column_stack(list(columns.values())).tolist()
+        facts = {"name": self.name, "payload": self.payload, "joints": list(self.joints), "events": list(self.events)}
+        return {"schema": 1, **facts, "samples": [dict(zip(columns, row)) for row in rows]}
 
     @property
     def channels(self) -> dict[str, Array]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from gimbal_pin.dynamics.model import convert_model, read_model_data
+from gimbal_pin.dynamics.model import read_model_data
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
 from gimbal_pin.log.io.files import write_json
@@ -209,7 +209,7 @@ class Controller:
                 "noise": vars(own.noise),
                 "trusted": own.trusted,
                 "spectrum": {**vars(spectrum), "f": float(spectrum.f[1])},
-                "model": convert_model(own.model),
+                "model": own.model.to_dict(),
             },
             path,
         )

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import degrees, sqrt
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
@@ -16,7 +16,8 @@ from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.control.laws.loop import Margins
 from gimbal_pin.log.limited import compute_limit_shares
 from gimbal_pin.log.log import Array, freeze
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
+from gimbal_pin.rig.rig import Rig
 
 SLOW = 0.2
 """Corner between jitter and drift, Hz (CONTROL, "Profile S")."""
@@ -176,23 +177,24 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Verified:
+class Verified(Record):
     """The result of `verify`.
 
     Attributes:
-        rig: Name of the rig.
-        payload: Its payload, or None.
+        rig: The rig.
         rows: The PID's runs, those of computed torque, and those of the compiled controller if there was one.
         loops: Controller → the margins of its loops, joint by joint.
         failed: Whether sensors failed because that was asked for.
+        note: What the plant and the model were, in sentences; "": nobody says.
     """
 
-    rig: str
-    payload: str | None
+    rig: Rig
     rows: tuple[Row, ...]
     loops: Mapping[str, tuple[Margins, ...]]
     failed: bool = False
+    note: str = ""
 
+    ROWS: ClassVar[str] = "pointing"
     __repr__ = brief
 
     @property
@@ -219,4 +221,4 @@ class Verified:
         """Return what `track --json` writes."""
         loops = {name: {joint: vars(own) for joint, own in zip(self.joints, x)} for name, x in self.loops.items()}
         rows = [row.to_dict() for row in self.rows]
-        return {"rig": self.rig, "payload": self.payload, "pointing": rows, "pointing_loops": loops}
+        return {"rig": self.rig.name, "payload": self.rig.payload, "pointing": rows, "pointing_loops": loops}

@@ -81,4 +81,4 @@ def verify(
         seconds = min(seconds, float(np.floor(1000 * (recorded.t[-1] - recorded.t[0]) - 1)) / 1000)
     rows = run_controllers(Course(true, seconds, station, drive, delay, recorded, size), recipe, seeds, jobs)
     loops = {name: recipe.margins(name) for name in recipe.names}
-    return Verified(rig.name, rig.payload, rows, loops, bool(faults))
+    return Verified(rig, rows, loops, bool(faults))

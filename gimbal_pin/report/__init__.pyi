@@ -24,6 +24,7 @@ from .pipeline import demo as demo
 from .pipeline import describe_outcome as describe_outcome
 from .sections.camera import show_camera as show_camera
 from .sections.control import show_controller as show_controller
+from .sections.control import show_judgement as show_judgement
 from .sections.control import show_tracking as show_tracking
 from .sections.data import show_check as show_check
 from .sections.data import show_file as show_file

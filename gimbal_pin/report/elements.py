@@ -215,6 +215,13 @@ class Document:
         raise UsageError("plot", f"has nothing to draw of {self.title}", "what it holds is in to_frame()")
 
 
+def join_documents(several: Sequence[Document]) -> Document:
+    """Return documents as one under the first one's title: sections of a title once, details last."""
+    every = {section.title: section for one in several for section in one.sections}
+    sections = sorted(every.values(), key=lambda one: one.is_detail)
+    return Document(several[0].title, several[0].subtitle, sections)
+
+
 @dataclass(frozen=True)
 class Card:
     """One headline number.

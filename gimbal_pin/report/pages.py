@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import singledispatch
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial, singledispatch
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
@@ -12,20 +13,26 @@ from gimbal_pin.control.controller_names import OURS
 from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.control.tuning import Tuning
-from gimbal_pin.diagnosis import Diagnosis
+from gimbal_pin.diagnosis import Diagnosis, Rehearsal
+from gimbal_pin.dynamics.base_parameters import Base
+from gimbal_pin.dynamics.checking import Checked
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.excitation import Excitation, ExpectedEstimate
 from gimbal_pin.fleet import Fleet, MonteCarlo
-from gimbal_pin.identification import Identified, compare_payload
+from gimbal_pin.identification import Identified, Several, compare_payload
+from gimbal_pin.log.io.inspection import Inspected
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Verified
 from gimbal_pin.report.elements import Document, Section, embed, paragraph
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.sections.camera import show_camera
-from gimbal_pin.report.sections.control import show_controller, show_tracking
-from gimbal_pin.report.sections.data import show_logs, show_rig
+from gimbal_pin.report.sections.control import show_controller, show_judgement, show_tracking
+from gimbal_pin.report.sections.data import show_base, show_check, show_file, show_logs, show_rig
 from gimbal_pin.report.sections.diagnosis import show_diagnosis
+from gimbal_pin.report.sections.excitation import show_excitation, show_expectation, show_rehearsal
 from gimbal_pin.report.sections.fleet import describe_fleet, describe_monte_carlo
-from gimbal_pin.report.sections.model import show_parameters, show_torque
+from gimbal_pin.report.sections.model import show_cameras, show_model, show_parameters, show_torque
 from gimbal_pin.report.view.gaze import outlook
 from gimbal_pin.report.view.scene import onboard
 from gimbal_pin.rig.brief import Record
@@ -76,29 +83,115 @@ describe_record.register(Fleet, describe_fleet)
 describe_record.register(MonteCarlo, describe_monte_carlo)
 
 
-def describe_tracking(
-    rig: Rig, held: Verified | None, steps: Tracking | None, plant: str, judged: Judgement | None = None
-) -> Document:
-    """Return the report of a tracking; `plant`: what the steps were simulated on, within a sentence."""
-    parts = [] if judged is None else [show_tracking(judged, rig, steps, plant)]
-    if held is not None:
-        lead = "The platform turns, the camera stands; in blue the same rig with its joints locked."
-        parts += [show_camera(held), show_animation(moving(rig, held), lead)]
-    return Document(rig.title, rig.config.description, [*parts, show_rig(rig)])
+@describe_record.register
+def describe_several(found: Several) -> Document:
+    """Return several cameras on one gimbal."""
+    return build_document(found.first.model.rig, [show_cameras(found)])
 
 
-def moving(rig: Rig, held: Verified) -> str:
+@describe_record.register
+def describe_model(found: Model) -> Document:
+    """Return a model's causes."""
+    return build_document(found.rig, [show_model(found)])
+
+
+@describe_record.register
+def describe_judgement(found: Judgement) -> Document:
+    """Return how controllers follow on perturbed plants."""
+    return build_document(found.rig, [show_judgement(found)])
+
+
+@describe_record.register
+def describe_tracking(found: Tracking) -> Document:
+    """Return the steps of controllers."""
+    return build_document(found.rig, [show_tracking(found)])
+
+
+@describe_record.register
+def describe_verified(found: Verified) -> Document:
+    """Return how still a camera is held, and the rig on its platform."""
+    lead = "The platform turns, the camera stands; in blue the same rig with its joints locked."
+    return build_document(found.rig, [show_camera(found), show_animation(partial(render_held, found), lead)])
+
+
+@describe_record.register
+def describe_excitation(found: Excitation) -> Document:
+    """Return a motion and what it uses of the limits."""
+    return build_document(found.rig, [show_excitation(found)])
+
+
+@describe_record.register
+def describe_expected(found: ExpectedEstimate) -> Document:
+    """Return what a log of a motion will tell."""
+    return Document("A log that is planned", "", [show_expectation(found)])
+
+
+@describe_record.register
+def describe_rehearsal(found: Rehearsal) -> Document:
+    """Return which causes a log of a motion would show."""
+    return Document(found.rig, "", [show_rehearsal(found)])
+
+
+@describe_record.register
+def describe_base(found: Base) -> Document:
+    """Return base parameters."""
+    return Document(found.rig, "", [show_base(found)])
+
+
+@describe_record.register
+def describe_check(found: Checked) -> Document:
+    """Return a rig that was checked."""
+    return Document(found.rig.title, found.rig.config.description, [show_check(found)])
+
+
+@describe_record.register
+def describe_given_rig(rig: Rig) -> Document:
+    """Return a rig as its URDF and YAML state it."""
+    return Document(rig.title, rig.config.description, [replace(show_rig(rig), is_detail=False)])
+
+
+@describe_record.register
+def describe_log(log: Log) -> Document:
+    """Return what a log covers."""
+    return Document(log.name, "", [replace(show_logs(None, [log]), is_detail=False, lead="")])
+
+
+@describe_record.register
+def describe_inspected(found: Inspected) -> Document:
+    """Return what a file holds."""
+    return Document(found.name, "", [show_file(found)])
+
+
+def render_held(held: Verified) -> str:
     """Return the page that shows the rig, held by computed torque, on the platform."""
     (run,) = [row.runs[0] for row in held.rows if row.controller == OURS]
-    return onboard(rig, run, outlook(held, WANTED), WANTED)
+    return onboard(held.rig, run, outlook(held, WANTED), WANTED)
 
 
-def show_animation(page: str, lead: str) -> Section:
-    """Return a section that plays a recording in a frame of its own; the recording lies in the report's file."""
-    frame = embed(page, "Animation", "scene")
-    button = Markup('<button type="button" class="wide" onclick="{}">Full screen</button>').format(
-        "this.closest('.animation').querySelector('iframe').requestFullscreen()"
-    )
-    how = paragraph("Drag to turn, scroll to zoom; the bar plays, pauses and seeks.")
-    whole = Markup('<div class="animation">{}<div class="below">{}{}</div></div>').format(frame, how, button)
-    return Section("Animation", [whole], lead)
+@dataclass(frozen=True)
+class PlayedPage:
+    """A page in a page, which plays; it is rendered when a page shows it, and lies in its file.
+
+    Attributes:
+        render: Makes it.
+    """
+
+    render: Callable[[], str]
+
+    def __html__(self) -> str:
+        """Return it as an element of a page."""
+        button = Markup('<button type="button" class="wide" onclick="{}">Full screen</button>').format(
+            "this.closest('.animation').querySelector('iframe').requestFullscreen()"
+        )
+        how = paragraph("Drag to turn, scroll to zoom; the bar plays, pauses and seeks.")
+        whole = Markup('<div class="animation">{}<div class="below">{}{}</div></div>')
+        return whole.format(embed(self.render(), "Animation", "scene"), how, button)
+
+    def __str__(self) -> str:
+        """Return no lines."""
+        return ""
+
+
+def show_animation(render: Callable[[], str], lead: str) -> Section:
+    """Return a section that plays a recording in a frame of its own."""
+    return Section("Animation", [PlayedPage(render)], lead)

@@ -45,9 +45,9 @@ from gimbal_pin.report import view
 from gimbal_pin.report.elements import Document, Section, paragraph
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.format import controller_name, listed, to_sentence
-from gimbal_pin.report.pages import build_document, describe_record, moving, show_animation
+from gimbal_pin.report.pages import build_document, describe_record, render_held, show_animation
 from gimbal_pin.report.sections.camera import show_camera
-from gimbal_pin.report.sections.control import show_controller, show_tracking
+from gimbal_pin.report.sections.control import show_controller, show_judgement, show_tracking
 from gimbal_pin.report.sections.diagnosis import WRONG, show_diagnosis
 from gimbal_pin.report.sections.model import show_parameters, show_torque
 from gimbal_pin.report.summary import Summary, summary
@@ -163,15 +163,16 @@ def describe_auto(found: Auto) -> Document:
         sections.append(Section(WRONG, [paragraph(f"These logs could not be diagnosed. {found.undiagnosed}.")]))
     law = controller_name(found.tuning.wish.kind)
     sections += [
-        show_animation(found.recording, f"All axes to and fro under {law}; the ghost is the reference."),
+        show_animation(lambda: found.recording, f"All axes to and fro under {law}; the ghost is the reference."),
         show_parameters(identified, found.payload if wrong is None else None, evaluated),
         show_torque(identified, evaluated),
         show_controller(found.tuning),
-        show_tracking(found.judged, found.model.rig, found.tracking, found.plant),
+        show_judgement(found.judged),
+        show_tracking(replace(found.tracking, plant=found.plant)),
     ]
     if held is not None:
-        known = f"The plant is {found.held_on}; the controllers know the model and no more."
-        sections.append(show_camera(held, known))
+        note = f"The plant is {found.held_on}; the controllers know the model and no more."
+        sections.append(show_camera(replace(held, note=note)))
     return build_document(found.model.rig, sections, identified.data, found.payload.weighed)
 
 
@@ -304,7 +305,7 @@ def write_results(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run:
         "results": partial(write_json, found.to_dict()),
     }
     if found.held is not None:
-        writers["camera"] = partial(atomic_write, content=moving(rig, found.held))
+        writers["camera"] = partial(atomic_write, content=render_held(found.held))
     notes = write_run(folder, {names[what]: write for what, write in (writers | diagnosed).items()}, run)
     return replace(found, notes=notes)
 

@@ -104,6 +104,8 @@ def _describe_value(value: Any) -> str:
         return f"{{{', '.join(_list_first([str(key) for key in value]))}}}"
     if hasattr(value, "_fields"):
         return type(value).__name__
+    if isinstance(value, Record) and isinstance(name := getattr(value, "name", None), str):
+        return f"{type(value).__name__} {shortened(visible(name), _LONGEST_WORD)!r}"
     if isinstance(value, (tuple, list)) and isinstance(value[0], (str, bool, int, float)):
         return f"({', '.join(_list_first([_describe_value(one) for one in value]))})"
     if isinstance(value, (tuple, list)):

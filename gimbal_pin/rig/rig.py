@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +16,7 @@ from lxml import etree
 
 from gimbal_pin.errors import RigError
 from gimbal_pin.rig import urdf
-from gimbal_pin.rig.brief import brief
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.config import Config, Limits, Motor, overlay_config
 from gimbal_pin.rig.files import YAML_SUFFIXES, find_payload, find_rig
 from gimbal_pin.rig.formats import convert_to_urdf
@@ -35,7 +36,7 @@ PHI = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
+class Rig(Record):
     """A tree of bodies on a base, with one actuated angle per joint.
 
     Attributes:
@@ -73,6 +74,7 @@ class Rig:
     notes: tuple[str, ...] = ()
     source: str = ""
 
+    ROWS: ClassVar[str] = "joints"
     __repr__ = brief
 
     @property
@@ -124,6 +126,16 @@ class Rig:
     def __str__(self) -> str:
         """Name, payload and joints; the URDF and the model would fill the screen."""
         return f"Rig(name={self.name!r}, payload={self.payload!r}, joints={self.joints})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what it is and what bounds its joints, null where nothing does; its bodies stand in `urdf`."""
+        rows = zip(self.joints, self.links, self.limits, self.motors, self.friction.tolist())
+        joints = {
+            joint: {"link": link, **asdict(limits), "motor": asdict(motor), "coulomb": dry, "viscous": viscous}
+            for joint, link, limits, motor, (dry, viscous) in rows
+        }
+        facts = {"rig": self.name, "payload": self.payload, "base": self.base, "camera_frame": self.camera_frame}
+        return {"schema": 1, **facts, "joints": joints}
 
     @property
     def title(self) -> str:

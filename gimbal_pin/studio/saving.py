@@ -8,10 +8,8 @@ from pathlib import Path
 
 from gimbal_pin.control.judging import judge_controllers
 from gimbal_pin.control.tuning import Tuning, pair_rivals, write_controller
-from gimbal_pin.log.io.files import atomic_write
-from gimbal_pin.report.elements import Document
-from gimbal_pin.report.sections.control import show_controller, show_tracking
-from gimbal_pin.report.sections.data import show_rig
+from gimbal_pin.report.elements import join_documents
+from gimbal_pin.report.pages import describe_record
 
 Writer = Callable[[Path], object]
 
@@ -30,5 +28,4 @@ def keep_report(tuning: Tuning, plants: int = 50) -> Writer:
     """Return what writes the report of a controller: gains, margins, loops, and its judgement, which takes seconds."""
     model = tuning.model
     judged = judge_controllers(model, pair_rivals(tuning.stored), rng=0, plants=plants, delay=tuning.wish.delay)
-    sections = show_controller(tuning), show_tracking(judged, model.rig), show_rig(model.rig)
-    return partial(atomic_write, content=Document(model.rig.title, model.rig.config.description, sections).to_html())
+    return join_documents([describe_record(tuning), describe_record(judged)]).write

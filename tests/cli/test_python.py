@@ -220,7 +220,7 @@ def test_whatever_a_name_returns_prints_as_a_few_lines(rig: Rig, log: Log, diagn
     assert {"Diagnosis", "Tracking", "Estimate", "Evidence", "Rig", "Log"} <= {type(one).__name__ for one in everything}
     long = {type(one).__name__: len(repr(one)) for one in everything}
     assert not {name: size for name, size in long.items() if size > 400}
-    assert repr(tracking).startswith("Tracking(rig='turret', payload='infrared', steps={pan, tilt}, experiments=3 Exp")
+    assert repr(tracking).startswith("Tracking(rig=Rig 'turret', steps={pan, tilt}, experiments=3 Exp")
     assert repr(diagnosis).startswith("Diagnosis(rig='turret', logs=('prescribed 0'), verdict=")
     assert repr(carried).startswith("Platform(t=12001 array, f=12001 × 3 array")
     assert str(tuning).startswith(repr(tuning)[:-1]) and len(str(tuning)) > len(repr(tuning))

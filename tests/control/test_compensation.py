@@ -10,7 +10,7 @@ import pytest
 
 from gimbal_pin.control import ComputedTorque, Pid, compute_margins, stored, tune
 from gimbal_pin.diagnosis.gain import simulate_tracking
-from gimbal_pin.dynamics import Estimated, Model, convert_model, nominal, plant_with, read_model_data
+from gimbal_pin.dynamics import Estimated, Model, nominal, plant_with, read_model_data
 from gimbal_pin.effects import (
     ActuatorLag,
     CableSpring,
@@ -152,7 +152,7 @@ def test_a_controller_keeps_what_it_compensates(rig: Rig, found: Model, tmp_path
 
 
 def test_a_file_whose_drive_holds_a_torque_effect_is_refused(rig: Rig, found: Model, tmp_path: Path) -> None:
-    data = {**convert_model(found), "drive": [CableSpring("pan").to_dict()]}
+    data = {**found.to_dict(), "drive": [CableSpring("pan").to_dict()]}
     with pytest.raises(ModelError, match="belongs to the terms"):
         read_model_data(data, rig)
     kind = {"kind": "gimbal_pin model", "joints": list(rig.joints)}

@@ -58,12 +58,12 @@ def verified() -> Verified:
         for name, size in SIZES.items()
     ]
     rows = tuple(Row(run.controller, (run,)) for run in runs)
-    return Verified("thesis", "cinema", rows, dict.fromkeys(SIZES, (EqualMarginLoop().margins,) * 3))
+    return Verified(bundled("thesis"), rows, dict.fromkeys(SIZES, (EqualMarginLoop().margins,) * 3))
 
 
 @cache
 def page() -> str:
-    return Document("thesis", "", [show_camera(verified(), "A note.")]).to_html()
+    return Document("thesis", "", [show_camera(replace(verified(), note="A note."))]).to_html()
 
 
 def placed(points: Array, turned: Array) -> Array:

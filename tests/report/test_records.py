@@ -16,12 +16,15 @@ import pytest
 
 import gimbal_pin
 from gimbal_pin import GimbalPinError, Log, Rig
+from gimbal_pin.control import Tuning, judge_controllers, pair_rivals
 from gimbal_pin.diagnosis import Diagnosis
-from gimbal_pin.identification import Identified
+from gimbal_pin.dynamics import compute_base
+from gimbal_pin.excitation import predict_estimate
+from gimbal_pin.identification import Identified, identify_several
 from gimbal_pin.log import to_json
 from gimbal_pin.report import describe_record
 from gimbal_pin.rig import Record
-from tests.bench_logs import prescribed
+from tests.bench_logs import fourier, prescribed
 from tests.rigs import bundled, spelled
 
 MARKED = """<robot name="&lt;i&gt;rig"><link name="base"/><link name="&lt;u&gt;arm"><inertial><origin xyz="0.1 0 0.02"/>
@@ -46,6 +49,11 @@ def diagnosed(rig: Rig) -> Diagnosis:
     return gimbal_pin.diagnose(rig, [log_of(rig)], rng=0)
 
 
+@cache
+def tuned(rig: Rig) -> Tuning:
+    return gimbal_pin.tune(identified(rig).model, disk_margin=1.0)
+
+
 def spoilt(rig: Rig) -> Diagnosis:
     """The verdict is *data*, and nothing else is known."""
     log = log_of(rig)
@@ -59,7 +67,20 @@ RECORDS: dict[str, Callable[[Rig], Record]] = {
     "Identified without its logs": lambda rig: replace(identified(rig), data=()),
     "Diagnosis": diagnosed,
     "Diagnosis of spoilt logs": spoilt,
-    "Tuning": lambda rig: gimbal_pin.tune(identified(rig).model, disk_margin=1.0),
+    "Tuning": lambda rig: tuned(rig),
+    "Judgement": lambda rig: judge_controllers(identified(rig).model, pair_rivals(tuned(rig).stored), rng=0, plants=2),
+    "Tracking": lambda rig: gimbal_pin.track(
+        identified(rig).model, pair_rivals(tuned(rig).stored), rng=0, seconds=0.7, one_by_one=False
+    ),
+    "Excitation": lambda rig: gimbal_pin.excite(rig, seconds=2, starts=1, rng=0),
+    "ExpectedEstimate": lambda rig: predict_estimate(gimbal_pin.nominal(rig), fourier(rig, 0, 8.0), rng=0),
+    "Rehearsal": lambda rig: gimbal_pin.rehearse(rig, fourier(rig, 0, 8.0), rng=0),
+    "Base": compute_base,
+    "Checked": gimbal_pin.check,
+    "Several": lambda rig: identify_several({"one": rig}, {"one": [log_of(rig)]}),
+    "Model": lambda rig: identified(rig).model,
+    "Rig": lambda rig: rig,
+    "Log": lambda rig: log_of(rig).part(slice(0, 500)),
 }
 """What is shown → how it is found of a rig."""
 
@@ -122,7 +143,7 @@ def test_a_record_draws_the_first_figure_of_its_page_or_says_that_there_is_none(
             record.plot().savefig(tmp_path / f"figure.{suffix}")
         assert "#0a0b0" not in (tmp_path / "figure.svg").read_text(encoding="utf-8")
     else:
-        with pytest.raises(GimbalPinError, match="plot: has nothing to draw of turret"):
+        with pytest.raises(GimbalPinError, match="plot: has nothing to draw of"):
             record.plot()
 
 

@@ -39,6 +39,7 @@ from gimbal_pin.report import (
     show_check,
     show_controller,
     show_diagnosis,
+    show_judgement,
     show_logs,
     show_parameters,
     show_rig,
@@ -470,7 +471,7 @@ def test_page_and_terminal_claim_median_and_worst_of_the_perturbed_plants(walk: 
     ratio = found["ratios"]["computed-torque"]
     claimed = "{} ({})".format(*(numbers.figures(ratio[of]["pan"], 2) for of in ("median", "worst")))
     assert claimed in table and claimed in parsed(page).text_content() and "on 2 plants" in page
-    assert claimed in show_tracking(walk.judged, walk.rig).to_text()
+    assert claimed in show_judgement(walk.judged).to_text()
 
 
 def test_the_better_figure_is_marked() -> None:
@@ -482,7 +483,7 @@ def test_the_model_based_controller_has_the_joint_s_colour_whatever_the_order(wa
     first = [e for e in walk.result.experiments if e.name == "all-axes"]
     ahead = replace(walk.result, experiments=tuple(first))
     behind = replace(walk.result, experiments=tuple(first[::-1]))
-    assert show_tracking(walk.judged, walk.rig, ahead).html == show_tracking(walk.judged, walk.rig, behind).html
+    assert show_tracking(ahead).html == show_tracking(behind).html
 
 
 def test_a_rival_at_its_torque_limit_and_a_poor_model_are_spoken_of(walk: Walk) -> None:
@@ -536,7 +537,8 @@ def test_sliding_joints_are_shown_in_millimetres(slid: Walk) -> None:
     several = (
         show_parameters(slid.found, compare_payload(slid.found), evaluated),
         show_torque(slid.found, evaluated),
-        show_tracking(slid.judged, rig, slid.result),
+        show_judgement(slid.judged),
+        show_tracking(slid.result),
     )
     words = parsed(f"<div>{text}{join(one.html for one in several)}</div>").text_content().replace("\u00a0", " ")
     head = parsed(str(summary(rig, slid.found, None, slid.result, slid.logs).section.html)).text_content()
@@ -553,7 +555,7 @@ def test_the_terminal_and_json_have_the_units_of_joints_that_slide(slid: Walk) -
     (spring,) = wrong.findings
     assert spring.cause == "cable-spring" and {p.unit for p in spring.parameters} == {"N/m", "m"}
     shown = (
-        show_check(rig, check(rig)).to_text(),
+        show_check(check(rig)).to_text(),
         show_parameters(slid.found, compare_payload(slid.found)).to_text(),
         show_diagnosis(wrong).to_text(),
     )
@@ -610,7 +612,8 @@ def test_payload_and_motors_are_those_of_the_rig() -> None:
 def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animation: str) -> None:
     tree = parsed(page)
     titles = [heading.text_content() for heading in tree.iter("h2")]
-    assert titles == ["Summary", "Animation", "Parameters", "Torque", "Controller", "Tracking", "Data", "Rig"]
+    assert titles[:-3] == ["Summary", "Animation", "Parameters", "Torque", "Controller", "Perturbed plants"]
+    assert titles[-3:] == ["Tracking", "Data", "Rig"]
     assert [link.get("href") for link in tree.xpath("//nav//a")] == [f"#{s.get('id')}" for s in tree.iter("section")]
     assert embedded(tree.xpath("//iframe")[0]) == animation
     around = re.sub(r"<script>\n/\*\nThe MIT License.*?</script>", "", page.replace(elements.INFLATE, ""), flags=re.S)

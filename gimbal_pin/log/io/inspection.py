@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import yaml
@@ -16,6 +16,7 @@ from gimbal_pin.log.io.recognise import Channel, Recognised, assign_columns, rec
 from gimbal_pin.log.io.tables import ColumnTable, JoinedTable, find_time, quote_names, read_numeric_columns
 from gimbal_pin.log.log import GAP_SAMPLES, SMALLEST_VALUE, Array
 from gimbal_pin.log.mapping import ROW_COLUMN, format_expression
+from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 
 
@@ -56,7 +57,7 @@ class InspectedStream:
 
 
 @dataclass(frozen=True, eq=False)
-class Inspected:
+class Inspected(Record):
     """A file, or several joined.
 
     Attributes:
@@ -74,6 +75,9 @@ class Inspected:
     mapping: Mapping[str, tuple[str, str, str]]
     missing: tuple[str, ...]
     notes: tuple[str, ...]
+
+    ROWS: ClassVar[str] = "streams"
+    __repr__ = brief
 
     @property
     def yaml(self) -> str:

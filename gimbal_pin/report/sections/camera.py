@@ -24,11 +24,8 @@ CURVE_POINTS = 400
 """Points of a curve."""
 
 
-def show_camera(found: Verified, note: str = "") -> Section:
-    """Return what the camera sees on a platform that moves, the error, torque and margins.
-
-    `note`: what the plant and the model were, as sentences.
-    """
+def show_camera(found: Verified) -> Section:
+    """Return what the camera sees on a platform that moves, the error, torque and margins."""
     seen = embed(gaze.render_gaze(gaze.outlook(found, WANTED), WANTED), "What the cameras see", "gaze")
     runs, weak = found.rows[0].runs, any(describe_limits(row.at_limit) for row in found.rows)
     times = "once" if len(runs) == 1 else f"{len(runs)} times, each with its own motion and noise"
@@ -36,7 +33,7 @@ def show_camera(found: Verified, note: str = "") -> Section:
     circumstances = (
         f"Simulated {times} for {figures(float(runs[0].t[-1]), 2)} s on {MOTIONS[runs[0].platform]}, every controller "
         f"with the same motion, sensors, delay{margins}. Jitter is the line of sight above 0.2 Hz; what is slower is "
-        f"drift, which integrated gyros have whoever controls. {note}"
+        f"drift, which integrated gyros have whoever controls. {found.note}"
     )
     events = [f"{controller_name(row.controller)}: {event}" for row in found.rows for event in row.happened]
     rest = [f"and {len(events) - EVENTS} more, in the JSON"] * (len(events) > EVENTS)

@@ -57,38 +57,39 @@ def show_controller(tuning: Tuning) -> Section:
     return Section("Controller", parts, lead)
 
 
-def show_tracking(judged: Judgement, rig: Rig, result: Tracking | None = None, plant: str = "") -> Section:
-    """Return how controllers are judged on perturbed plants, and their steps: who is at the torque limit, a picture.
-
-    `plant`: what the steps are simulated on, within a sentence.
-    """
-    joints = list_shown_joints(rig)
+def show_judgement(judged: Judgement) -> Section:
+    """Return how closely controllers follow a step on perturbed plants."""
     figures = (
         f"Steps simulated on {judged.plants} plants that are off as the model may be, with the drives' noise and a "
         "delay up to a third more or less, from settled starts: error rms, median (worst), no less than the encoders "
         "resolve; ratio: the error of a PID of the same disk margin, with gravity and friction fed forward, over the "
         "controller's."
     )
-    parts: list[object] = [paragraph(figures, "side"), tables.judgement(judged, joints)]
-    if result is not None:
-        steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
-        note = f" The plant is {plant}, with the rig's sensors, delay and torque limits." if plant else ""
-        said = f"Minimum-jerk steps of {steps}.{note} All of it is simulated, not run on the gimbal."
-        shares = [(one, {name: own.saturated for name, own in one.joints.items()}) for one in result.experiments]
-        limits = [
-            f"{one.name}, {controller_name(one.controller)}: {text}"
-            for one, share in shares
-            if (text := describe_limits(share))
-        ]
-        # The baseline is drawn in grey, behind the others.
-        drawn = sorted((x for x in result.experiments if x.name == TOGETHER), key=lambda x: x.controller != RIVAL)
-        names = listed(controller_name(one.controller) for one in drawn)
-        alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
-        caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
-        parts.append(paragraph(said))
-        parts += [notice("At the torque limit, of the time", bullets(limits))] if limits else []
-        parts.append(plots.Drawing(partial(draw_steps, rig, drawn), alt, caption))
-    return Section("Tracking", parts, "Every controller meets the same steps and the same noise.")
+    parts = [paragraph(figures, "side"), tables.judgement(judged, list_shown_joints(judged.rig))]
+    return Section("Perturbed plants", parts, "Every controller meets the same plants and the same noise.")
+
+
+def show_tracking(result: Tracking) -> Section:
+    """Return the steps of controllers: how large, who is at the torque limit, a picture."""
+    rig, joints = result.rig, list_shown_joints(result.rig)
+    steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
+    note = f" The plant is {result.plant}, with the rig's sensors, delay and torque limits." if result.plant else ""
+    said = f"Minimum-jerk steps of {steps}.{note} All of it is simulated, not run on the gimbal."
+    shares = [(one, {name: own.saturated for name, own in one.joints.items()}) for one in result.experiments]
+    limits = [
+        f"{one.name}, {controller_name(one.controller)}: {text}"
+        for one, share in shares
+        if (text := describe_limits(share))
+    ]
+    # The baseline is drawn in grey, behind the others.
+    drawn = sorted((x for x in result.experiments if x.name == TOGETHER), key=lambda x: x.controller != RIVAL)
+    names = listed(controller_name(one.controller) for one in drawn)
+    alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
+    caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
+    picture = plots.Drawing(partial(draw_steps, rig, drawn), alt, caption)
+    limited = [notice("At the torque limit, of the time", bullets(limits))] if limits else []
+    lead = "Every controller meets the same steps and the same noise."
+    return Section("Tracking", [paragraph(said), *limited, picture], lead)
 
 
 def draw_steps(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:

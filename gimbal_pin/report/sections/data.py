@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from gimbal_pin.report.elements import Content, Element, Section, Table, bullets
 from gimbal_pin.report.format import (
     DASH,
     PALETTE,
+    ShownJoint,
     figures,
     file_name,
     forces,
@@ -73,9 +74,9 @@ def show_rig(rig: Rig, weighed: float | None = None) -> Section:
     return Section("Rig", parts, is_detail=True)
 
 
-def show_check(rig: Rig, found: Checked) -> Section:
+def show_check(found: Checked) -> Section:
     """Return a checked rig: its joints, what its motors bear, and what a log of it must hold."""
-    looks = list_shown_joints(rig)
+    rig, looks = found.rig, list_shown_joints(found.rig)
     loads = (f"{figures(round(found.joints[x.name].gravity_torque, 9))} {x.force} at {x.name}" for x in looks)
     lines = [
         f"gravity       takes up to {listed(loads)}",
@@ -87,8 +88,9 @@ def show_check(rig: Rig, found: Checked) -> Section:
         "to state more 'gimbal-pin new-rig' writes a YAML for a rig, with comments",
         *(f"note          {warning}" for warning in found.warnings),
     ]
-    sound = Element(Markup(), f"{rig.title}: tree, axes, limits and inertias are sound")
-    return Section("Rig", [sound, *show_rig(rig).parts, Element(Markup(), "\n".join(["", *lines]))])
+    sound = paragraph(f"{rig.title}: tree, axes, limits and inertias are sound")
+    needs = Element(bullets(" ".join(line.split()) for line in lines).html, "\n".join(["", *lines]))
+    return Section("Rig", [sound, *show_rig(rig).parts, needs])
 
 
 def show_base(found: Base) -> Section:
@@ -128,22 +130,28 @@ def describe_rig_and_payload(rig: Rig, weighed: float | None) -> Markup:
     return Markup(" ").join(parts)
 
 
-def show_logs(rig: Rig, logs: Sequence[Log]) -> Section:
-    """Return the logs' size, the range of its limits that each joint covers, and angles and torques over time."""
-    joints = list_shown_joints(rig)
+def show_logs(rig: Rig | None, logs: Sequence[Log]) -> Section:
+    """Return the logs' size, the range of its limits that each joint covers, and angles and torques over time.
+
+    `rig`: None: angles are in radians, and no limit is known.
+    """
+    names = logs[0].joints if rig is None else rig.joints
+    radians = tuple(ShownJoint(name, colour, 1.0, "rad") for name, colour in zip(names, joint_colours(names)))
+    joints = radians if rig is None else list_shown_joints(rig)
+    payload = None if rig is None else rig.payload
     force = forces(joints)
     rows: list[list[Content]] = []
     for log in logs:
         length, rate = (figures(x, 4) for x in (float(log.t[-1] - log.t[0]), 1 / log.dt))
         measured = "measured" if log.v is not None else "from angles"
         samples = f"{len(log):,}".replace(",", " ")
-        rows.append([file_name(log.name), log.payload or rig.payload or DASH, length, rate, samples, measured])
+        rows.append([file_name(log.name), log.payload or payload or DASH, length, rate, samples, measured])
     each: list[list[Content]] = []
     for j, joint in enumerate(joints):
         low, high = min(float(log.q[:, j].min()) for log in logs), max(float(log.q[:, j].max()) for log in logs)
         rates = (np.gradient(log.q[:, j], log.t) if log.v is None else log.v[:, j] for log in logs)
         tau = np.concatenate([log.tau[:, j] for log in logs if log.tau is not None] or [np.zeros(1)])
-        top, limit = float(np.abs(tau).max()), float(rig.tau_max[j])
+        top, limit = float(np.abs(tau).max()), inf if rig is None else float(rig.tau_max[j])
         fastest = joint.text(max(float(np.abs(rate).max()) for rate in rates), "/s")
         torques = figures(float(np.sqrt(np.mean(tau**2)))), figures(top)
         share = f"{100 * top / limit:.0f} %" if isfinite(limit) else DASH
@@ -154,17 +162,16 @@ def show_logs(rig: Rig, logs: Sequence[Log]) -> Section:
     for log in logs[:DRAWN]:
         alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
         caption = f"{file_name(log.name)}: what was recorded; all joints should move, far and at many rates."
-        drawn = plots.Drawing(partial(draw_overview, rig, log), alt, caption, joint_colours(rig.joints))
+        drawn = plots.Drawing(partial(draw_overview, joints, log), alt, caption, joint_colours(names))
         parts.append(folded(f"Over time: {file_name(log.name)}", drawn))
     events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
     return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.", True)
 
 
-def draw_overview(rig: Rig, log: Log) -> plots.Figure:
+def draw_overview(looks: Sequence[ShownJoint], log: Log) -> plots.Figure:
     """Draw angles above torques."""
     figure, panels = plots.panels(2, 1, 3.7, gaps=(0, 0.2), share=(True, False))
     angle, torque = panels[:, 0]
-    looks = list_shown_joints(rig)
     for j, joint in enumerate(looks):
         plots.curve(angle, log.t, joint.scale * log.q[:, j], lw=1.2)
         if log.tau is not None:
@@ -206,12 +213,3 @@ def draw_channels(found: Inspected) -> plots.Figure:
         row.set_ylabel(f"{kind}, {'/'.join(units)}" if any(units) else kind)
     axes[-1, 0].set_xlabel("time, s")
     return figure
-
-
-def write_picture(found: Inspected, path: Path) -> None:
-    """Write the picture alone, in the format of the suffix; PNG where there is none."""
-    with plots.style():
-        figure = draw_channels(found)
-        for axes in figure.axes:
-            axes.grid(color="#dde1e6")
-        figure.savefig(path, format=path.suffix[1:].lower() or "png", facecolor="white", dpi=150)

@@ -11,14 +11,25 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from gimbal_pin.effects import Sample
+from gimbal_pin.dynamics.model import Model
+from gimbal_pin.effects import Cause, Sample
 from gimbal_pin.errors import NORMAL_95, digits
 from gimbal_pin.identification import Identified, PayloadStatement, Several
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.charts import Chart, Charts, Trace
-from gimbal_pin.report.elements import Element, Folded, Section, bullets, folded, heading, list_warnings, paragraph
+from gimbal_pin.report.elements import (
+    Element,
+    Folded,
+    Section,
+    Table,
+    bullets,
+    folded,
+    heading,
+    list_warnings,
+    paragraph,
+)
 from gimbal_pin.report.evaluation import Evaluated, EvaluatedPart, KnownParameter, find_tables, known, list_shown
 from gimbal_pin.report.format import (
     DASH,
@@ -65,6 +76,16 @@ def show_parameters(found: Identified, payload: PayloadStatement | None, evaluat
         *list_notes(found),
     ]
     return Section("Parameters", parts, "What the log says of the rig, with 95 % intervals.")
+
+
+def show_model(found: Model) -> Section:
+    """Return what a model has beside its rig's bodies, and what of it does not hold elsewhere."""
+    causes: list[tuple[Cause, tuple[float, ...]]] = [(term.effect, term.values) for term in found.terms]
+    causes += [(cause, ()) for cause in (*found.drive, *found.changes)]
+    rows = [[cause.place, cause.name, str(cause), ", ".join(map(figures, values)) or DASH] for cause, values in causes]
+    known = "as the URDF states it" if found.estimated is None else "as identified"
+    parts = [*list_warnings([str(doubt) for doubt in found.doubts]), paragraph(f"The rig's bodies are {known}.")]
+    return Section("Model", [*parts, Table(["At", "Cause", "Form", "Values"], rows, texts=4, label="Causes")])
 
 
 def show_cameras(found: Several) -> Section:
