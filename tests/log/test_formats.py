@@ -263,6 +263,23 @@ def test_a_missing_library_is_one_line(
     refused(run("identify", "turret", tmp_path / name), 2, f"pip install 'gimbal_pin[{extra}]'")
 
 
+# --- STorM32 ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("separator", ["\t", ","])
+def test_a_line_of_units_below_the_names_ends_them(separator: str, tmp_path: Path) -> None:
+    """As STorM32's NTLoggerTool saves a log; the lines of errors count it."""
+    names, units = ["Time", "State", "Imu1Pitch", "EncYaw*", "DPitch"], ["ms", "uint", "deg", "deg", "deg/s"]
+    lines = [names, [f"[{unit}]" for unit in units], ["0", "6", "10.5", "-3", "1"], ["1.5", "6", "11", "-3.5", "2"]]
+    path = tmp_path / "log.dat"
+    path.write_text("\n".join(map(separator.join, lines)) + "\n")
+    table = io.open_table(path)
+    assert table.columns == ("Time_ms", "State", "Imu1Pitch_deg", "EncYaw*_deg", "DPitch")
+    data = table.read(["Time_ms", "Imu1Pitch_deg"])
+    assert (data["Time_ms"].tolist(), data["Imu1Pitch_deg"].tolist()) == ([0.0, 1.5], [10.5, 11.0])
+    assert table.place(1, "State") == f"{path}:4 column 'State'"
+
+
 # --- LeRobot --------------------------------------------------------------------------------------------------------
 
 

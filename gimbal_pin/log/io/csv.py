@@ -225,12 +225,30 @@ def read_header(name: str, data: bytes) -> CsvTable | None:
     if len(fields) < 2:
         raise LogError(f"{name}:{number}", "has one column only", "separate columns by commas, semicolons or tabs")
     if any(_parse_number(field) is None for field in fields if field):
-        return CsvTable(name, tuple(fields), separator, data[end:], number + 1, spaced)
+        units, after = _read_units_line(data, end, len(fields), " " if spaced else separator)
+        names = [f"{field}_{unit}" if unit else field for field, unit in zip(fields, units)] or fields
+        return CsvTable(name, tuple(names), separator, data[after:], number + 1 + (after > end), spaced)
     foc = _FOC_COLUMNS.get(len(fields), ()) if remark == "MOT:" else ()
     names = list(foc) or _split_fields(remark.strip(), " " if spaced else separator)
     if len(names) != len(fields):
         names = [f"column{i + 1}" for i in range(len(fields))]
     return CsvTable(name, tuple(names), separator, data[start:], number, spaced)
+
+
+def _read_units_line(data: bytes, start: int, width: int, separator: str) -> tuple[list[str], int]:
+    """Return the words in a line of nothing but ``[unit]`` at `start`, '' for the others, and where it ends; or none.
+
+    STorM32's loggers write one below the names.
+    """
+    end = data.find(b"\n", start) + 1 or len(data)
+    if end - start > LONGEST_LINE or not data.startswith(b"[", start):
+        return [], start
+    fields = _split_fields(data[start:end].decode("utf-8", "replace").rstrip("\r\n"), separator)
+    if len(fields) != width or not all(re.fullmatch(r"\[.*\]", field) for field in fields):
+        return [], start
+    plain = ("", "int", "uint", "hex")
+    units = [field[1:-1].strip() for field in fields]
+    return [unit if re.fullmatch(r"\w+", unit) and unit not in plain else "" for unit in units], end
 
 
 def _check_length(place: str, length: int) -> None:

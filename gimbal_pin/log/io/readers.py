@@ -542,6 +542,7 @@ FORMATS: Mapping[str, Format] = {
     ".parquet": Format(_open_parquet, _write_parquet, (b"PAR1",)),
     ".gz": Format(open_csv, magic=(GZIP_MAGIC,)),
     ".log": Format(open_csv),
+    ".dat": Format(open_csv),
     ".candump": Format(open_candump, magic=CANDUMP_MAGIC),
     ".npy": Format(_open_npy, magic=(b"\x93NUMPY",)),
     ".npz": Format(_open_npz, magic=(b"PK\3\4",)),
