@@ -5,11 +5,19 @@ from __future__ import annotations
 import asyncio
 import base64
 import json
+import shutil
+import subprocess
+import tarfile
+import tempfile
 import zlib
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import lxml.html
+import numpy as np
 import pytest
 
 from gimbal_pin.report.view import browser
@@ -76,12 +84,55 @@ def embedded(frame: Any) -> str:
     return zlib.decompress(base64.b64decode(frame.get("data-deflated"))).decode()
 
 
+def unpacked(page: str) -> list[list[np.ndarray]]:
+    """Return the tables of every chart of every figure of a page, (columns, rows)."""
+    found = []
+    for home in lxml.html.fromstring(page).xpath("//div[@class='charts']"):
+        values = np.frombuffer(zlib.decompress(base64.b64decode(home.get("data-deflated"))), "<f4")
+        charts = json.loads(home.get("data-charts"))
+        shapes = [(1 + len(one["abscissae"]) + len(one["curves"]), one["rows"]) for one in charts]
+        ends = np.cumsum([columns * rows for columns, rows in shapes])
+        found.append([part.reshape(shape) for part, shape in zip(np.split(values, ends[:-1]), shapes)])
+        assert ends[-1] == len(values)
+    return found
+
+
 def visit(url: str, *steps: Step) -> Visit:
     """Open an address and take the steps."""
     seen = Visit()
     asyncio.run(seen.run(url, steps))
     return seen
 
+
+@cache
+def load_axe() -> str:
+    """Return axe-core's script as npm has it; the test is skipped where that cannot be asked."""
+    if not (npm := shutil.which("npm")):
+        pytest.skip("npm is not installed")
+    with tempfile.TemporaryDirectory() as folder:
+        got = subprocess.run([npm, "pack", "--silent", "axe-core@4.14.1"], cwd=folder, capture_output=True, timeout=120)
+        if got.returncode:
+            pytest.skip("npm does not answer")
+        with tarfile.open(next(Path(folder).glob("*.tgz"))) as packed:
+            script = packed.extractfile("package/axe.min.js")
+            assert script is not None
+            return script.read().decode()
+
+
+def audit(found: list[Any]) -> Step:
+    """Append what axe-core finds against the page to a list: rule, element and reason."""
+
+    async def done(tab: Any) -> None:
+        await browser.evaluate(tab, f"{load_axe()};0")
+        asked = {"expression": AUDIT, "awaitPromise": True, "returnByValue": True}
+        answer = await tab.send_command("Runtime.evaluate", asked)
+        found.extend(answer["result"]["result"]["value"])
+
+    return done
+
+
+AUDIT = """axe.run(document, { iframes: false }).then(found => found.violations.flatMap(rule =>
+  rule.nodes.map(node => [rule.id, node.target.join(' '), node.failureSummary])))"""
 
 OPEN = "document.querySelectorAll('details').forEach(one => { one.open = true; })"
 """Opens all that is folded."""
@@ -105,6 +156,16 @@ def wide(pixels: int) -> Step:
         await asyncio.sleep(0.5)
 
     return sized
+
+
+def media(kind: str, scheme: str = "light") -> Step:
+    """Show the page on a screen or on paper, light or dark."""
+
+    async def done(tab: Any) -> None:
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        await tab.send_command("Emulation.setEmulatedMedia", {"media": kind, "features": features})
+
+    return done
 
 
 def meanwhile(act: Callable[[], object]) -> Step:

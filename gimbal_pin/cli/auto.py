@@ -8,7 +8,7 @@ from tyro.conf import OmitArgPrefixes, arg
 
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.cameras import read_known_gimbal
-from gimbal_pin.cli.inputs import choose_filter, describe_run, load_logs
+from gimbal_pin.cli.inputs import choose_filter, describe_origin, describe_run, load_logs
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import play, present, tell
 
@@ -38,7 +38,7 @@ def auto(
     Args:
         known: a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do
     """
-    asked = describe_run("auto", locals())
+    asked, origin = describe_run("auto", locals()), describe_origin(auto, locals())
     import numpy as np
 
     from gimbal_pin.identification import ESTIMATORS
@@ -51,7 +51,7 @@ def auto(
     found = run(
         loaded, read, output, rng=np.random.default_rng(seed), estimator=ESTIMATORS[Method(estimator)], holdout=holdout,
         filtering=choose_filter(cutoff, alignment), wish=gains.to_wish, run=asked, mass=mass, plants=plants,
-        known=first,
+        known=first, origin=origin,
     )  # fmt: skip
     tell(found.notes)
     present(describe_outcome(found, verbose), found.to_dict(), json)

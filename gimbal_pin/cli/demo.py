@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import describe_run, load_rig
+from gimbal_pin.cli.inputs import describe_origin, describe_run, load_rig
 from gimbal_pin.cli.present import present, tell
 from gimbal_pin.cli.work import check_cost
 
@@ -29,7 +29,7 @@ def demo(
         rig: bundled rig, or its file
         seconds: length of the simulated log
     """
-    asked = describe_run("demo", locals())
+    asked, origin = describe_run("demo", locals()), describe_origin(demo, locals())
     import numpy as np
 
     from gimbal_pin.report.pipeline import demo as run
@@ -37,6 +37,7 @@ def demo(
 
     loaded = load_rig(rig, payload)
     check_cost(yes, second_of_a_joint_in_a_demo=seconds * loaded.n)
-    found = run(loaded, output, rng=np.random.default_rng(seed), seconds=seconds, run=asked, plants=plants)
+    rng = np.random.default_rng(seed)
+    found = run(loaded, output, rng=rng, seconds=seconds, run=asked, plants=plants, origin=origin)
     tell(found.notes)
     present(describe_outcome(found, verbose), found.to_dict(), json)

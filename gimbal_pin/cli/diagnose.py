@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import choose_filter, describe_run, load_logs
+from gimbal_pin.cli.inputs import choose_filter, describe_origin, describe_run, load_logs
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import present, tell
 
@@ -52,12 +52,12 @@ def diagnose(
         mjcf: write the extended model for MuJoCo; what that cannot hold is told
         cutoff: highest frequency that is looked at (default: 12, more for teeth)
     """
-    asked = describe_run("diagnose", locals())
+    asked, origin = describe_run("diagnose", locals()), describe_origin(diagnose, locals())
     import numpy as np
 
     from gimbal_pin.diagnosis import DIAGNOSIS_BAND, choose_band, planned
     from gimbal_pin.diagnosis import diagnose as run
-    from gimbal_pin.diagnosis.file import write_diagnosis
+    from gimbal_pin.diagnosis.file import DIAGNOSIS_FILES, list_writers, write_diagnosis
     from gimbal_pin.export.mjcf import convert_to_mjcf
     from gimbal_pin.export.recordings import check_recordings, write_recordings
     from gimbal_pin.identification import identify, refittable_effects
@@ -88,7 +88,9 @@ def diagnose(
     files: Mapping[str, Path] = {}
     if output is not None:
         found = planned(found, rng=np.random.default_rng(seed))
-        files, notes = write_diagnosis(found, output, describe_record(found).to_html(), asked)
+        written = {what: DIAGNOSIS_FILES[what] for what in (*list_writers(found), "diagnosis")}
+        page = replace(describe_record(found), origin=replace(origin, files=written)).to_html()
+        files, notes = write_diagnosis(found, output, page, asked)
         tell(notes)
     lie = "\n".join(f"{what}: {path}" for what, path in files.items())
     present(f"{describe_record(found).to_text()}\n\n{lie}".rstrip("\n"), found.to_dict(), json)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from gimbal_pin.log.log import Array, Imu, Log
     from gimbal_pin.log.platform import Platform
     from gimbal_pin.regression import Filtering
+    from gimbal_pin.report.origin import Origin
     from gimbal_pin.rig.rig import Rig
 
 
@@ -90,6 +92,16 @@ def describe_run(verb: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a folder's ``run.json`` says of a verb that was given these arguments."""
     arguments = {name: vars(value) if is_dataclass(value) else value for name, value in given.items()}
     return {"verb": verb, "arguments": arguments}
+
+
+def describe_origin(verb: Callable[..., None], given: Mapping[str, Any]) -> Origin:
+    """Return what the head of a verb's page says of the call that it was given."""
+    from gimbal_pin.cli.paths import list_read_files, spell_call
+    from gimbal_pin.log.io.files import hash_file
+    from gimbal_pin.report.origin import Origin
+
+    inputs = [(file.name, hash_file(file)) for file in list_read_files(verb, given)]
+    return Origin(datetime.now(timezone.utc), spell_call(verb, given), inputs)
 
 
 def read_platform(rig: Rig, profile: str, log: Path | None, mapping: Sequence[str]) -> Platform | None:

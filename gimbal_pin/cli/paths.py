@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
+import shlex
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
@@ -165,6 +167,30 @@ def list_options(of: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[t
             yield from list_options(type(value), vars(value))
         elif value is not None:
             yield label(name, marks), value, marks
+
+
+def list_read_files(verb: Callable[..., None], given: Mapping[str, Any]) -> list[Path]:
+    """Return the files that a verb reads with these arguments, each once."""
+    marks = ((value, find_mark(several)) for _, value, several in list_options(verb, given))
+    read = ((value, mark) for value, mark in marks if isinstance(mark, Reads) and isinstance(value, (str, Path, tuple)))
+    files = (Path(file).resolve() for value, mark in read for file in mark.files(value))
+    return [*dict.fromkeys(file for file in files if file.is_file())]
+
+
+def spell_call(verb: Callable[..., None], given: Mapping[str, Any]) -> str:
+    """Return a command line that gives a verb these arguments; of absolute paths it has the last parts alone."""
+    parameters = inspect.signature(verb).parameters
+    usual = {name: value for name, value, _ in list_options(verb, {x.name: x.default for x in parameters.values()})}
+    words = ["gimbal-pin", verb.__name__.replace("_", "-")]
+    for name, value, _ in list_options(verb, given):
+        if name in usual and value == usual[name]:
+            continue
+        if isinstance(value, bool):
+            words.append(name if value else f"--no-{name[2:]}")
+        else:
+            several = value if isinstance(value, tuple) else (value,)
+            words += [word for one in several for word in ((name, str(one)) if name.startswith("-") else (str(one),))]
+    return shlex.join(re.sub(r"(^|[=+@,])/(?:[^/]+/)*", r"\1", word) for word in words)
 
 
 def find_mark(marks: tuple[Any, ...]) -> Reads | Writes:

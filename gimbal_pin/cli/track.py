@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import load_logs, load_rig, read_controller, read_payload, read_plant, read_platform
+from gimbal_pin.cli.inputs import (
+    describe_origin,
+    load_logs,
+    load_rig,
+    read_controller,
+    read_payload,
+    read_plant,
+    read_platform,
+)
 from gimbal_pin.cli.present import present, tell, write_figure
 from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
@@ -68,6 +76,7 @@ def track(
         report: write a report: what the camera sees, errors, torque
         animation: write the rig on its platform as an offline page
     """
+    origin = None if report is None else describe_origin(track, locals())
     from gimbal_pin.checks import check_platform_log
     from gimbal_pin.export import Library
     from gimbal_pin.log.io.files import atomic_write
@@ -104,7 +113,7 @@ def track(
         write_figure(held.plot, plot)
     page = join_documents([describe_record(one) for one in (judged, steps, held) if one is not None])
     if report is not None:
-        page.write(report)
+        replace(page, origin=origin).write(report)
     if animation is not None and held is not None:
         atomic_write(animation, render_held(held))
     present(page.to_text(verbose), collect_results(steps, judged, held), json)

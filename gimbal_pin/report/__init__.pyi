@@ -26,6 +26,7 @@ from .sections.camera import show_camera as show_camera
 from .sections.control import show_controller as show_controller
 from .sections.control import show_judgement as show_judgement
 from .sections.control import show_tracking as show_tracking
+from .sections.data import picture_log as picture_log
 from .sections.data import show_check as show_check
 from .sections.data import show_file as show_file
 from .sections.data import show_logs as show_logs

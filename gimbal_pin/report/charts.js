@@ -13,20 +13,23 @@ function add(parent, tag, attributes = {}, text = "") {
   return made;
 }
 
-// A run: the charts that show its time, and the scene that plays it.
+// A run: the charts that show its time, and the frames that play it.
 class Run {
   static named = {};
   static of(clock) { return Run.named[clock] ??= new Run(clock); }
   constructor(clock) {
     this.charts = [];
-    this.scene = [...document.querySelectorAll("iframe[data-clock]")].find(frame => frame.dataset.clock === clock);
+    this.frames = [...document.querySelectorAll("iframe[data-clock]")].filter(frame => frame.dataset.clock === clock);
   }
   // Moves every cursor to a time; `by`: the chart whose cursor is there already.
   move(time, by) {
     this.time = time;
     for (const chart of this.charts) chart === by ? chart.tell() : chart.mark(time);
   }
-  seek(time) { this.scene?.contentWindow.postMessage({ seek: time }, "*"); }
+  // Takes the frames to a time, but for the one that is there already.
+  seek(time, by) {
+    for (const frame of this.frames) if (frame !== by) frame.contentWindow.postMessage({ seek: time }, "*");
+  }
   zoom(range) {
     this.range = range;
     for (const chart of this.charts) if (!chart.over) chart.zoom(range);
@@ -35,12 +38,16 @@ class Run {
 
 class Chart {
   constructor(home, run, what, columns, hasLabel) {
-    Object.assign(this, { run, what, hasLabel, over: 0, row: null, isPointed: false });
+    Object.assign(this, { run, what, hasLabel, over: 0, row: null, isPointed: false, isDragged: false });
     this.t = columns[0].map(since => since + what.start);
     this.abscissae = [this.t, ...columns.slice(1, 1 + what.abscissae.length)];
     this.curves = columns.slice(1 + what.abscissae.length);
     const box = add(home, "div", { class: "chart" }), top = add(box, "div", { class: "legend" });
-    add(top, "b", { style: `color:${what.colour}` }, what.title);
+    if (what.title) {
+      const name = add(top, "b", { class: "joint" });
+      add(name, "i", { style: `background:${what.colour}` });
+      name.append(what.title);
+    }
     add(top, "span", {}, what.label);
     this.values = what.curves.map((curve, k) => {
       const button = add(top, "button", { type: "button", "aria-pressed": "true" });
@@ -54,7 +61,7 @@ class Chart {
       return add(button, "span");
     });
     this.frame = add(box, "div", { class: "frame-of-curves", role: "slider", tabindex: 0, "aria-valuenow": 0 });
-    this.frame.setAttribute("aria-label", `${what.title}: ${what.label}`);
+    this.frame.setAttribute("aria-label", [what.title, what.label].filter(Boolean).join(": "));
     this.frame.addEventListener("keydown", event => this.press(event));
     new ResizeObserver(() => this.fit()).observe(this.frame);
   }
@@ -88,12 +95,13 @@ class Chart {
     this.plot = new uPlot({
       ...this.size,
       legend: { show: false },
+      padding: [8, 10, 0, 0],
       scales: { x: { time: false } },
-      axes: [{ ...axis, grid: lines, ticks: lines, size: 26, label: this.hasLabel ? label : undefined }, { ...axis, grid: lines, ticks: lines, size: 52 }],
+      axes: [{ ...axis, grid: lines, ticks: lines, size: 26, label: this.hasLabel ? label : undefined }, { ...axis, grid: lines, ticks: lines, size: 52, space: 22 }],
       series: [{}, ...drawn],
       cursor: {
         y: false,
-        drag: { setScale: false },
+        drag: { setScale: false, click: () => {} },
         move: (plot, left, top) => this.put(plot, left, top),
         dataIdx: () => this.row === null ? null : this.place[this.row],
         bind: {
@@ -105,12 +113,16 @@ class Chart {
         setCursor: [() => { if (this.isPointed && this.row !== null) this.run.move(this.t[this.row], this); }],
         setSelect: [plot => {
           const { left, width } = plot.select;
-          if (width > 3) this.ask([left, left + width].map(at => plot.posToVal(at, "x")));
+          this.isDragged = width > 3;
+          if (this.isDragged) this.ask([left, left + width].map(at => plot.posToVal(at, "x")));
           plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
         }],
       },
     }, [this.x, ...this.curves.map(values => Array.from(this.order, row => Number.isNaN(values[row]) ? null : values[row]))], this.frame);
-    this.plot.over.addEventListener("click", () => { if (this.row !== null) this.run.seek(this.t[this.row]); });
+    this.plot.over.addEventListener("click", () => {
+      if (!this.isDragged && this.row !== null) this.run.seek(this.t[this.row]);
+      this.isDragged = false;
+    });
     if (isTime && this.run.range) this.zoom(this.run.range);
     if (this.run.time !== undefined) this.mark(this.run.time);
   }
@@ -195,20 +207,23 @@ async function build(home) {
       if (chart.plot) chart.draw();
     }));
   }
-  add(tools, "button", { type: "button" }, "All of it").addEventListener("click", () => {
+  add(tools, "button", { type: "button" }, "Show all").addEventListener("click", () => {
     if (own[0].over) own.forEach(chart => chart.zoom(chart.full)); else run.zoom([-Infinity, Infinity]);
   });
-  const scene = run.scene ? ", a click or Enter moves the scene" : "";
+  const scene = run.frames.length ? ", a click or Enter moves the scene" : "";
   add(tools, "span", {}, `Drag to zoom; arrow keys move the cursor, + − 0 zoom${scene}.`);
   if (run.time === undefined) run.move(own[0].t[0]); else own.forEach(chart => chart.mark(run.time));
 }
 
 const built = Promise.all([...document.querySelectorAll(".charts:empty")].map(build));
 
-// A scene that plays moves the cursors, unless a reader is at a chart.
+// A frame that plays takes the run's other frames along, and its cursors unless a reader points at one.
 window.addEventListener("message", event => {
-  const run = Object.values(Run.named).find(one => one.scene?.contentWindow === event.source);
-  if (run && Number.isFinite(event.data.time) && !document.querySelector(".frame-of-curves:hover")) run.move(event.data.time);
+  const frame = [...document.querySelectorAll("iframe[data-clock]")].find(one => one.contentWindow === event.source);
+  if (!frame || !Number.isFinite(event.data.time)) return;
+  const run = Run.of(frame.dataset.clock);
+  run.seek(event.data.time, frame);
+  if (!run.charts.some(chart => chart.frame.matches(":hover"))) run.move(event.data.time);
 });
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
   for (const run of Object.values(Run.named)) for (const chart of run.charts) chart.plot?.redraw();

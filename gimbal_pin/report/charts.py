@@ -10,12 +10,19 @@ import json
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
 from gimbal_pin.log.log import Array
-from gimbal_pin.report.plots import thinned
+from gimbal_pin.report import plots
+from gimbal_pin.report.elements import hash_clock
+from gimbal_pin.report.format import ShownJoint
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +32,7 @@ class Trace:
     Attributes:
         name: In the legend.
         values: One per instant, nan where the curve is broken, (N,).
-        colour: A colour, or a variable of the page's style sheet: ``--ink``.
+        colour: As in a figure: `plots.INK` and `plots.MUTED` are the page's own.
         width: Of its line, pixels.
         is_dashed: Whether it is dashed.
     """
@@ -60,15 +67,21 @@ class Chart:
     def tabulate(self, most: int = 3000) -> Array:
         """Return time since its start, abscissae and curves, (columns, rows), as 32-bit floats.
 
-        Of more than `most` instants those stay where a curve is lowest or highest in a stretch, see `thinned`.
+        Of more than `most` instants those stay where a curve is lowest or highest in a stretch, see `plots.thinned`.
         """
         rows = np.arange(len(self.t))
         if len(rows) > most:
             order, each = rows.astype(float), most // len(self.curves)
-            kept = [thinned(order, curve.values, each)[0] for curve in self.curves]
+            kept = [plots.thinned(order, curve.values, each)[0] for curve in self.curves]
             rows = np.unique(np.concatenate(kept)).astype(int)
         columns = [self.t - self.t[0], *self.abscissae.values(), *(curve.values for curve in self.curves)]
         return np.stack(columns)[:, rows].astype("<f4")
+
+
+def list_abscissae(joint: ShownJoint, q: Array, v: Array) -> dict[str, Array]:
+    """Return a joint's angle (rad, or m) and rate as `Chart` has them, in the units of a report."""
+    name = "position" if joint.unit == "mm" else "angle"
+    return {f"{name}, {joint.unit}": joint.scale * q, f"rate, {joint.unit}/s": joint.scale * v}
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +96,26 @@ class Charts:
     clock: str
     rows: Sequence[Sequence[Chart]]
 
+    def draw(self) -> Figure:
+        """Draw them over time, as paper shows them: a legend above each."""
+        rows = len(self.rows)
+        figure, panels = plots.panels(rows, len(self.rows[0]), 0.6 + 1.75 * rows, gaps=(0.85, 0.6))
+        for axes, chart in zip(panels.ravel(), chain(*self.rows)):
+            for x in chart.curves:
+                looks = {"color": x.colour, "lw": 0.8 * x.width, "ls": "--" if x.is_dashed else "-"}
+                plots.curve(axes, chart.t, x.values, **looks)
+            plots.put_legend(axes, [(f"{chart.title}: {x.name}", x.colour) for x in chart.curves])
+            axes.set(ylabel=chart.label, xlim=(chart.t[0], chart.t[-1]))
+        for axes in panels[-1]:
+            axes.set_xlabel("time, s")
+        figure.align_ylabels()
+        return figure
+
     def __html__(self) -> str:
         """Return it as an element of a page."""
-        every = [chart for row in self.rows for chart in row]
+        every = [*chain(*self.rows)]
         tables = [chart.tabulate() for chart in every]
+        own = {plots.INK: "--ink", plots.MUTED: "--muted"}
         drawn = [
             {
                 "title": chart.title,
@@ -95,12 +124,15 @@ class Charts:
                 "start": float(chart.t[0]),
                 "rows": table.shape[1],
                 "abscissae": list(chart.abscissae),
-                "curves": [{name: x for name, x in vars(curve).items() if name != "values"} for curve in chart.curves],
+                "curves": [
+                    {"name": x.name, "colour": own.get(x.colour, x.colour), "width": x.width, "is_dashed": x.is_dashed}
+                    for x in chart.curves
+                ],
             }
             for chart, table in zip(every, tables)
         ]
         packed = base64.b64encode(zlib.compress(b"".join(table.tobytes() for table in tables), 9)).decode()
-        said = self.clock, json.dumps(drawn, ensure_ascii=False), packed
+        said = hash_clock(self.clock), json.dumps(drawn, ensure_ascii=False), packed
         html = Markup(
             '<div class="charts" style="--across:{}" data-clock="{}" data-charts="{}" data-deflated="{}"></div>'
         )

@@ -24,6 +24,8 @@ from gimbal_pin.report.format import DASH
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from gimbal_pin.report.origin import Origin
+
 Content = str | Markup
 """Text, or markup whose texts have been escaped; the terminal shows it without its tags."""
 WIDEST = 48
@@ -176,11 +178,15 @@ class Folded:
 
 @dataclass(frozen=True)
 class Document:
-    """Sections under a title, one list for terminal, page and notebook; those without parts are left out."""
+    """Sections under a title, one list for terminal, page and notebook; those without parts are left out.
+
+    `origin`: where it comes from, which a page alone says.
+    """
 
     title: str
     subtitle: str
     sections: Sequence[Section]
+    origin: Origin | None = None
 
     def to_text(self, detailed: bool = False) -> str:
         """Return what a terminal shows; `detailed`: with what is a detail."""
@@ -199,7 +205,7 @@ class Document:
         bar = tqdm(sections, desc="report", unit="section", disable=None, leave=False)
         drawn = [(one.title, one.lead, one.html) for one in bar if one.parts]
         has_charts = any('<div class="charts"' in html for _, _, html in drawn)
-        values = {"title": self.title, "subtitle": self.subtitle, "sections": drawn}
+        values = {"title": self.title, "subtitle": self.subtitle, "sections": drawn, "origin": self.origin}
         return template("gimbal_pin.report", name, **values, has_charts=has_charts, load=load_file)
 
     def write(self, path: str | Path) -> None:
@@ -327,14 +333,19 @@ def figure(svg: Markup, caption: Content, charts: object = "") -> Markup:
     return html.format(charts, svg, caption)
 
 
-def embed(page: str, title: str, kind: str) -> Markup:
+def hash_clock(run: str) -> str:
+    """Return what stands for a run's name in a page, where the path of a log does not belong."""
+    return f"{zlib.crc32(run.encode('utf-8', 'backslashreplace')):08x}"
+
+
+def embed(page: str, title: str, kind: str, clock: str) -> Markup:
     """Return a frame that shows another page, which lies compressed in this one: a scene then has a third of its bytes.
 
-    Browsers inflate it once it is read.
+    Browsers inflate it once it is read. `clock`: name of the run that it plays, see `charts.Charts`.
     """
     packed = base64.b64encode(zlib.compress(page.encode(), 9)).decode()
-    frame = Markup('<iframe class="{}" title="{}" data-deflated="{}" allow="fullscreen"></iframe>')
-    return frame.format(kind, title, packed) + INFLATE
+    frame = Markup('<iframe class="{}" title="{}" data-clock="{}" data-deflated="{}" allow="fullscreen"></iframe>')
+    return frame.format(kind, title, hash_clock(clock), packed) + INFLATE
 
 
 def notice(title: str, content: Element) -> Element:

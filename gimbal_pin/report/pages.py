@@ -14,6 +14,7 @@ from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.diagnosis import Diagnosis, Rehearsal
+from gimbal_pin.diagnosis.gain import FULL, heat
 from gimbal_pin.dynamics.base_parameters import Base
 from gimbal_pin.dynamics.checking import Checked
 from gimbal_pin.dynamics.model import Model
@@ -23,18 +24,21 @@ from gimbal_pin.identification import Identified, Several, compare_payload
 from gimbal_pin.log.io.inspection import Inspected
 from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
-from gimbal_pin.pointing.result import Verified
+from gimbal_pin.pointing.result import Pointing, Verified
+from gimbal_pin.report import plots
 from gimbal_pin.report.elements import Document, Section, embed, paragraph
 from gimbal_pin.report.evaluation import evaluate
-from gimbal_pin.report.sections.camera import show_camera
+from gimbal_pin.report.format import list_shown_joints
+from gimbal_pin.report.sections.camera import name_clock, show_camera
 from gimbal_pin.report.sections.control import show_controller, show_judgement, show_tracking
-from gimbal_pin.report.sections.data import show_base, show_check, show_file, show_logs, show_rig
-from gimbal_pin.report.sections.diagnosis import show_diagnosis
+from gimbal_pin.report.sections.data import picture_log, show_base, show_check, show_file, show_logs, show_rig
+from gimbal_pin.report.sections.diagnosis import picture_torques, show_diagnosis
 from gimbal_pin.report.sections.excitation import show_excitation, show_expectation, show_rehearsal
 from gimbal_pin.report.sections.fleet import describe_fleet, describe_monte_carlo
 from gimbal_pin.report.sections.model import show_cameras, show_model, show_parameters, show_torque
 from gimbal_pin.report.view.gaze import outlook
-from gimbal_pin.report.view.scene import onboard
+from gimbal_pin.report.view.motion import motion
+from gimbal_pin.report.view.scene import onboard, render_scene, scene
 from gimbal_pin.rig.brief import Record
 from gimbal_pin.rig.rig import Rig
 
@@ -70,7 +74,9 @@ def describe_identified(found: Identified) -> Document:
 @describe_record.register
 def describe_diagnosis(found: Diagnosis) -> Document:
     """Return what the simulation gets wrong."""
-    return build_document(found.after.rig, [show_diagnosis(found)], found.data, found.given.weighed)
+    is_played = found.held is not None and bool(found.data)
+    played = [play_residual(found, found.data[0].ordered(found.before.rig))] if is_played else []
+    return build_document(found.after.rig, [show_diagnosis(found), *played], found.data, found.given.weighed)
 
 
 @describe_record.register
@@ -110,8 +116,14 @@ def describe_tracking(found: Tracking) -> Document:
 @describe_record.register
 def describe_verified(found: Verified) -> Document:
     """Return how still a camera is held, and the rig on its platform."""
-    lead = "The platform turns, the camera stands; in blue the same rig with its joints locked."
-    return build_document(found.rig, [show_camera(found), show_animation(partial(render_held, found), lead)])
+    lead, run = (
+        "The platform turns, the camera stands; in blue the same rig with its joints locked.",
+        get_shown_run(found),
+    )
+    log = Log(name_clock(found), run.joints, run.t, run.q, tau=run.tau)
+    drawn = picture_log(list_shown_joints(found.rig), log, "The whole run over time: angles and torques, simulated.")
+    played = show_animation(partial(render_held, found), lead, log.name, drawn)
+    return build_document(found.rig, [show_camera(found), played])
 
 
 @describe_record.register
@@ -162,10 +174,31 @@ def describe_inspected(found: Inspected) -> Document:
     return Document(found.name, "", [show_file(found)])
 
 
+def get_shown_run(held: Verified) -> Pointing:
+    """Return the first run under computed torque."""
+    (run,) = [row.runs[0] for row in held.rows if row.controller == OURS]
+    return run
+
+
+def play_residual(found: Diagnosis, log: Log, longest: float = 60.0) -> Section:
+    """Return a section that plays a log, `longest` s of it, links the redder the more torque the refitted model leaves.
+
+    Beside it stand torque and residual of the whole log.
+    """
+    rig, part = found.before.rig, log.part(log.t <= log.t[0] + longest)
+    scale = f"residual, red: {100 * FULL:.0f} % of the torque"
+
+    def render() -> str:
+        shown = replace(motion(rig, part, 30.0, 1.0, True, heat(found.before, part)), scale=scale)
+        return render_scene(rig, log.name, shown, scene(rig, shown))
+
+    lead = "The log. A link is the redder, the more torque the refitted model leaves at the joint that moves it."
+    return replace(show_animation(render, lead, log.name, picture_torques(found, log)), is_detail=True)
+
+
 def render_held(held: Verified) -> str:
     """Return the page that shows the rig, held by computed torque, on the platform."""
-    (run,) = [row.runs[0] for row in held.rows if row.controller == OURS]
-    return onboard(held.rig, run, outlook(held, WANTED), WANTED)
+    return onboard(held.rig, get_shown_run(held), outlook(held, WANTED), WANTED)
 
 
 @dataclass(frozen=True)
@@ -174,9 +207,11 @@ class PlayedPage:
 
     Attributes:
         render: Makes it.
+        clock: Name of the run that it plays, see `charts.Charts`.
     """
 
     render: Callable[[], str]
+    clock: str
 
     def __html__(self) -> str:
         """Return it as an element of a page."""
@@ -185,13 +220,16 @@ class PlayedPage:
         )
         how = paragraph("Drag to turn, scroll to zoom; the bar plays, pauses and seeks.")
         whole = Markup('<div class="animation">{}<div class="below">{}{}</div></div>')
-        return whole.format(embed(self.render(), "Animation", "scene"), how, button)
+        return whole.format(embed(self.render(), "Animation", "scene", self.clock), how, button)
 
     def __str__(self) -> str:
         """Return no lines."""
         return ""
 
 
-def show_animation(render: Callable[[], str], lead: str) -> Section:
-    """Return a section that plays a recording in a frame of its own."""
-    return Section("Animation", [PlayedPage(render)], lead)
+def show_animation(render: Callable[[], str], lead: str, clock: str, drawn: plots.Drawing) -> Section:
+    """Return a section that plays a recording in a frame of its own.
+
+    `render` makes its page; `clock`: name of the run, whose curves `drawn` has.
+    """
+    return Section("Animation", [PlayedPage(render, clock), drawn], lead)

@@ -44,10 +44,12 @@ from gimbal_pin.regression import Estimator, Filtering, fit_weighted
 from gimbal_pin.report import view
 from gimbal_pin.report.elements import Document, Section, paragraph
 from gimbal_pin.report.evaluation import evaluate
-from gimbal_pin.report.format import controller_name, listed, to_sentence
+from gimbal_pin.report.format import controller_name, list_shown_joints, listed, to_sentence
+from gimbal_pin.report.origin import Origin
 from gimbal_pin.report.pages import build_document, describe_record, render_held, show_animation
 from gimbal_pin.report.sections.camera import show_camera
 from gimbal_pin.report.sections.control import show_controller, show_judgement, show_tracking
+from gimbal_pin.report.sections.data import picture_log
 from gimbal_pin.report.sections.diagnosis import WRONG, show_diagnosis
 from gimbal_pin.report.sections.model import show_parameters, show_torque
 from gimbal_pin.report.summary import Summary, summary
@@ -161,9 +163,12 @@ def describe_auto(found: Auto) -> Document:
         sections.append(show_diagnosis(wrong))
     if found.undiagnosed:
         sections.append(Section(WRONG, [paragraph(f"These logs could not be diagnosed. {found.undiagnosed}.")]))
-    law = controller_name(found.tuning.wish.kind)
+    lead = f"All axes to and fro under {controller_name(found.tuning.wish.kind)}; the ghost is the reference."
+    drawn = picture_log(
+        list_shown_joints(found.model.rig), found.animated, "The same over time: angles, errors and torques, simulated."
+    )
     sections += [
-        show_animation(lambda: found.recording, f"All axes to and fro under {law}; the ghost is the reference."),
+        show_animation(lambda: found.recording, lead, found.animated.name, drawn),
         show_parameters(identified, found.payload if wrong is None else None, evaluated),
         show_torque(identified, evaluated),
         show_controller(found.tuning),
@@ -200,6 +205,7 @@ def auto(
     mass: float | None = None,
     plants: int = 50,
     known: Model | None = None,
+    origin: Origin | None = None,
 ) -> Auto:
     """Identify, diagnose, tune, verify, and write models, URDF, controller, report and animation into `folder`.
 
@@ -221,6 +227,7 @@ def auto(
         mass: Of the payload, kg, where it was weighed.
         plants: On how many perturbed plants the controller is judged.
         known: A model of this gimbal with another camera: only the new camera is estimated, see `identify_new`.
+        origin: What the report's head says of the call.
 
     Raises:
         GimbalPinError: Whatever keeps one of the steps from answering; nothing is written then.
@@ -258,7 +265,7 @@ def auto(
         head = replace(head, doubts=(*(to_sentence(said) for said in identified.faults), *head.doubts))
     steps = identified, wrong, model, first, tracking, judged, animated
     found = Auto(*steps, {}, stood, head, payload, held, why, undiagnosed, beside=beside, camera=camera, seed=seed)
-    return write_results(rig, logs, found, Path(folder), run or {})
+    return write_results(rig, found, Path(folder), run or {}, origin)
 
 
 def finds_more(wrong: Diagnosis, known: Model | None) -> bool:
@@ -287,21 +294,26 @@ def hold_camera(
         return None, str(error)
 
 
-def write_results(rig: Rig, logs: Sequence[Log], found: Auto, folder: Path, run: Mapping[str, object]) -> Auto:
-    """Write every file into a folder; return the results with where they lie, and the notes of `write_run`."""
+def write_results(rig: Rig, found: Auto, folder: Path, run: Mapping[str, object], origin: Origin | None) -> Auto:
+    """Write every file into a folder; return the results with where they lie, and the notes of `write_run`.
+
+    `origin`: what the report's head says of the call.
+    """
     identified, wrong = found.identified, found.diagnosis
     names = {"urdf": f"{rig.name}.urdf", **FILES}
     diagnosed = {} if wrong is None or wrong.held is None else list_writers(wrong)
     absent = {"extended model", "next experiment", "camera"} - diagnosed.keys()
     absent -= {"camera"} if found.held is not None else set()
     found = replace(found, files={what: folder / name for what, name in names.items() if what not in absent})
+    if origin is not None:
+        origin = replace(origin, files={what: path.name for what, path in found.files.items() if what != "report"})
     writers: dict[str, Callable[[Path], object]] = {
         "model": partial(write_model, identified),
         "urdf": partial(atomic_write, content=(found.beside or identified).to_urdf()),
         "controller": partial(write_controller, found.tuning, folder=folder),
         "motion": partial(write_log, found.animated),
         "animation": partial(atomic_write, content=found.recording),
-        "report": partial(atomic_write, content=describe_auto(found).to_html()),
+        "report": partial(atomic_write, content=replace(describe_auto(found), origin=origin).to_html()),
         "results": partial(write_json, found.to_dict()),
     }
     if found.held is not None:
@@ -325,13 +337,15 @@ def demo(
     seconds: float = 22.0,
     run: Mapping[str, object] | None = None,
     plants: int = 50,
+    origin: Origin | None = None,
 ) -> Auto:
     """Simulate a log of a rig that differs from its URDF, and run `auto` on it.
 
     The plant's bodies differ by some ten per cent and its friction by up to a third, and the first joint's motor cogs:
-    what `auto` is given is the URDF and the log alone. The steps are verified on the true plant. `run`: as for `auto`.
+    what `auto` is given is the URDF and the log alone. The steps are verified on the true plant.
+    `run`, `origin`: as for `auto`.
     """
     plant = plant_with(perturbed(rig, 0.1, rng), [hidden(rig)]).plant
     mover = tune(nominal(rig), bandwidth_hz=4.0).controller
     log = bench_run(plant, mover, rng=rng, seconds=seconds, name=f"simulated {rig.name}")
-    return auto(rig, [log], folder, rng=rng, plant=plant, run=run, plants=plants)
+    return auto(rig, [log], folder, rng=rng, plant=plant, run=run, plants=plants, origin=origin)

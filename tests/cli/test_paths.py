@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import platform
+import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from inspect import get_annotations, signature
 from pathlib import Path
 from typing import Any, get_args
 
 import pytest
 
-from gimbal_pin.cli import VERBS
-from gimbal_pin.cli.paths import Writes, label, list_options
+from gimbal_pin.cli import VERBS, parse_arguments, paths
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.io import files
 from gimbal_pin.rig import bundled
@@ -115,15 +115,15 @@ def every_option(of: Any) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_option_has_a_name_of_its_own(verb: str) -> None:
     given = dict.fromkeys(signature(VERBS[verb]).parameters, "value")
-    assert len({label for label, *_ in list_options(VERBS[verb], given)}) == len(given)
+    assert len({label for label, *_ in paths.list_options(VERBS[verb], given)}) == len(given)
 
 
 OUTPUTS = [
-    (verb, label(name, marks), mark)
+    (verb, paths.label(name, marks), mark)
     for verb in VERBS
     for name, _, marks in every_option(VERBS[verb])
     for mark in marks
-    if isinstance(mark, Writes) and mark.run is None
+    if isinstance(mark, paths.Writes) and mark.run is None
 ]
 """Verb, name on its command line and mark of every file that it may write."""
 
@@ -131,13 +131,13 @@ OUTPUTS = [
 @pytest.mark.parametrize(("verb", "option", "mark"), OUTPUTS, ids=[f"{verb} {option}" for verb, option, _ in OUTPUTS])
 @pytest.mark.parametrize("suffix", [".docx", ""])
 def test_an_unknown_suffix_is_refused_before_the_work(
-    run: Run, folder: Path, verb: str, option: str, mark: Writes, suffix: str
+    run: Run, folder: Path, verb: str, option: str, mark: paths.Writes, suffix: str
 ) -> None:
     """Before anything is read: the logs, models and controllers of these calls are a rig's name."""
     words = []
     for name, kind, marks in every_option(VERBS[verb]):
         given = signature(VERBS[verb]).parameters.get(name)
-        called = label(name, marks)
+        called = paths.label(name, marks)
         if given is not None and given.default is given.empty and called != option:
             words += [called, "new.csv"] if called.startswith("-") or kind is Path else ["turret"]
     known = ", ".join(mark.list_suffixes())
@@ -272,3 +272,31 @@ def test_what_a_rig_includes_is_read_as_well(run: Run, folder: Path) -> None:
     pytest.importorskip("mujoco")
     refused(run("check", "mj.xml", "--json", "arm.urdf"), 2, "would write over", "which RIG reads")
     assert content(folder) == before
+
+
+CALLS = (
+    "auto turret log.csv -o out --plants 5 --verbose --map tau_pan=i*0.1 --map tau_tilt=j",
+    "diagnose turret log.csv other.csv --cutoff 8.0 --seed 3",
+    "track turret controller.yaml --platform S --effect a --effect b --report page.html",
+    "demo -o out --rig handheld --seconds 10.0 --yes",
+)
+
+
+def parse(words: list[str]) -> tuple[Callable[..., None], dict[str, Any]]:
+    """Return the verb that words name, and its arguments."""
+    call: Any = parse_arguments(words)
+    return call.func, dict(signature(call.func).bind(*call.args, **call.keywords).arguments)
+
+
+@pytest.mark.parametrize("words", CALLS)
+def test_the_call_that_a_page_names_means_what_was_typed(words: str) -> None:
+    """Spelled and parsed again, the arguments are the same; what is as usual is not spelled."""
+    spelled = paths.spell_call(*parse(words.split()))
+    assert parse(shlex.split(spelled)[1:]) == parse(words.split())
+    assert len(spelled.split()) <= len(words.split()) + 1
+
+
+def test_a_page_names_what_was_read_without_where_it_lies(folder: Path) -> None:
+    call = parse(["diagnose", str(folder / "rig.urdf"), str(folder / "log.csv"), "-o", str(folder / "new")])
+    assert paths.spell_call(*call) == "gimbal-pin diagnose rig.urdf log.csv -o new"
+    assert {file.name for file in paths.list_read_files(*call)} >= {"rig.urdf", "log.csv"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,15 +12,17 @@ import numpy as np
 import pytest
 from markupsafe import Markup, escape
 
+from gimbal_pin import __version__
 from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis import LISTED, Diagnosis, Residual, Rival, describe_motion, diagnose, heat
 from gimbal_pin.effects import CAUSES, Backlash
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Log, write_log
-from gimbal_pin.report import list_shown_joints, show_diagnosis, tables, verdict
+from gimbal_pin.report import list_shown_joints, pages, show_diagnosis, tables, verdict
 from gimbal_pin.report.summary import missed, to_do
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
+from tests.browsing import unpacked
 from tests.command_line import Run
 from tests.control.test_compensation import with_causes
 
@@ -132,6 +135,22 @@ def test_the_page_holds_rivals_map_residual_and_gain(found: Diagnosis) -> None:
     assert "cogging feed-forward by angle" in page.text_content()
 
 
+def test_the_page_plays_the_log_beside_its_torque_by_both_models(rig: Rig, log: Log, found: Diagnosis) -> None:
+    """In one time: the scene's clock is that of the charts of torque, of the residual and of the log."""
+    page = pages.describe_diagnosis(found).to_html()
+    tree = lxml.html.fromstring(page)
+    assert len({one.get("data-clock") for one in tree.xpath("//iframe | //div[@class='charts']")}) == 1
+    torques, recorded = unpacked(page)
+    labels = re.findall(r'"label": "([^"]*)"', tree.xpath("//div[@class='charts']")[0].get("data-charts"))
+    assert len(torques) == 2 * rig.n and len(recorded) == 2
+    for j in range(rig.n):
+        (_, _, _, measured, model, extended), (*_, before, after) = torques[2 * j : 2 * j + 2]
+        scale = 1e3 if "mN" in labels[2 * j + 1] else 1.0
+        assert len(measured) > 400 and np.sqrt(np.nanmean(before**2)) >= np.sqrt(np.nanmean(after**2))
+        assert np.nanmax(np.abs(measured - extended)) == pytest.approx(np.nanmax(np.abs(after)) / scale, rel=1e-3)
+        assert np.nanmax(np.abs(measured - model)) == pytest.approx(np.nanmax(np.abs(before)) / scale, rel=1e-3)
+
+
 def test_rivals_are_the_nearest_of_each_other_name_in_order(found: Diagnosis) -> None:
     """Neither the cause itself at another joint, nor one name twice, nor one that is further off above a nearer one."""
     (finding,) = found.findings
@@ -228,6 +247,12 @@ def test_a_diagnosis_has_a_page_of_its_own(
     code, out, err = run("diagnose", "turret", tmp_path / "log.csv", "-o", tmp_path / "wrong")
     page = tmp_path / "wrong" / "report.html"
     assert code == 0 and f"report: {page}" in out, err
-    words = lxml.html.fromstring(page.read_text(encoding="utf-8")).text_content()
+    tree = lxml.html.fromstring(page.read_text(encoding="utf-8"))
+    (head,), words = tree.xpath("//header/details"), tree.text_content()
+    assert head.xpath("summary/code")[0].text == "gimbal-pin diagnose turret log.csv -o wrong"
+    assert hashlib.sha256((tmp_path / "log.csv").read_bytes()).hexdigest()[:12] in head.text_content()
+    assert f"gimbal_pin {__version__}" in head.text_content() and str(tmp_path) not in head.text_content()
+    links = [link.get("href") for link in head.iter("a")]
+    assert "extended.yaml" in links and all((page.parent / name).is_file() for name in links)
     assert all(one.sentence.partition(", ")[2][1:] in words for one in found.findings) and "Travel" in words
     assert (tmp_path / "wrong" / "diagnosis.json").exists()

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import base64
 import hashlib
-import json
 import re
-import zlib
 from collections.abc import Sequence
+from functools import partial
 from importlib.resources import files
+from pathlib import Path
 from typing import Any
 
-import lxml.html
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.report import Chart, Charts, Document, Section, Trace, plots
-from tests.browsing import Step, needs_browser, pause, visit, wide
+from gimbal_pin.log import Log
+from gimbal_pin.report import Chart, Charts, Document, Section, Trace, list_shown_joints, pages, picture_log, plots
+from gimbal_pin.report.view import record
+from gimbal_pin.rig import Rig
+from tests.browsing import Step, media, needs_browser, pause, unpacked, visit, wide
 
 JOINTS = ("pan", "tilt")
 
@@ -30,19 +31,6 @@ def chart(seed: int, count: int = 400, name: str = "pan", colour: str = "#1a75f2
     second[count // 3 : count // 3 + 5] = np.nan
     curves = [Trace("measured", first, plots.PLAIN, 4.0), Trace("model", second, colour)]
     return Chart(name, colour, "torque, N m", t, curves, {"angle, °": 50 * np.cos(t), "rate, °/s": 30 * np.sin(2 * t)})
-
-
-def unpacked(page: str) -> list[list[np.ndarray]]:
-    """Return the tables of every chart of every figure of a page, (columns, rows)."""
-    found = []
-    for home in lxml.html.fromstring(page).xpath("//div[@class='charts']"):
-        values = np.frombuffer(zlib.decompress(base64.b64decode(home.get("data-deflated"))), "<f4")
-        charts = json.loads(home.get("data-charts"))
-        shapes = [(1 + len(one["abscissae"]) + len(one["curves"]), one["rows"]) for one in charts]
-        ends = np.cumsum([columns * rows for columns, rows in shapes])
-        found.append([part.reshape(shape) for part, shape in zip(np.split(values, ends[:-1]), shapes)])
-        assert ends[-1] == len(values)
-    return found
 
 
 def test_the_library_is_the_one_that_was_recorded() -> None:
@@ -169,16 +157,6 @@ def switch(chart: int, curve: int) -> str:
     return f"document.querySelectorAll('.chart')[{chart}].querySelectorAll('button')[{curve}].click()"
 
 
-def media(kind: str, scheme: str = "light") -> Step:
-    """Show the page on a screen or on paper, light or dark."""
-
-    async def done(tab: Any) -> None:
-        features = [{"name": "prefers-color-scheme", "value": scheme}]
-        await tab.send_command("Emulation.setEmulatedMedia", {"media": kind, "features": features})
-
-    return done
-
-
 def number(text: str) -> float:
     """Return what a written number says, nan for a dash."""
     return float("nan") if text == "–" else float(text.replace("−", "-"))
@@ -198,6 +176,37 @@ def test_the_cursors_of_a_run_move_together_and_read_the_data(address: str, grid
         assert [number(text) for text in texts] == pytest.approx(
             [c.values[row] for c in one.curves], rel=1e-4, nan_ok=True
         )
+
+
+PLAYED = "[...document.querySelectorAll('iframe')].map(one => one.contentDocument.getElementById('clock').value)"
+"""What the clock of each scene says."""
+
+
+@needs_browser
+def test_a_click_moves_the_scene_and_the_scene_moves_the_cursors(tmp_path: Path) -> None:
+    """Two scenes of one run show one time, that of the charts."""
+    rig = Rig.load("turret")
+    t = 3.0 + 0.02 * np.arange(200)
+    log = Log(
+        "run", rig.joints, t, 0.3 * np.sin(t[:, None] + np.arange(rig.n)), tau=np.cos(t[:, None] * np.ones(rig.n))
+    )
+    drawn = picture_log(list_shown_joints(rig), log, "caption")
+    every = [
+        pages.show_animation(partial(record, rig, log), "lead", "run", part)
+        for part in (drawn, figure_of("other", [[chart(1)]]))
+    ]
+    path = tmp_path / "page.html"
+    path.write_text(Document("page", "", every).to_html(), encoding="utf-8")
+    slide = """(() => { const bar = document.querySelectorAll('iframe')[1].contentDocument.getElementById('time');
+      bar.value = 1.23; bar.dispatchEvent(new Event('input')); })()"""
+    away = mouse("Moved", 2, 0.5)
+    steps = (pause(1.0), *click(0, 0.25), pause(0.5), TIMES, PLAYED, away, slide, pause(0.5), TIMES, PLAYED)
+    seen = visit(path.as_uri(), wide(1280), *steps)
+    clicked, played, _, after, again = seen.values
+    assert clicked[:2] == [pytest.approx(3.0 + 0.25 * 3.98, abs=0.03)] * 2
+    assert played == [f"{clicked[0]:.2f} / 6.98 s"] * 2
+    assert after[:2] == [pytest.approx(4.23, abs=0.011)] * 2 and after[2] != pytest.approx(4.23, abs=0.02)
+    assert again == ["4.23 / 6.98 s"] * 2 and seen.complaints == []
 
 
 @needs_browser

@@ -52,7 +52,7 @@ from gimbal_pin.report import (
 from gimbal_pin.report import format as numbers
 from gimbal_pin.report.view import record
 from gimbal_pin.rig import Rig, to_sliding
-from tests.browsing import OPEN, embedded, needs_browser, visit, wide
+from tests.browsing import OPEN, audit, embedded, media, needs_browser, pause, visit, wide
 from tests.rigs import spelled
 
 WRONG = "What the simulation gets wrong"
@@ -706,12 +706,23 @@ SCENE = """(() => { const scene = document.querySelector('iframe').contentWindow
 def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     path.write_text(page, encoding="utf-8")
-    looks = (EMPTY, OUTSIDE, WIDER, SCENE)
+    looks = (EMPTY, OUTSIDE, WIDER, SCENE, "document.querySelectorAll('.chart canvas').length")
     seen = visit(path.as_uri(), OPEN, wide(1380), *looks, wide(420), *looks)
     assert (seen.complaints, seen.requests) == ([], [path.as_uri()])
-    for empty, outside, wider, (drawn, clock) in (seen.values[1:5], seen.values[5:]):
-        assert (empty, outside, wider, drawn) == ([], [], 0, True)
+    charts = 2 * 2 + 2 * 3 + 2 + 3  # torque and residual, and three of the steps, of each joint; of both logs
+    for empty, outside, wider, (drawn, clock), canvases in (seen.values[1:6], seen.values[6:]):
+        assert (empty, outside, wider, drawn, canvases) == ([], [], 0, True, charts)
         assert re.fullmatch(r"\d\.\d\d / 0\.70 s", clock)
+
+
+@needs_browser
+def test_axe_has_nothing_against_the_report_light_or_dark(page: str, animation: str, tmp_path: Path) -> None:
+    for text in (page, animation):
+        path, found = tmp_path / "page.html", list[Any]()
+        path.write_text(text, encoding="utf-8")
+        audits = [step for scheme in ("light", "dark") for step in (media("screen", scheme), pause(0.5), audit(found))]
+        visit(path.as_uri(), OPEN, wide(1280), *audits)
+        assert found == []
 
 
 @needs_browser

@@ -26,7 +26,8 @@ CURVE_POINTS = 400
 
 def show_camera(found: Verified) -> Section:
     """Return what the camera sees on a platform that moves, the error, torque and margins."""
-    seen = embed(gaze.render_gaze(gaze.outlook(found, WANTED), WANTED), "What the cameras see", "gaze")
+    shown = gaze.render_gaze(gaze.outlook(found, WANTED), WANTED)
+    seen = embed(shown, "What the cameras see", "gaze", name_clock(found))
     runs, weak = found.rows[0].runs, any(describe_limits(row.at_limit) for row in found.rows)
     times = "once" if len(runs) == 1 else f"{len(runs)} times, each with its own motion and noise"
     margins = ", torque limits and margins" if found.is_equal else " and torque limits"
@@ -51,6 +52,11 @@ def show_camera(found: Verified) -> Section:
         *([notice("What happened", bullets([*events[:EVENTS], *rest]))] if events else []),
     ]
     return Section("Camera", parts, "The platform moves; the camera should not.")
+
+
+def name_clock(found: Verified) -> str:
+    """Return the name of the first run's clock, by which pictures, scene and charts of it move."""
+    return f"platform {found.rows[0].runs[0].platform}"
 
 
 def headline(found: Verified) -> str:

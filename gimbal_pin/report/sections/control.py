@@ -16,6 +16,7 @@ from gimbal_pin.control.tuning import RIVAL, Tuning
 from gimbal_pin.export import Exported
 from gimbal_pin.log.limited import describe_limits
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.charts import Chart, Charts, Trace
 from gimbal_pin.report.elements import Section, Table, bullets, folded, list_warnings, notice, paragraph
 from gimbal_pin.report.format import controller_name, joint_colours, list_shown_joints, listed
 from gimbal_pin.report.loop_chart import draw_loop_chart
@@ -86,7 +87,8 @@ def show_tracking(result: Tracking) -> Section:
     names = listed(controller_name(one.controller) for one in drawn)
     alt = f"Step responses of {', '.join(rig.joints)}: angle, error and torque, for {names}"
     caption = "Reference (dashed) and angle, the error, which should stay near zero, and the torque of its limit."
-    picture = plots.Drawing(partial(draw_steps, rig, drawn), alt, caption)
+    charts = partial(chart_steps, rig, drawn)
+    picture = plots.Drawing(partial(draw_steps, rig, drawn), alt, caption, charts=charts)
     limited = [notice("At the torque limit, of the time", bullets(limits))] if limits else []
     lead = "Every controller meets the same steps and the same noise."
     return Section("Tracking", [paragraph(said), *limited, picture], lead)
@@ -121,6 +123,27 @@ def draw_steps(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
             plots.put_legend(middle, list(zip([*names[:-1], f"in colour: {names[-1]}"], shades)))
     figure.align_ylabels()
     return figure
+
+
+def chart_steps(rig: Rig, experiments: Sequence[Experiment]) -> Charts:
+    """Return the same as charts: a row each of angles, errors and torques."""
+    names, rows = [controller_name(one.controller) for one in experiments], list[list[Chart]]([[], [], []])
+    for j, joint in enumerate(list_shown_joints(rig)):
+        first, limit = experiments[0].log, float(rig.tau_max[j])
+        wanted = joint.scale * np.asarray(first.q_ref)[:, j]
+        angles = [joint.scale * one.q[:, j] for one in experiments]
+        torques = [np.asarray(one.log.tau)[:, j] * (100 / limit if isfinite(limit) else 1.0) for one in experiments]
+        shades = [*(RIVAL_COLOURS[k % len(RIVAL_COLOURS)] for k in range(len(names) - 1)), joint.colour]
+        shown = {
+            f"position, {joint.unit}": angles,
+            f"error, {joint.unit}": [wanted - angle for angle in angles],
+            "torque, % of limit" if isfinite(limit) else f"torque, {joint.force}": torques,
+        }
+        for row, (label, several) in zip(rows, shown.items()):
+            curves = [Trace(*one) for one in zip(names, several, shades)]
+            curves += [Trace("reference", wanted, plots.INK, is_dashed=True)] if several is angles else []
+            row.append(Chart(joint.name, joint.colour, label, first.t, curves, {}))
+    return Charts("steps", rows)
 
 
 def show_export(found: Exported, folder: Path) -> Section:

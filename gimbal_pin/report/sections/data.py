@@ -18,6 +18,7 @@ from gimbal_pin.identification.payloads import get_stated_payload
 from gimbal_pin.log.io.inspection import Inspected, summarize_stream
 from gimbal_pin.log.log import Log
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.charts import Chart, Charts, Trace
 from gimbal_pin.report.elements import Content, Element, Section, Table, bullets, folded, heading, paragraph
 from gimbal_pin.report.format import (
     DASH,
@@ -160,12 +161,32 @@ def show_logs(rig: Rig | None, logs: Sequence[Log]) -> Section:
     cover = ["Joint", "Travel", "Largest rate", f"Torque rms, {force}", f"Largest torque, {force}", "of the limit"]
     parts: list[object] = [Table(head, rows, texts=2, caption="Logs"), Table(cover, each, caption="Covered")]
     for log in logs[:DRAWN]:
-        alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
         caption = f"{file_name(log.name)}: what was recorded; all joints should move, far and at many rates."
-        drawn = plots.Drawing(partial(draw_overview, joints, log), alt, caption, joint_colours(names))
-        parts.append(folded(f"Over time: {file_name(log.name)}", drawn))
+        parts.append(folded(f"Over time: {file_name(log.name)}", picture_log(joints, log, caption)))
     events = [f"{file_name(log.name)}: {event}" for log in logs for event in log.events]
     return Section("Data", [*parts, *([bullets(events)] if events else [])], "What the model was learnt from.", True)
+
+
+def picture_log(joints: Sequence[ShownJoint], log: Log, caption: str) -> plots.Drawing:
+    """Return angles and torques over time."""
+    alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
+    draw, charts = partial(draw_overview, joints, log), partial(chart_log, joints, log)
+    return plots.Drawing(draw, alt, caption, [joint.colour for joint in joints], charts)
+
+
+def chart_log(joints: Sequence[ShownJoint], log: Log) -> Charts:
+    """Return angles, how far they are off a reference where there is one, and torques, all joints in one chart each."""
+    scale = np.array([joint.scale for joint in joints])
+    shown = {f"position, {units(joints)}": scale * log.q}
+    if log.q_ref is not None:
+        shown[f"error, {units(joints)}"] = scale * (log.q_ref - log.q)
+    if log.tau is not None:
+        shown[f"torque, {forces(joints)}"] = log.tau
+    charts = [
+        Chart("", plots.INK, label, log.t, [Trace(one.name, y, one.colour) for one, y in zip(joints, values.T)], {})
+        for label, values in shown.items()
+    ]
+    return Charts(log.name, [charts])
 
 
 def draw_overview(looks: Sequence[ShownJoint], log: Log) -> plots.Figure:

@@ -3,24 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from dataclasses import replace
+from functools import cache, partial
 from math import isfinite
 
 import numpy as np
 
 from gimbal_pin.diagnosis import Diagnosis, Finding
+from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
 from gimbal_pin.diagnosis.counterfactual import COMPENSATION
 from gimbal_pin.diagnosis.evidence import Evidence
-from gimbal_pin.diagnosis.gain import compute_filtered_error, describe_motion, describe_worse_errors
+from gimbal_pin.diagnosis.gain import (
+    TorqueTrace,
+    compute_filtered_error,
+    describe_motion,
+    describe_worse_errors,
+    trace_torques,
+)
 from gimbal_pin.diagnosis.probability import LISTED
 from gimbal_pin.diagnosis.result import Likeness
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import digits
-from gimbal_pin.log.log import Array
+from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Flags
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.charts import Chart, Charts, Trace, list_abscissae
 from gimbal_pin.report.elements import Content, Element, Section, bullets, folded, heading, paragraph, toned
-from gimbal_pin.report.format import ShownJoint, list_altered, list_shown_joints, listed, to_sentence, torque_unit
+from gimbal_pin.report.format import (
+    ShownJoint,
+    file_name,
+    list_altered,
+    list_shown_joints,
+    listed,
+    to_sentence,
+    torque_unit,
+)
 from gimbal_pin.report.sections.model import show_payload
 
 WRONG = "What the simulation gets wrong"
@@ -70,7 +87,8 @@ def show_diagnosis(found: Diagnosis) -> Section:
         parts += [paragraph(f"{tables.ALONE}.", "side")] if len(found.findings) > 1 else []
         parts += [paragraph(to_sentence(found.hidden), "side")] if found.hidden else []
         parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
-        parts.append(picture_residuals(found, joints, found.held))
+        left = picture_residuals(found, joints, found.held)
+        parts.append(folded("What is left over angle, rate, time and frequency", left))
     if found.held is not None and (found.findings or found.is_extended):
         parts += [heading("What knowing it gains"), tables.gain(found, joints), paragraph(GAINS, "side")]
         if found.tracking:
@@ -189,6 +207,40 @@ def picture_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Ev
     if any(found.residual[joint.name].curve is not None for joint in shown):
         caption += " Black: what no cause explains and the extended model carries, within two standard deviations."
     return plots.Drawing(partial(draw_residuals, found, joints, order, held), alt, caption)
+
+
+def picture_torques(found: Diagnosis, log: Log) -> plots.Drawing:
+    """Return a log's torque, measured and by both models, and what they leave, low-passed as the held-out part is."""
+    band = DIAGNOSIS_BAND.cutoff if found.held is None else found.held.band
+
+    @cache
+    def make() -> Charts:
+        filtering = replace(DIAGNOSIS_BAND, cutoff=band, alignment=found.alignment)
+        traces = [trace_torques(model, log, filtering) for model in (found.before, found.after)]
+        return chart_torques_of_models(list_shown_joints(found.after.rig), *traces)
+
+    alt = f"Torque and residual of {', '.join(found.after.rig.joints)} over time in {file_name(log.name)}"
+    caption = (
+        f"Torque of {file_name(log.name)} up to {band:g} Hz: measured, by the refitted and by the extended model, and "
+        "what each leaves. Near standstill dry friction may have any direction: there the models guess."
+    )
+    return plots.Drawing(lambda: make().draw(), alt, caption, charts=make)
+
+
+def chart_torques_of_models(joints: Sequence[ShownJoint], before: TorqueTrace, after: TorqueTrace) -> Charts:
+    """Return a row per joint: torque, and beside it the residual; curves are broken at gaps of the log."""
+    rows, steps = list[list[Chart]](), np.diff(after.t, prepend=after.t[0])
+    whole = np.where(steps > 3 * np.median(steps), np.nan, 1.0)
+    for j, joint in enumerate(joints):
+        scale, unit = torque_unit(float(np.abs(before.residual[:, j]).max()), joint.force)
+        looks = (("model", before, plots.PLAIN), ("extended model", after, joint.colour))
+        torques = [Trace("measured", whole * after.measured[:, j], plots.INK)]
+        torques += [Trace(name, whole * one.model[:, j], colour) for name, one, colour in looks]
+        left = [Trace(name, whole * scale * one.residual[:, j], colour) for name, one, colour in looks]
+        over = list_abscissae(joint, after.q[:, j], after.v[:, j])
+        each = ((f"torque, {joint.force}", torques), (f"residual, {unit}", left))
+        rows.append([Chart(joint.name, joint.colour, label, after.t, curves, over) for label, curves in each])
+    return Charts(after.log, rows)
 
 
 def draw_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list[int], held: Evidence) -> plots.Figure:

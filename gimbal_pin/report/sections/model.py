@@ -18,7 +18,7 @@ from gimbal_pin.identification import Identified, PayloadStatement, Several
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array
 from gimbal_pin.report import plots, tables
-from gimbal_pin.report.charts import Chart, Charts, Trace
+from gimbal_pin.report.charts import Chart, Charts, Trace, list_abscissae
 from gimbal_pin.report.elements import (
     Element,
     Folded,
@@ -357,7 +357,7 @@ def chart_torques(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> Charts
     for j, joint in enumerate(joints):
         scale, unit = torque_unit(float(np.abs(part.error[:, j]).max()), joint.force)
         residual = np.where(part.share[:, j] < JUDGED_SHARE, np.nan, scale * part.error[:, j])
-        over = {f"angle, {joint.unit}": joint.scale * part.q[:, j], f"rate, {joint.unit}/s": joint.scale * part.v[:, j]}
+        over = list_abscissae(joint, part.q[:, j], part.v[:, j])
         measured = Trace("measured", part.measured[:, j], plots.PLAIN, width=4.0)
         torques = [measured, Trace("model", part.predicted[:, j], joint.colour)]
         each = ((f"torque, {joint.force}", torques), (f"residual, {unit}", [Trace("residual", residual, joint.colour)]))
