@@ -45,6 +45,14 @@ class Handle:
         return float(f"{10**position:.3g}") if self.is_log else round(position, 6)
 
 
+def weigh_payload(subject: Subject) -> float:
+    """Return what the payload weighs as stated, kg; zero where there is none."""
+    try:
+        return float(get_payload(subject.rig)[1].mass)
+    except UsageError:
+        return 0.0
+
+
 def build_handles(subject: Subject) -> dict[str, Handle]:
     """Return the handles of what can be moved: without a payload its place and mass cannot."""
     mm = Handle(-50, 50, 0.5, 1e3, "mm")
@@ -53,9 +61,7 @@ def build_handles(subject: Subject) -> dict[str, Handle]:
         "disk_margin": Handle(0.05, 1.5, 0.01),
         "delay_samples": Handle(0, 20, 1, unit="samples"),
     }
-    try:
-        mass = float(get_payload(subject.rig)[1].mass)
-    except UsageError:
+    if not (mass := weigh_payload(subject)):
         return loops
     heavy = Handle(0.1 * mass, 3 * mass, float(f"{mass / 100:.1g}"), unit="kg")
     return {**loops, "x": mm, "y": mm, "z": mm, "mass": heavy}
@@ -77,7 +83,7 @@ class Window:
         self.charts: dict[str, Any] = {}
         ui.add_css(files("gimbal_pin.studio").joinpath("page.css").read_text(encoding="utf-8"))
         ui.add_head_html('<meta name="referrer" content="no-referrer">')
-        with ui.element("main").classes("studio"):
+        with ui.element("div").classes("studio"):
             self.build_head()
             with ui.element("div").classes("controls"):
                 self.build_controls()
@@ -102,7 +108,10 @@ class Window:
 
     def build_cameras(self) -> None:
         """Build the button that swaps the camera, and the list that it opens."""
-        with ui.dialog() as self.cameras, ui.element("div").classes("cameras"):
+        with (
+            ui.dialog().props('aria-label="Mount another camera"') as self.cameras,
+            ui.element("div").classes("cameras"),
+        ):
             ui.html("Mount another camera", tag="strong", sanitize=False)
             self.camera_list = ui.element("div").classes("cameras-list")
             path = ui.input("or the path of its URDF").props("dense outlined")
@@ -305,6 +314,8 @@ class Window:
             self.subject, tuning, residual = found
             self.tuning = tuning
             self.draw_loops(state, tuning, residual)
+            if self.wanted != state:  # the slider has gone on: the loops follow it, the camera waits
+                return
             pointing = await run.io_bound(simulate_pointing, self.subject, state, tuning)
             if pointing is not None:
                 self.put("pointing", options.build_pointing_options(pointing))
@@ -377,7 +388,7 @@ class Window:
         """Return what a number says of the wanted state: its choice, or what stands for it."""
         chosen = getattr(self.wanted, name)
         if chosen is None and name == "mass":
-            chosen = float(get_payload(self.subject.rig)[1].mass)
+            chosen = weigh_payload(self.subject)
         if chosen is None and self.tuning is not None:
             wish = self.tuning.wish
             used = {

@@ -24,8 +24,11 @@ def keep_controller(tuning: Tuning, folder: Path) -> Writer:
     return partial(write_controller, tuning, folder=folder)
 
 
-def keep_report(tuning: Tuning, plants: int = 50) -> Writer:
-    """Return what writes the report of a controller: gains, margins, loops, and its judgement, which takes seconds."""
+def keep_report(tuning: Tuning, plants: int = 20) -> Writer:
+    """Return what writes the report of a controller: gains, margins, loops, and its judgement beside a PID.
+
+    `plants`: perturbed plants that it is judged on, a fifth of a second each; `tune` takes 50.
+    """
     model = tuning.model
     judged = judge_controllers(model, pair_rivals(tuning.stored), rng=0, plants=plants, delay=tuning.wish.delay)
     return join_documents([describe_record(tuning), describe_record(judged)]).write

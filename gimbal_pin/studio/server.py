@@ -77,6 +77,7 @@ def serve_desk(desk: Desk, announce: Callable[[str], object]) -> None:
         root=lambda: Window(desk),
         title=f"{desk.source.rig.name} – gimbal-pin studio",
         mount_path=f"/{token}",
+        language="en-US",
         dark=None,
         tailwind=False,
         reconnect_timeout=30.0,

@@ -98,6 +98,9 @@ SETTLED = f"{JITTER} && {SAID} === ''"
 JUDGED = "document.querySelector('.row .side').textContent"
 
 
+FITS = "document.documentElement.scrollWidth <= innerWidth"
+
+
 def act(name: str) -> Step:
     """Press a button, once it can be."""
     button = f"document.querySelector('[data-act={name}]')"
@@ -127,8 +130,8 @@ def test_a_person_tunes_swaps_goes_back_and_saves(folder: Path, run: Run) -> Non
             act("undo"), until(f"{TITLE} === 'turret with infrared' && {SAID} === ''"),
             press("document.querySelector('canvas')", 0.3, 0.6), until(f"!{JUDGED}.startsWith('13.3 to')"),
             JUDGED, until(SETTLED),
-            "document.documentElement.scrollWidth <= innerWidth",
-            act("save-report"), until(f"{SAID}.startsWith('saved')", 120),
+            FITS,
+            act("save-report"), until(f"{SAID}.startsWith('saved')", 300),
         )  # fmt: skip
     first, title, canvases, judged, moved, number, marked, fits = seen.values
     assert (first, title, canvases, fits) == ("8.00 Hz", "turret with infrared", 5, True)
@@ -140,6 +143,14 @@ def test_a_person_tunes_swaps_goes_back_and_saves(folder: Path, run: Run) -> Non
     assert run("tune", "turret", folder / "log.csv", "-o", own, "--plants", "1")[0] == 0
     assert (folder / "out" / "controller.yaml").read_bytes() == own.read_bytes()
     assert "<h2" in (folder / "out" / "report.html").read_text() and (folder / "out" / "run.json").is_file()
+
+
+@needs_browser
+def test_a_rig_without_a_payload_has_no_sliders_for_one(folder: Path) -> None:
+    number = "document.querySelector('[data-number=mass]')"
+    with served("turret", "--payload", "none", folder=folder) as (_, url):
+        seen = visit(url, wide(800), until(SETTLED), f"{number} === null", BANDWIDTH, FITS)
+    assert seen.values == [True, "8.00 Hz", True] and seen.complaints == []
 
 
 def answer(url: str, path: str, **headers: str) -> int:
