@@ -92,11 +92,11 @@ def animate(
         drawn = frames * max(pixels, 1.0) if suffix in ENCODERS else 0
         check_cost(yes, frame_of_a_joint=frames * loaded.n, rendered_frame=drawn)
         for read, path in zip(every, list_films(output, {"logs": logs}), strict=True):
-            told = view.animate(
+            shown = view.animate(
                 loaded, read, path, speed=speed, fps=fps, ghost=ghost, at=at, size=size, camera=camera, written=written,
                 beside=other, colour=None if model is None else heat(model, read), scale=scale,
             )  # fmt: skip
-            tell(told)
+            tell(shown.events)
             say(f"{read.t[-1] - read.t[0]:.1f} s → {path}")
     if live:
         play(loaded, every[0])

@@ -13,7 +13,7 @@ from gimbal_pin.dynamics.model import Model
 from gimbal_pin.dynamics.reduction import Reduction
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.effects import ALWAYS
-from gimbal_pin.errors import digits, finite_or_none, format_estimate
+from gimbal_pin.errors import UsageError, digits, finite_or_none, format_estimate
 from gimbal_pin.identification.agreement import Agreement
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, estimate_bodies
@@ -23,6 +23,7 @@ from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camer
 from gimbal_pin.regression.consistency import Consistent
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.inertia import to_urdf
+from gimbal_pin.rig.types import Rng, make_generator
 from gimbal_pin.rig.urdf import replace_friction
 
 NEGATIVE_FROM = 3.0
@@ -239,6 +240,20 @@ class Identified(Record):
             return {}
         pairs = zip(self.model.rig.joints, known.lags, known.lag_std)
         return {joint: (known.dt / 2 + lag, std) for joint, lag, std in pairs}
+
+    def to_arviz(self, draws: int = 1000, rng: Rng = None) -> Any:
+        """Return ``N(theta, covariance)`` as a posterior for ArviZ, in so many draws of every parameter.
+
+        It takes the extra ``gimbal-pin[arviz]``; `rng` may be a seed; None: a fresh one.
+        """
+        try:
+            import arviz
+        except ImportError as error:
+            raise UsageError("arviz", "is not installed", "pip install 'gimbal-pin[arviz]'") from error
+        generator, _ = make_generator(rng)
+        theta, covariance = self.estimate.theta, self.estimate.covariance
+        drawn = generator.multivariate_normal(theta, covariance, (1, draws), method="eigh")
+        return arviz.from_dict(posterior=dict(zip(self.names, np.moveaxis(drawn, -1, 0))))
 
     def to_urdf(self) -> str:
         """Return the rig's URDF with the nearest physical inertias and the identified friction; other tags are kept."""

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import base64
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from textwrap import wrap
@@ -181,12 +181,14 @@ class Document:
     """Sections under a title, one list for terminal, page and notebook; those without parts are left out.
 
     `origin`: where it comes from, which a page alone says.
+    `scene`: returns its animation, a `view.Animation`, and writes it where a path is given; None: nothing moves.
     """
 
     title: str
     subtitle: str
     sections: Sequence[Section]
     origin: Origin | None = None
+    scene: Callable[[str | Path | None], object] | None = None
 
     def to_text(self, detailed: bool = False) -> str:
         """Return what a terminal shows; `detailed`: with what is a detail."""
@@ -212,6 +214,12 @@ class Document:
         """Write the page, whole or not at all."""
         atomic_write(path, self.to_html())
 
+    def animate(self, path: str | Path | None) -> object:
+        """Return its animation, and write it where a path is given; `UsageError` where nothing moves."""
+        if self.scene is None:
+            raise UsageError("animate", f"has nothing that moves of {self.title}", "give animate() a rig and a log")
+        return self.scene(path)
+
     def draw(self) -> Figure:
         """Return the first of its drawings as a figure of Matplotlib; `UsageError` where there is none."""
         for part in unfold(part for one in self.sections for part in one.parts):
@@ -225,7 +233,7 @@ def join_documents(several: Sequence[Document]) -> Document:
     """Return documents as one under the first one's title: sections of a title once, details last."""
     every = {section.title: section for one in several for section in one.sections}
     sections = sorted(every.values(), key=lambda one: one.is_detail)
-    return Document(several[0].title, several[0].subtitle, sections)
+    return replace(several[0], sections=sections)
 
 
 @dataclass(frozen=True)

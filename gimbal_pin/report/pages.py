@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, singledispatch
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
@@ -36,6 +37,7 @@ from gimbal_pin.report.sections.diagnosis import picture_torques, show_diagnosis
 from gimbal_pin.report.sections.excitation import show_excitation, show_expectation, show_rehearsal
 from gimbal_pin.report.sections.fleet import describe_fleet, describe_monte_carlo
 from gimbal_pin.report.sections.model import show_cameras, show_model, show_parameters, show_torque
+from gimbal_pin.report.view import Animation, animate
 from gimbal_pin.report.view.gaze import outlook
 from gimbal_pin.report.view.motion import motion
 from gimbal_pin.report.view.scene import onboard, render_scene, scene
@@ -56,11 +58,19 @@ describe_record: _SingleDispatchCallable[Document] = singledispatch(refuse_recor
 
 
 def build_document(
-    rig: Rig, sections: Sequence[Section], logs: Sequence[Log] = (), weighed: float | None = None
+    rig: Rig,
+    sections: Sequence[Section],
+    logs: Sequence[Log] = (),
+    weighed: float | None = None,
+    scene: Callable[[str | Path | None], object] | None = None,
 ) -> Document:
-    """Return sections under a rig's name, and behind them as details the logs and the rig that they are of."""
+    """Return sections under a rig's name, and behind them as details the logs and the rig that they are of.
+
+    What moves is the `scene`, or the first of the logs.
+    """
+    moved = partial(animate, rig.stated, logs[0]) if logs and scene is None else scene
     inputs = [show_logs(rig, logs)] if logs else []
-    return Document(rig.title, rig.config.description, [*sections, *inputs, show_rig(rig.stated, weighed)])
+    return Document(rig.title, rig.config.description, [*sections, *inputs, show_rig(rig.stated, weighed)], scene=moved)
 
 
 @describe_record.register
@@ -110,26 +120,27 @@ def describe_judgement(found: Judgement) -> Document:
 @describe_record.register
 def describe_tracking(found: Tracking) -> Document:
     """Return the steps of controllers."""
-    return build_document(found.rig, [show_tracking(found)])
+    return build_document(
+        found.rig, [show_tracking(found)], scene=partial(animate, found.rig, found.experiments[0].log)
+    )
 
 
 @describe_record.register
 def describe_verified(found: Verified) -> Document:
     """Return how still a camera is held, and the rig on its platform."""
-    lead, run = (
-        "The platform turns, the camera stands; in blue the same rig with its joints locked.",
-        get_shown_run(found),
-    )
+    lead = "The platform turns, the camera stands; in blue the same rig with its joints locked."
+    run = get_shown_run(found)
     log = Log(name_clock(found), run.joints, run.t, run.q, tau=run.tau)
     drawn = picture_log(list_shown_joints(found.rig), log, "The whole run over time: angles and torques, simulated.")
     played = show_animation(partial(render_held, found), lead, log.name, drawn)
-    return build_document(found.rig, [show_camera(found), played])
+    return build_document(found.rig, [show_camera(found), played], scene=partial(animate_held, found))
 
 
 @describe_record.register
 def describe_excitation(found: Excitation) -> Document:
     """Return a motion and what it uses of the limits."""
-    return build_document(found.rig, [show_excitation(found)])
+    moved = Log("motion", found.joints, found.motion.t, found.motion.q, found.motion.v)
+    return build_document(found.rig, [show_excitation(found)], scene=partial(animate, found.rig, moved))
 
 
 @describe_record.register
@@ -199,6 +210,14 @@ def play_residual(found: Diagnosis, log: Log, longest: float = 60.0) -> Section:
 def render_held(held: Verified) -> str:
     """Return the page that shows the rig, held by computed torque, on the platform."""
     return onboard(held.rig, get_shown_run(held), outlook(held, WANTED), WANTED)
+
+
+def animate_held(held: Verified, path: str | Path | None) -> Animation:
+    """Return the same as an animation, and write it where a path is given: as a page, it has no other format."""
+    shot = Animation(held.rig.title, render_held(held))
+    if path is not None:
+        shot.write(path)
+    return shot
 
 
 @dataclass(frozen=True)

@@ -178,7 +178,8 @@ def describe_auto(found: Auto) -> Document:
     if held is not None:
         note = f"The plant is {found.held_on}; the controllers know the model and no more."
         sections.append(show_camera(replace(held, note=note)))
-    return build_document(found.model.rig, sections, identified.data, found.payload.weighed)
+    moved = partial(view.animate, found.model.rig, found.animated)
+    return build_document(found.model.rig, sections, identified.data, found.payload.weighed, moved)
 
 
 def describe_outcome(found: Auto, verbose: bool = False) -> str:

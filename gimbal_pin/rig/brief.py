@@ -48,6 +48,10 @@ class Record:
         figure: Figure = self._describe().draw()
         return figure
 
+    def animate(self, path: str | Path | None = None) -> Any:
+        """Return its motion as a scene that a notebook shows, and write it as the path's suffix says, see `animate`."""
+        return self._describe().animate(path)
+
     def report(self, path: str | Path) -> None:
         """Write all that there is to say of it as one page of HTML, which needs nothing but a browser."""
         self._describe().write(path)

@@ -147,6 +147,29 @@ def test_a_record_draws_the_first_figure_of_its_page_or_says_that_there_is_none(
             record.plot()
 
 
+def test_a_scene_stands_in_a_frame_and_in_a_file(tmp_path: Path) -> None:
+    rig = bundled("turret")
+    shown = gimbal_pin.animate(rig, log_of(rig).part(slice(0, 500)))
+    (frame,) = lxml.html.fromstring(shown._repr_html_()).xpath("//iframe")
+    assert frame.get("srcdoc") == shown.page and "\n" not in repr(shown)
+    moving = {name for name, make in RECORDS.items() if describe_record(make(rig)).scene is not None}
+    assert moving >= {"Identified", "Diagnosis", "Tracking", "Excitation"}
+    assert RECORDS["Excitation"](rig).animate(tmp_path / "motion.html").page == (tmp_path / "motion.html").read_text()
+    with pytest.raises(GimbalPinError, match="animate: has nothing that moves"):
+        tuned(rig).animate()
+
+
+def test_draws_for_arviz_have_the_estimate_s_mean_and_covariance() -> None:
+    pytest.importorskip("arviz")
+    found = identified(bundled("turret"))
+    drawn = found.to_arviz(4000, rng=0).posterior
+    table = np.array([drawn[name].to_numpy().ravel() for name in found.names])
+    error = (table.mean(axis=1) - found.estimate.theta) / found.estimate.std
+    assert np.abs(error).max() < 5 / 4000**0.5
+    correlation = found.estimate.covariance / np.outer(found.estimate.std, found.estimate.std)
+    np.testing.assert_allclose(np.corrcoef(table), correlation, atol=0.08)
+
+
 @pytest.mark.parametrize("name", RECORDS)
 def test_names_that_are_elements_stay_text(name: str) -> None:
     shown = RECORDS[name](spelled(MARKED))._repr_html_()

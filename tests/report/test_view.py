@@ -374,7 +374,7 @@ def stl(corners: np.ndarray) -> bytes:
 def test_a_rig_that_draws_nothing_gets_a_stand_in_for_every_joint_and_says_so(tmp_path: Path) -> None:
     rig = bare(tmp_path)
     out = tmp_path / "out.html"
-    (event,) = view.animate(rig, sweep(rig), out)
+    (event,) = view.animate(rig, sweep(rig), out).events
     assert "stand-ins" in event
     page = out.read_text(encoding="utf-8")
     still = groups(page)
@@ -507,7 +507,7 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     log = sweep(rig)
     colour = np.tile((log.t - log.t[0])[:, None] / 2, rig.n)
     out = tmp_path / "out.html"
-    assert view.animate(rig, log, out, colour=colour) == ()
+    assert view.animate(rig, log, out, colour=colour).events == ()
     url = out.as_uri()
     tip = figure.list_scene_paths(rig, RIG)[3].strip("/").split("/")
     pose = f"(viewer.scene_tree.find({tip}).object.updateWorldMatrix(true, true),"

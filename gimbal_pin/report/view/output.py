@@ -5,10 +5,11 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io.files import atomic_write, open_replacement
@@ -17,6 +18,7 @@ from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view.browser import take_pictures
 from gimbal_pin.report.view.motion import Frames, frame_times, motion
 from gimbal_pin.report.view.scene import render_scene, scene
+from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 ENCODERS: Mapping[str, str] = {
@@ -32,10 +34,37 @@ FRAME_RATES: Mapping[str, float] = {".html": 30.0, ".gif": 20.0, ".webp": 25.0, 
 """Suffix → frames per second; a GIF counts hundredths of a second, so that 20 is exact and 30 is not."""
 
 
+@dataclass(frozen=True)
+class Animation:
+    """A recorded scene, which a notebook shows.
+
+    Attributes:
+        name: What moves.
+        page: The page that plays it, as `record` returns it.
+        events: A sentence for each thing that could not be drawn as the URDF says.
+    """
+
+    name: str
+    page: str
+    events: tuple[str, ...] = ()
+
+    __repr__ = brief
+
+    def _repr_html_(self) -> str:
+        """Return the page in a frame of its own, which reaches nothing outside of it."""
+        look = "width: 100%; aspect-ratio: 16 / 9; border: 0; border-radius: 10px"
+        frame = '<iframe title="{}" srcdoc="{}" style="{}" sandbox="allow-scripts" allow="fullscreen"></iframe>'
+        return str(Markup(frame).format(self.name, self.page, look))
+
+    def write(self, path: str | Path) -> None:
+        """Write the page."""
+        atomic_write(path, self.page)
+
+
 def animate(
     rig: Rig,
     log: Log,
-    path: str | Path,
+    path: str | Path | None = None,
     *,
     fps: float | None = None,
     speed: float = 1.0,
@@ -47,8 +76,8 @@ def animate(
     written: bool = True,
     beside: Log | None = None,
     scale: str = "0 to 1",
-) -> tuple[str, ...]:
-    """Write what `record` shows, in the format of the path's suffix: .html, .png, .gif, .webp or .mp4.
+) -> Animation:
+    """Return what `record` shows, and write it in the format of the path's suffix: .html, .png, .gif, .webp or .mp4.
 
     All but .html need Chromium and the extra ``gimbal-pin[video]``; frames are rendered one by one at exact instants,
     whatever the machine's speed. The file is written whole or not at all.
@@ -56,7 +85,7 @@ def animate(
     Args:
         rig: What moves.
         log: How it moves.
-        path: Where to.
+        path: Where to; None: nowhere, a notebook shows what is returned.
         fps: Frames per second; None: 30, of a GIF 20, of a WebP 25.
         speed: As for `record`.
         ghost: As for `record`.
@@ -68,14 +97,11 @@ def animate(
         beside: A second log of the rig, played to the right of the first for as long as both last.
         scale: What the colours mean, for the legend.
 
-    Returns:
-        A sentence for each thing that could not be drawn as the URDF says.
-
     Raises:
         UsageError: An argument, the suffix or the path cannot be used, or Chromium is missing.
         LogError: The log is empty or lacks a joint of the rig.
     """
-    suffix = Path(path).suffix.lower()
+    suffix = ".html" if path is None else Path(path).suffix.lower()
     if suffix not in FRAME_RATES:
         raise UsageError(str(path), f"has the suffix '{suffix}'", f"use one of {', '.join(FRAME_RATES)}")
     if len(log) == 1 and suffix != ".png":
@@ -95,8 +121,11 @@ def animate(
         name = f"left {name}, right {Path(beside.name).name}"
     drawn = scene(rig, shown, camera=camera, beside=other)
     recorded = render_scene(rig, name, shown, drawn, written=written, beside=other)
+    shot = Animation(name, recorded, drawn.events)
+    if path is None:
+        return shot
     if suffix == ".html":
-        atomic_write(path, recorded)
+        shot.write(path)
     elif suffix == ".png":
         away = (log.q - (log.q.mean(axis=0) if log.q_ref is None else log.q_ref))[:, log.columns(rig)]
         farthest = log.t[int(np.argmax(np.sum(np.nan_to_num(away) ** 2, axis=1)))]
@@ -106,7 +135,7 @@ def animate(
         atomic_write(path, found[0])
     else:
         film(recorded, shown, rate, size, Path(path))
-    return drawn.events
+    return shot
 
 
 def film(recorded: str, shown: Frames, fps: float, size: tuple[int, int], path: Path) -> None:
