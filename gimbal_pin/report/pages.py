@@ -27,7 +27,7 @@ from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Pointing, Verified
 from gimbal_pin.report import plots
-from gimbal_pin.report.elements import Document, Section, embed, paragraph
+from gimbal_pin.report.elements import Document, Section, embed, paragraph, unfold
 from gimbal_pin.report.evaluation import evaluate
 from gimbal_pin.report.format import list_shown_joints
 from gimbal_pin.report.sections.camera import name_clock, show_camera
@@ -176,7 +176,8 @@ def describe_given_rig(rig: Rig) -> Document:
 @describe_record.register
 def describe_log(log: Log) -> Document:
     """Return what a log covers."""
-    return Document(log.name, "", [replace(show_logs(None, [log]), is_detail=False, lead="")])
+    shown = show_logs(None, [log])
+    return Document(log.name, "", [Section("Log", [*unfold(shown.parts)])])
 
 
 @describe_record.register

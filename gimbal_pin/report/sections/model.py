@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from functools import partial
 from itertools import product
 from math import degrees, isnan
@@ -82,10 +83,19 @@ def show_model(found: Model) -> Section:
     """Return what a model has beside its rig's bodies, and what of it does not hold elsewhere."""
     causes: list[tuple[Cause, tuple[float, ...]]] = [(term.effect, term.values) for term in found.terms]
     causes += [(cause, ()) for cause in (*found.drive, *found.changes)]
-    rows = [[cause.place, cause.name, str(cause), ", ".join(map(figures, values)) or DASH] for cause, values in causes]
+    rows = [
+        [cause.place, cause.name, ", ".join(describe_form(cause)) or DASH, ", ".join(map(figures, values)) or DASH]
+        for cause, values in causes
+    ]
     known = "as the URDF states it" if found.estimated is None else "as identified"
     parts = [*list_warnings([str(doubt) for doubt in found.doubts]), paragraph(f"The rig's bodies are {known}.")]
-    return Section("Model", [*parts, Table(["At", "Cause", "Form", "Values"], rows, texts=4, label="Causes")])
+    return Section("Model", [*parts, Table(["At", "Cause", "Form", "Coefficients"], rows, texts=4, label="Causes")])
+
+
+def describe_form(cause: Cause) -> list[str]:
+    """Return what else than its place a cause is made with: names and numbers."""
+    own = ((one.name, getattr(cause, one.name)) for one in fields(cause))
+    return [f"{name} {figures(value, 4)}" for name, value in own if isinstance(value, int | float)]
 
 
 def show_cameras(found: Several) -> Section:
