@@ -22,8 +22,8 @@ from lxml import etree
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from gimbal_pin.cli.inputs import read_controller
 from gimbal_pin.control import pair_rivals, plan_step
+from gimbal_pin.control.tuning import read_controller
 from gimbal_pin.dynamics import Controller, Model, Reference
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.identification import given_beta

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import describe_run, load_rig, read_base_motion, read_controller, read_payload
+from gimbal_pin.cli.inputs import describe_run, load_rig, read_base_motion, read_payload
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import present, tell
 from gimbal_pin.errors import ModelError, UsageError
@@ -69,6 +69,7 @@ def export(
         platform_log: how the platform moves: gyro_ and accel_ of the base link (default: half of profile S)
     """
     asked = describe_run("export", locals())
+    from gimbal_pin.control.tuning import read_controller
     from gimbal_pin.export import export_controller, tables
     from gimbal_pin.export.mjcf import convert_to_mjcf
     from gimbal_pin.export.ros2 import package

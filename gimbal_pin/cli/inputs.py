@@ -12,7 +12,6 @@ from gimbal_pin.cli.present import tell
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
-    from gimbal_pin.control.tuning import StoredController
     from gimbal_pin.dynamics.model import Model
     from gimbal_pin.log.log import Array, Imu, Log
     from gimbal_pin.log.platform import Platform
@@ -160,12 +159,3 @@ def read_payload(name: str | Path | None, *given: str | None) -> str | None:
         return payload if isinstance(payload, str) else None
     files = [Path(each) for each in given if each is not None] + [Path(name).with_name(f"{Path(payload).name}.urdf")]
     return next((str(file) for file in files if file.stem == payload and file.is_file()), None)
-
-
-def read_controller(name: str | Path, rig: Rig) -> StoredController:
-    """Read a controller's YAML."""
-    from gimbal_pin.control.tuning import stored
-    from gimbal_pin.errors import ModelError
-    from gimbal_pin.rig.reading import read_yaml
-
-    return stored(read_yaml(name, ModelError), rig, str(name))

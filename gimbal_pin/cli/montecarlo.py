@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import load_rig, read_controller, read_payload, read_plant
+from gimbal_pin.cli.inputs import load_rig, read_payload, read_plant
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import check_cost
 
@@ -46,6 +46,7 @@ def montecarlo(
         platform: hold the camera still on profile S, instead of stepping all axes
         seconds: length of each run
     """
+    from gimbal_pin.control.tuning import read_controller
     from gimbal_pin.fleet.engine import open_executors, write_whole
     from gimbal_pin.fleet.montecarlo import monte_carlo
     from gimbal_pin.fleet.variation import Variation, choose_default_vary, read_vary

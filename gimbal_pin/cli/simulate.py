@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import load_rig, read_controller, read_payload, read_plant, read_platform
+from gimbal_pin.cli.inputs import load_rig, read_payload, read_plant, read_platform
 from gimbal_pin.cli.present import check_shown, play, say, tell
 from gimbal_pin.cli.work import check_cost
 
@@ -95,7 +95,7 @@ def simulate(
 def choose_law(name: str, plant: Model, bandwidth_hz: float) -> Controller:
     """Return the controller of a name, tuned for the plant, of a YAML, or of a compiled library."""
     from gimbal_pin.control.laws.design import Wish
-    from gimbal_pin.control.tuning import tune
+    from gimbal_pin.control.tuning import read_controller, tune
     from gimbal_pin.export import Library
 
     if name in ("computed-torque", "pid"):

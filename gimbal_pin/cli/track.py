@@ -10,15 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import (
-    describe_origin,
-    load_logs,
-    load_rig,
-    read_controller,
-    read_payload,
-    read_plant,
-    read_platform,
-)
+from gimbal_pin.cli.inputs import describe_origin, load_logs, load_rig, read_payload, read_plant, read_platform
 from gimbal_pin.cli.present import present, tell, write_figure
 from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
@@ -78,6 +70,7 @@ def track(
     """
     origin = None if report is None else describe_origin(track, locals())
     from gimbal_pin.checks import check_platform_log
+    from gimbal_pin.control.tuning import read_controller
     from gimbal_pin.export import Library
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.pointing import parse_fault, verify
@@ -85,7 +78,7 @@ def track(
     from gimbal_pin.report.pages import describe_record, render_held
 
     moving = platform != "none" or platform_log is not None
-    check_camera_options(controller, compiled, moving, (animation, plot, fault, effect))
+    check_camera_options(controller, compiled, moving, (animation, plot, fault, effect, learn, platform_size != 1.0))
     loaded = load_rig(rig, payload or read_payload(controller))
     tuned = None if controller is None else read_controller(controller, loaded)
     machine = None if compiled is None else Library.load(compiled, loaded)
@@ -126,13 +119,16 @@ def collect_results(steps: Tracking | None, judged: Judgement | None, held: Veri
 
 
 def check_camera_options(controller: str | None, compiled: Path | None, moving: bool, held: Sequence[object]) -> None:
-    """Raise `UsageError` for what is missing; `held`: what ``--animation, --plot, --fault, --effect`` were given."""
-    motions = "--platform S, --platform-log FILE"
+    """Raise `UsageError` for what is missing; `held`: what the options that need a platform were given."""
+    motions, needing = (
+        "--platform S, --platform-log FILE",
+        "--animation --plot --fault --effect --learn --platform-size",
+    )
     if controller is None and not moving:
         raise UsageError("CONTROLLER", "is missing", f"name a controller's YAML, or a motion: {motions}")
     if controller is None and compiled is not None:
         raise UsageError("--compiled", "has no CONTROLLER to stand beside", "name the YAML that it was exported from")
-    for option, given in zip(("--animation", "--plot", "--fault", "--effect"), held):
+    for option, given in zip(needing.split(), held):
         if given and not moving:
             raise UsageError(option, "has no platform that moves", f"name a motion: {motions}")
 

@@ -37,6 +37,7 @@ from gimbal_pin.identification.model_file import describe_uncertainty, read_know
 from gimbal_pin.log.io.files import write_yaml
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.files import bundled_rigs
+from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
 
@@ -159,7 +160,7 @@ class Tuning(Record):
             },
             "draws": self.draws,
             "wish": {**vars(wish), "bandwidth_hz": dict(wanted) if isinstance(wanted, Mapping) else wanted},
-            "robust": None if law is None else {"gain": law.gain, **asdict(law.bounds)},
+            "robust": None if law is None else law.to_dict(),
             "warnings": list(self.warnings),
             "reasons": list(map(str, self.reasons)),
             "doubts": list(self.doubts),
@@ -380,13 +381,20 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
         model = read_model_data(filed.model, rig, f"{place}: model")
         if "covariance" in filed.model:
             model = replace(model, estimated=read_known_parameters(filed.model, f"{place}: model"))
-        robust = None
-        if filed.robust is not None:
-            layer = read_record(Layer, filed.robust, f"{place}: robust", ModelError, others=True)
-            known = ModelErrorBounds(layer.alpha, layer.phi, layer.inverse, layer.source)
-            robust = Robust(lyapunov(gains), known, layer.gain)
+        robust = None if filed.robust is None else read_robust_term(filed.robust, gains, f"{place}: robust")
         law = law_of(wish, model, gains, inertia, brakes, robust)
         return StoredController(law, model, wish, {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)})
+
+
+def read_controller(path: str | Path, rig: Rig) -> StoredController:
+    """Read a controller's YAML for a rig with the same joints; errors as `stored`."""
+    return stored(read_yaml(path, ModelError), rig, str(path))
+
+
+def read_robust_term(data: Any, gains: tuple[Pid, ...], place: str) -> Robust:
+    """Return the robust term that `Robust.to_dict` wrote, for loops of these gains; `place` names it in errors."""
+    layer = read_record(Layer, data, place, ModelError, others=True)
+    return Robust(lyapunov(gains), ModelErrorBounds(layer.alpha, layer.phi, layer.inverse, layer.source), layer.gain)
 
 
 def finite(values: Mapping[str, float]) -> dict[str, float | None]:

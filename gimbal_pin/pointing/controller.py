@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.control.laws import ComputedTorque, JointPid, Pid
+from gimbal_pin.control.tuning import StoredController, read_robust_term
 from gimbal_pin.dynamics.model import read_model_data
 from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.errors import GimbalPinError, ModelError, UsageError
@@ -23,7 +25,7 @@ from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Measurement, St
 from gimbal_pin.pointing.navigator import Known
 from gimbal_pin.pointing.pointer import Held
 from gimbal_pin.pointing.recipe import Recipe
-from gimbal_pin.pointing.sight import Sight, unable
+from gimbal_pin.pointing.sight import Sight, gyros_between, unable
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.reading import LARGEST_TEXT, read_bytes
 from gimbal_pin.rig.records import bounded_field, convert_value, prefix_place, read_record
@@ -61,9 +63,15 @@ class Controller:
         """Make the controller that `verify` compares with a PID; all that a step needs is worked out here.
 
         Raises:
-            UsageError: The rig cannot hold its camera so.
+            UsageError: The rig cannot hold its camera so, or the gains are of a PID, or of another interval.
         """
-        rig = recipe.model.rig
+        rig, law = recipe.model.rig, recipe.law
+        if isinstance(law, JointPid):
+            raise UsageError(
+                "controller", "is a PID", "tune one of computed torque: gimbal-pin tune --kind computed-torque"
+            )
+        if law is not None and law.dt != recipe.dt:
+            raise UsageError("controller", f"steps every {law.dt:g} s", f"tune one with --dt {recipe.dt:g}")
         convert_value(int, recipe.delay, "delay", UsageError, (0, 50))
         rotation(recipe.wanted, "wanted", UsageError)
         if reason := unable(rig, recipe.wanted):
@@ -80,7 +88,13 @@ class Controller:
 
     @staticmethod
     def learn(
-        rig: Rig, log: Log, wanted: Array | None = None, *, delay: int = 1, noise: Noise | None = None
+        rig: Rig,
+        log: Log,
+        wanted: Array | None = None,
+        *,
+        delay: int | None = None,
+        noise: Noise | None = None,
+        tuned: StoredController | None = None,
     ) -> Controller:
         """Identify the model and the platform's spectrum from a log.
 
@@ -89,15 +103,19 @@ class Controller:
             log: A log of it; its base should be shaken, with the base's IMU in the log.
             wanted: Attitude that the camera turns to and keeps in the world, (3, 3); `attitude(yaw, pitch)` makes one
                 that looks along x at zero. None: the camera is held where it looks at the start.
-            delay: Samples of 1 ms from a measurement to its torque.
+            delay: Samples of 1 ms from a measurement to its torque; None: one, or those that `tuned` was made for.
             noise: Densities of the IMUs' noise; None: those that the rig's YAML states, else the benchmark's.
+            tuned: A controller of `tune`, by `read_controller`: its model and gains; None: the model is identified in
+                the log, and each loop has a disk margin of one.
         """
         stated = rig.config.noise
         own = noise or (stated if stated.gyro > 0 else Noise(GYRO, ACCELEROMETER))
         station = Station(Sensors.of(rig, DT).encoder_step, own)
         sight = Sight(rig)
         kept = sight.attitude(sight.home) if wanted is None else wanted
-        return Controller(learn_recipe(rig, log, station, wanted=kept, delay=delay), wanted is None)
+        model, law, usual = (None, None, 1) if tuned is None else (tuned.model, tuned.law, tuned.wish.holding_samples)
+        recipe = learn_recipe(rig, log, station, model, kept, usual if delay is None else delay)
+        return Controller(replace(recipe, law=law), wanted is None)
 
     @property
     def dt(self) -> float:
@@ -189,11 +207,14 @@ class Controller:
             own = values.shape if isinstance(values, np.ndarray) and values.dtype.kind in "fiu" else None
             if own != shape:
                 what = f"is of the shape {own}" if own else "is no numpy array of numbers"
-                raise UsageError(f"measurement: {name}", what, f"give an array of {shape[0]}")
+                links = ", ".join(gyros_between(self.recipe.model.rig)) if name == "links" else ""
+                of = f": the rates of the gyros on {links}, rad/s, each in its link's frame" if links else ""
+                raise UsageError(f"measurement: {name}", what, f"give an array of {shape[0]}{of}")
 
     def save(self, path: str | Path) -> None:
-        """Write model, wanted attitude, sensors and the spectrum, that of the flight if there was one, as JSON."""
-        own = self.recipe
+        """Write model, gains, wanted attitude, sensors and the spectrum, of the flight if there was one, as JSON."""
+        own, law = self.recipe, self.recipe.law
+        assert not isinstance(law, JointPid)  # none is made with one
         forecast = self.pointer.navigator.forecast
         spectrum = own.spectrum if self.memory is None else forecast.known(self.memory.known.past)
         write_json(
@@ -210,6 +231,8 @@ class Controller:
                 "trusted": own.trusted,
                 "spectrum": {**vars(spectrum), "f": float(spectrum.f[1])},
                 "model": own.model.to_dict(),
+                "gains": None if law is None else law.gains,
+                "robust": None if law is None or law.robust is None else law.robust.to_dict(),
             },
             path,
         )
@@ -225,7 +248,8 @@ class Controller:
         try:
             data = json.loads(read_bytes(path, ModelError, LARGEST_TEXT))
         except (ValueError, RecursionError):
-            raise ModelError(place, "is no controller's file", "write one with Controller.save") from None
+            mend = "write one with Controller.save; a controller of 'tune' goes into Controller.learn(…, tuned=…)"
+            raise ModelError(place, "is no controller's file", mend) from None
         with prefix_place(place, ModelError):
             stored = read_record(Stored, data, place, ModelError, others=True)
             if stored.schema != 1:
@@ -238,9 +262,17 @@ class Controller:
                 raise ModelError(f"{place}: trusted", "is not one value per joint", "write it with Controller.save")
             sight, wanted = Sight(rig), stored.wanted
             kept = sight.attitude(sight.home) if wanted is None else rotation(wanted, f"{place}: wanted", ModelError)
+            model, law = read_model_data(stored.model, rig, f"{place}: model"), None
+            if stored.gains is not None:
+                gains = tuple(Pid(*each) for each in stored.gains)
+                if len(gains) != rig.n:
+                    raise ModelError(f"{place}: gains", "are not one row per joint", "write it with Controller.save")
+                term = stored.robust
+                robust = None if term is None else read_robust_term(term, gains, f"{place}: robust")
+                law = ComputedTorque(model, gains, stored.dt, robust=robust)
             return Controller(
                 Recipe(
-                    read_model_data(stored.model, rig, f"{place}: model"),
+                    model,
                     kept,
                     stored.spectrum.spectrum(f"{place}: spectrum"),
                     stored.noise,
@@ -248,6 +280,7 @@ class Controller:
                     stored.trusted,
                     dt=stored.dt,
                     delay=stored.delay,
+                    law=law,
                 ),
                 wanted is None,
             )
@@ -283,6 +316,8 @@ class Stored:
     model: Any
     spectrum: StoredSpectrum
     noise: Noise
+    gains: tuple[tuple[float, float, float], ...] | None = None
+    robust: Any = None
     trusted: tuple[bool, ...] = ()
     dt: float = bounded_field(0.001, 1e-5, 0.1)
     delay: int = bounded_field(1, 0, 50)

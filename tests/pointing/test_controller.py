@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gimbal_pin.control import tune
 from gimbal_pin.dynamics import Plant, State, nominal
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.log import Array, Platform
@@ -78,6 +79,37 @@ def test_a_file_keeps_all_of_a_controller(tmp_path: Path) -> None:
     loaded.save(path)
     after = Controller.load(path, rig).recipe.spectrum
     np.testing.assert_allclose(after.rate, loaded.pointer.navigator.forecast.known(flown).rate)
+
+
+@pytest.mark.parametrize("robust", [False, True])
+def test_a_file_keeps_gains_that_were_tuned(tmp_path: Path, robust: bool) -> None:
+    """A controller of `tune` holds the camera with its own gains, before and after its file."""
+    rig, stream = bundled("thesis"), measured(0.1)
+    recipe = made().recipe
+    tuned = tune(recipe.model, bandwidth_hz=3.0, robust=robust).stored
+    own = Controller(replace(recipe, law=tuned.law))
+    own.start(stream[0])
+    own.save(tmp_path / "camera.json")
+    loaded = Controller.load(tmp_path / "camera.json", rig)
+    assert loaded.recipe.law is not None and loaded.recipe.law.gains == tuned.law.gains
+    before, after, others = (torques(one, stream) for one in (own, loaded, made()))
+    np.testing.assert_allclose(before, after, rtol=0, atol=1e-9)
+    assert np.max(np.abs(before - others)) > 1e-3
+
+
+def test_gains_that_cannot_hold_a_camera_are_refused() -> None:
+    recipe = made().recipe
+    for wish in ({"kind": "pid"}, {"dt": 0.004}):
+        with pytest.raises(UsageError, match="controller"):
+            Controller(replace(recipe, law=tune(recipe.model, bandwidth_hz=3.0, **wish).stored.law))
+
+
+def test_a_tuned_controller_learns_the_platform_from_a_log() -> None:
+    rig = bundled("turret")
+    tuned = tune(nominal(rig), bandwidth_hz=5.0).stored
+    controller = Controller.learn(rig, simulate_shaken_log(nominal(rig), seconds=4.0), tuned=tuned)
+    assert controller.recipe.law is tuned.law and controller.recipe.model is tuned.model
+    assert controller.recipe.delay == tuned.wish.holding_samples
 
 
 def test_the_loop_of_ones_own_is_the_simulations() -> None:

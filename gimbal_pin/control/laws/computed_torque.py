@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from math import hypot
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -49,6 +50,10 @@ class Robust:
             raise UsageError("alpha = ‖I - D⁻¹ D̂‖", what, "identify the model better, or use kind='pid'")
         if not self.gain > 0:
             raise UsageError("gain of the boundary layer", f"is {self.gain:g}", "give a positive one")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what files hold."""
+        return {"gain": self.gain, **asdict(self.bounds)}
 
     @cached_property
     def rows(self) -> tuple[tuple[float, float, float], ...]:
