@@ -5,14 +5,16 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin.control import bench_run, compute_margins, tune
+from gimbal_pin.control import bench_run, compute_margins, stored, tune
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Coulomb
 from gimbal_pin.errors import UsageError
@@ -26,6 +28,7 @@ from gimbal_pin.studio import (
     build_model,
     build_plant,
     compute_residual,
+    keep_controller,
     list_causes,
     list_sliders,
     prepare_subject,
@@ -151,6 +154,20 @@ def test_a_payload_that_weighs_what_it_does_and_sits_where_it_does_is_the_same()
         there = build_plant(subject, StudioState(x=0.01, mass=2.0))
         assert not np.allclose(there.rig.phi, subject.model.rig.phi)
         assert build_plant(subject, StudioState()) is subject.model
+
+
+def test_a_saved_controller_is_tuned_again_from_its_own_model(tmp_path: Path) -> None:
+    """With the payload moved and a cause off, too: the file holds the model that it was made for."""
+    subject, state = identified(), StudioState(bandwidth_hz=6.0, x=0.01, mass=1.5, off=("viscous at tilt",))
+    keep_controller(tune_state(subject, state), tmp_path)(tmp_path / "saved.yaml")
+    filed = yaml.safe_load((tmp_path / "saved.yaml").read_text())
+    found = stored(filed, subject.rig)
+    again = tune(found.model, bandwidth_hz=6.0)
+    assert [list(pid) for pid in again.gains] == [
+        [row[k] for k in ("kp", "ki", "kd")] for row in filed["joints"].values()
+    ]
+    np.testing.assert_allclose(again.inertia, [row["inertia"] for row in filed["joints"].values()], rtol=1e-9)
+    assert list_causes(found.model) == tuple(one for one in list_causes(subject.model) if one != "viscous at tilt")
 
 
 def test_a_camera_swapped_there_and_back_is_the_same() -> None:
