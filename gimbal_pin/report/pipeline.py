@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -123,6 +123,7 @@ class Auto(Record):
     camera: Several | None = None
     seed: int | None = None
 
+    ROWS: ClassVar[str] = "identify.base_parameters"
     __repr__ = brief
 
     @cached_property

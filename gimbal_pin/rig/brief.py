@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from functools import reduce
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -28,7 +29,7 @@ class Record:
     """
 
     ROWS: ClassVar[str]
-    """Key of `to_dict` under which the rows of `to_frame` stand: a list of them, or name → row."""
+    """Key of `to_dict`, or several joined by dots, under which the rows of `to_frame` stand: a list, or name → row."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds, in SI units and radians."""
@@ -38,7 +39,7 @@ class Record:
         """Return its main rows, ``to_dict()[ROWS]``, as a table of Pandas; what is nested has names with dots."""
         import pandas as pd
 
-        rows = self.to_dict()[self.ROWS]
+        rows: Any = reduce(lambda found, key: found[key], self.ROWS.split("."), self.to_dict())
         if isinstance(rows, Mapping):
             rows = [{"name": name, **row} for name, row in rows.items()]
         return pd.json_normalize(rows)

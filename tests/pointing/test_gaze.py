@@ -66,6 +66,13 @@ def page() -> str:
     return Document("thesis", "", [show_camera(replace(verified(), note="A note."))]).to_html()
 
 
+def test_a_held_camera_is_a_table_a_figure_and_a_scene(tmp_path: Path) -> None:
+    found = verified()
+    assert found.to_frame()["controller"].tolist() == list(SIZES) and len(found.plot().axes) == 3
+    assert found.animate(tmp_path / "held.html").page == (tmp_path / "held.html").read_text(encoding="utf-8")
+    assert 'class="scene"' in found._repr_html_()
+
+
 def placed(points: Array, turned: Array) -> Array:
     """Where directions in the wanted camera's frame, (K, 3), lie in the picture of a camera turned by e, (K, 2)."""
     x, y, z = (points @ pin.exp3(turned)).T

@@ -667,6 +667,10 @@ def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) 
     assert head.found in page and head.to_do[0] in page
 
 
+def test_a_whole_run_has_the_model_s_parameters_as_its_table(walk: Walk) -> None:
+    assert gather(walk).to_frame().equals(walk.found.to_frame())
+
+
 def test_a_long_log_makes_no_long_report() -> None:
     rig = Rig.load("turret")
     log = bench(rig, seconds=1200.0)
