@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
+from gimbal_pin.cli.inputs import describe_origin
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import check_cost
 
@@ -33,6 +35,7 @@ def fleet(
         reference: results of an earlier fleet, which units are judged against (default: each other)
         quick: identify only, and look for no causes
     """
+    origin = describe_origin(fleet, locals())
     from gimbal_pin.fleet import read_manifest
     from gimbal_pin.fleet.engine import open_executors, write_whole
     from gimbal_pin.fleet.fleet import compare_fleet
@@ -47,6 +50,6 @@ def fleet(
             manifest, rig=rig, payload=payload, folder=output, reference=reference, quick=quick, seed=seed,
             executor=executor, workers=several, quiet=False,
         )  # fmt: skip
-    page = describe_record(found)
+    page = replace(describe_record(found), origin=origin)
     write_whole(output, "report.html", page.to_html().encode())
     present(page.to_text(), found.to_dict(), json)

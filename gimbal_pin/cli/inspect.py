@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import load_rig
+from gimbal_pin.cli.inputs import describe_origin, load_rig
 from gimbal_pin.cli.paths import Writes, list_plot_suffixes
 from gimbal_pin.cli.present import present, tell, write_figure
 from gimbal_pin.errors import GimbalPinError, UsageError
@@ -33,6 +33,7 @@ def inspect(
         output: draw every channel: .html, .png, .svg or .pdf
         yaml: write the mapping that is proposed for the first file, to look through and edit
     """
+    origin = describe_origin(inspect, locals())
     from gimbal_pin.log.io import split_payload
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.log.io.inspection import inspect as run
@@ -48,7 +49,7 @@ def inspect(
     if yaml is not None:
         atomic_write(yaml, found[0].yaml)
     if output is not None and output.suffix.lower() == ".html":
-        atomic_write(output, Document("What the logs hold", "", [show_file(one) for one in found]).to_html())
+        Document("What the logs hold", "", [show_file(one) for one in found], origin).write(output)
     else:
         write_figure(found[0].plot, output)
     altered = [() if loaded is None else find_alterations(loaded, one) for one in found]

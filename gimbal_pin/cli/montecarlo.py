@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import load_rig, read_payload, read_plant
+from gimbal_pin.cli.inputs import describe_origin, load_rig, read_payload, read_plant
 from gimbal_pin.cli.present import present
 from gimbal_pin.cli.work import check_cost
 
@@ -46,6 +47,7 @@ def montecarlo(
         platform: hold the camera still on profile S, instead of stepping all axes
         seconds: length of each run
     """
+    origin = describe_origin(montecarlo, locals())
     from gimbal_pin.control.tuning import read_controller
     from gimbal_pin.fleet.engine import open_executors, write_whole
     from gimbal_pin.fleet.montecarlo import monte_carlo
@@ -68,6 +70,6 @@ def montecarlo(
             platform=platform == "S", seconds=seconds, sobol=sobol, seed=seed, executor=executor, workers=several,
             quiet=False,
         )  # fmt: skip
-    page = describe_record(found)
+    page = replace(describe_record(found), origin=origin)
     write_whole(output, "report.html", page.to_html().encode())
     present(page.to_text(), found.to_dict(), json)

@@ -131,7 +131,7 @@ def describe_verified(found: Verified) -> Document:
     lead = "The platform turns, the camera stands; in blue the same rig with its joints locked."
     run = get_shown_run(found)
     log = Log(name_clock(found), run.joints, run.t, run.q, tau=run.tau)
-    drawn = picture_log(list_shown_joints(found.rig), log, "The whole run over time: angles and torques, simulated.")
+    drawn = picture_log(list_shown_joints(found.rig), log, "The whole run over time, simulated.")
     played = show_animation(partial(render_held, found), lead, log.name, drawn)
     return build_document(found.rig, [show_camera(found), played], scene=partial(animate_held, found))
 

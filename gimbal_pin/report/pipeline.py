@@ -165,9 +165,7 @@ def describe_auto(found: Auto) -> Document:
     if found.undiagnosed:
         sections.append(Section(WRONG, [paragraph(f"These logs could not be diagnosed. {found.undiagnosed}.")]))
     lead = f"All axes to and fro under {controller_name(found.tuning.wish.kind)}; the ghost is the reference."
-    drawn = picture_log(
-        list_shown_joints(found.model.rig), found.animated, "The same over time: angles, errors and torques, simulated."
-    )
+    drawn = picture_log(list_shown_joints(found.model.rig), found.animated, "The same over time, simulated.")
     sections += [
         show_animation(lambda: found.recording, lead, found.animated.name, drawn),
         show_parameters(identified, found.payload if wrong is None else None, evaluated),
