@@ -16,6 +16,7 @@ from .evaluation import Evaluated as Evaluated
 from .evaluation import evaluate as evaluate
 from .format import figures as figures
 from .format import list_shown_joints as list_shown_joints
+from .origin import Origin as Origin
 from .pages import describe_record as describe_record
 from .pipeline import FILES as FILES
 from .pipeline import Auto as Auto

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
+from datetime import datetime, timezone
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from gimbal_pin.report import (
     FILES,
     Auto,
     Document,
+    Origin,
     Section,
     Table,
     describe_outcome,
@@ -721,7 +723,11 @@ def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_
 
 @needs_browser
 def test_axe_has_nothing_against_the_report_light_or_dark(page: str, animation: str, tmp_path: Path) -> None:
-    for text in (page, animation):
+    time = datetime(2026, 1, 2, 3, 4, tzinfo=timezone.utc)
+    origin = Origin(time, "gimbal-pin auto <rig>", [("log.csv", 64 * "a")], {"model": "model.yaml"})
+    head = Document("page", "what it is", [Section("x", [elements.paragraph("y")])], origin).to_html()
+    assert "2026-01-02 03:04 UTC" in head and "auto &lt;rig&gt;" in head and 'href="model.yaml"' in head
+    for text in (head, page, animation):
         path, found = tmp_path / "page.html", list[Any]()
         path.write_text(text, encoding="utf-8")
         audits = [step for scheme in ("light", "dark") for step in (media("screen", scheme), pause(0.5), audit(found))]
