@@ -131,6 +131,10 @@ class Tuning(Record):
         model = self.model
         return compute_loop_curves(model.rig.joints, loops, self.worst, wish.dt, wish.delay, model.drives, self.ratios)
 
+    def save(self, path: str | Path) -> None:
+        """Write it as ``gimbal-pin tune -o`` does: `read_controller`, ``track`` and ``export`` take the file."""
+        write_controller(self, path, Path(path).parent)
+
     def to_dict(self) -> dict[str, Any]:
         """Return what `tune` writes as JSON and YAML; `stored` reads it back.
 
@@ -216,6 +220,9 @@ def tune(
         UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
             that no bandwidth keeps, α ≥ 1.
     """
+    if not isinstance(model, Model):
+        mend = "give one: identify(…).model, or diagnose(…).after for the extended one"
+        raise UsageError("model", f"is of the type {type(model).__name__}, no Model", mend)
     logged = None if model.estimated is None else model.estimated.dt
     wish = Wish.of(
         model,

@@ -13,7 +13,7 @@ from gimbal_pin.log.io.files import write_run
 from gimbal_pin.report.view.live import Live
 from gimbal_pin.rig.files import bundled_payloads
 from gimbal_pin.studio.figures import ResidualFigure, compute_residual
-from gimbal_pin.studio.saving import Writer
+from gimbal_pin.studio.saving import Writer, keep_earlier_files
 from gimbal_pin.studio.state import History, StudioState
 from gimbal_pin.studio.subject import StudioSource, Subject, prepare_subject, tune_state
 
@@ -41,6 +41,10 @@ class Desk:
     cameras: list[str] = field(default_factory=list)
     kept: dict[str, Writer] = field(default_factory=dict)
     scenes: dict[str | None, Live] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Keep what an earlier session has saved in the folder."""
+        self.kept = {**keep_earlier_files(self.folder), **self.kept}
 
     def find_subject(self, state: StudioState) -> Subject:
         """Return what is prepared for a state; the first time it takes as long as identifying does."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -258,11 +259,14 @@ class Window:
         await self.save(list_studio_files()[1], lambda tuning, folder: keep_report(tuning))
 
     async def save(self, name: str, keep: Callable[[Tuning, Path], Writer]) -> None:
-        """Write a file, and say where it lies."""
+        """Write a file of what is chosen, once that is tuned, and say where it lies."""
+        self.say(f"writing {name} …")
+        while self.is_drawing:
+            await asyncio.sleep(0.05)
         tuning, desk = self.tuning, self.desk
         if tuning is None:
+            self.say("what is chosen has no controller: choose something else, or undo", is_bad=True)
             return
-        self.say(f"writing {name} …")
         try:
             path = await run.io_bound(lambda: desk.save_file(name, keep(tuning, desk.folder)))
             self.say(f"saved {path}")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gimbal_pin.control.judging import judge_controllers
 from gimbal_pin.control.tuning import Tuning, pair_rivals, write_controller
+from gimbal_pin.log.io.files import atomic_write
 from gimbal_pin.report.elements import join_documents
 from gimbal_pin.report.pages import describe_record
 
@@ -17,6 +18,12 @@ Writer = Callable[[Path], object]
 def list_studio_files() -> tuple[str, str]:
     """Return the names of the files that may come to stand in the folder: the controller's and the report's."""
     return "controller.yaml", "report.html"
+
+
+def keep_earlier_files(folder: Path) -> dict[str, Writer]:
+    """Return what writes again the files of an earlier session in the same folder."""
+    there = (folder / name for name in list_studio_files())
+    return {path.name: partial(atomic_write, content=path.read_bytes()) for path in there if path.is_file()}
 
 
 def keep_controller(tuning: Tuning, folder: Path) -> Writer:

@@ -6,6 +6,7 @@ import json
 import re
 from dataclasses import replace
 from math import atan, pi, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from gimbal_pin.control import (
     Tuning,
     compute_inertia,
     compute_margins,
+    read_controller,
     sample_poses,
     stored,
     track,
@@ -394,3 +396,16 @@ def test_a_drive_is_as_late_as_the_logs_show_unless_told(thesis: Model) -> None:
     (said,) = [why.sentence for why in found.reasons if "delay of 5 ms" in why.sentence]
     assert thesis.rig.joints[1] in said and not any("delay of" in why.sentence for why in told.reasons)
     assert tune(soon, disk_margin=1.0).wish.delay == 0.002
+
+
+def test_a_tuning_saves_itself_as_the_verb_does(tmp_path: Path) -> None:
+    rig = Rig.load("thesis")
+    found = tune(nominal(rig), bandwidth_hz=4.0)
+    found.save(tmp_path / "controller.yaml")
+    read = read_controller(tmp_path / "controller.yaml", rig)
+    assert read.law.gains == found.stored.law.gains and read.wish == found.wish
+
+
+def test_what_is_no_model_is_refused_with_where_one_is() -> None:
+    with pytest.raises(UsageError, match=r"diagnose\(…\)\.after"):
+        tune({"torque_rmse": 1.0})  # type: ignore[arg-type]

@@ -20,6 +20,7 @@ from gimbal_pin.effects import Coulomb
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.io.files import to_plain
 from gimbal_pin.studio import (
+    Desk,
     History,
     Slider,
     StudioSource,
@@ -168,6 +169,18 @@ def test_a_saved_controller_is_tuned_again_from_its_own_model(tmp_path: Path) ->
     ]
     np.testing.assert_allclose(again.inertia, [row["inertia"] for row in filed["joints"].values()], rtol=1e-9)
     assert list_causes(found.model) == tuple(one for one in list_causes(subject.model) if one != "viscous at tilt")
+
+
+def test_what_an_earlier_session_saved_stays(tmp_path: Path) -> None:
+    """A report of a second session in the same folder leaves the controller of the first as it was."""
+    source, plant = StudioSource(bundled(RIG)), nominal(bundled(RIG))
+    first = Desk(source, tmp_path / "out", {})
+    first.save_file("controller.yaml", keep_controller(tune(plant, bandwidth_hz=4.0), first.folder))
+    before = (tmp_path / "out" / "controller.yaml").read_bytes()
+    second = Desk(source, tmp_path / "out", {})
+    second.save_file("report.html", lambda path: path.write_text("<p>report</p>"))
+    assert (tmp_path / "out" / "controller.yaml").read_bytes() == before
+    assert (tmp_path / "out" / "report.html").read_text() == "<p>report</p>"
 
 
 def test_a_camera_swapped_there_and_back_is_the_same() -> None:
