@@ -86,10 +86,11 @@ class Harmonic(Effect):
     def akin(self, seen: OperatingRange) -> tuple[Cause, ...]:
         """Return it with each harmonic moved to those that the travel does not resolve: none where it is a turn.
 
-        A search takes the harmonics one by one, and the first bends as all of them together do.
+        A search takes the harmonics one by one, and the first bends as all of them together do. Four to either side
+        stand for all that a short travel leaves.
         """
-        reach, (first, last) = int(pi / seen.travel), self.limits()
-        steps = [step for step in range(-reach, reach + 1) if step]
+        reach, (first, last) = int(pi / seen.travel) if seen.travel > 0 else 0, self.limits()
+        steps = [step for step in np.unique(np.round(np.linspace(-reach, reach, 9))).tolist() if step]
         moved = ((k, k + step) for k in self.harmonic for step in steps if first <= k + step <= last)
         return tuple(
             self.without(k).joined(type(self)(self.joint, (new,))) for k, new in moved if new not in self.harmonic

@@ -789,3 +789,15 @@ def test_a_table_is_the_same_function_of_one_state_and_of_many(x: float) -> None
     table = TorqueTable("pan", "angle", (-1.0, 0.0, 1.0))
     one, many = (table.basis(Sample(*[at] * 6)) for at in (x, np.array([x])))
     np.testing.assert_allclose(np.array(one), np.concatenate(many))
+
+
+@pytest.mark.parametrize("travel", [0.0, 1e-3, 0.3, 0.9, 2.0, 7.0])
+def test_harmonics_that_a_travel_does_not_part_are_few_and_within_its_resolution(travel: float) -> None:
+    """Each at most half a period of the travel away, at most eight of them, and none over a turn."""
+    seen = OperatingRange(30.0, 0.002, 12.0, travel, 1.0, 1e-3, 1.0, 1.2)
+    found = PositionDependentFriction("pan", (3.0, 40.0)).akin(seen)
+    assert len(found) <= 16 and (travel < 3.2 or not found)
+    for one in found:
+        moved, *others = set(one.pieces) - {3.0, 40.0}
+        (left,) = {3.0, 40.0} - set(one.pieces)
+        assert not others and 1.0 <= moved == round(moved) and abs(moved - left) * travel <= np.pi
