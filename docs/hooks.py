@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from latex2mathml.converter import convert
 
-WORKER = "https://unpkg.com/iframe-worker/shim"
+WORKER = re.compile(r'https://[^"]*/iframe-worker/shim')
 """What pages opened from a disk search with; the plugin `offline` names it where it is published."""
 
 
@@ -18,7 +19,7 @@ def render(source: str, *args: Any, **held: Any) -> str:
 
 def on_post_page(output: str, **held: Any) -> str:
     """Load the search's worker from the site itself."""
-    return output.replace(WORKER, "scripts/iframe-worker.js")
+    return WORKER.sub("scripts/iframe-worker.js", output)
 
 
 on_post_template = on_post_page
