@@ -396,9 +396,9 @@ def _fit_shown(
         DataError: Too few rows, or parameters without a trace that a fixed base would show.
     """
     design = Design(rig, reduce_parameters(rig, base=base), effects, logs, filters)
-    check_enough(compute_blocks(design))
-    aligned, late = align_rows(lambda one: compute_blocks(replace(design, filtering=one)), filters, rig.n)
-    blocks = compute_blocks(replace(design, filtering=aligned))
+    rows = compute_blocks(design)
+    check_enough(rows)
+    (blocks,), late = align_rows([rows])
     estimate = estimator(blocks)
     if base != "fixed" and find_unseen(blocks.design.names, blocks, estimate):
         return _fit_shown(rig, effects, logs, filters, estimator, BASE_MOTIONS[BASE_MOTIONS.index(base) - 1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import zip_longest
 from typing import Any, ClassVar, NamedTuple
 
@@ -198,22 +198,13 @@ def compare_camera(
 
 
 class _Part(NamedTuple):
-    """The logs with one payload, their training and held-out rows, how they were parted, and what was said of them."""
+    """The logs with one payload, training rows and held-out logs, how they were parted, and what was said of them."""
 
     checked: tuple[CheckedLog, ...]
     blocks: DesignBlocks
-    tested: DesignBlocks | None
+    test: tuple[Log, ...]
     how: str
     notes: tuple[str, ...]
-
-    def refiltered(self, filters: Filtering) -> _Part:
-        """Return the same logs' rows by another filter."""
-        blocks, tested = (
-            None if rows is None else compute_blocks(replace(rows.design, filtering=filters))
-            for rows in (self.blocks, self.tested)
-        )
-        assert blocks is not None
-        return self._replace(blocks=blocks, tested=tested)
 
 
 def _build_part(
@@ -234,19 +225,13 @@ def _build_part(
     train, test, how = split_logs(logs, holdout or "last-third", filters)
     blocks = compute_blocks(Design(rig, reduction, tuple(effects), train, filters))
     check_enough(blocks)
-    return _Part(checked, blocks, compute_blocks(replace(blocks.design, logs=test)) if test else None, how, notes)
+    return _Part(checked, blocks, test, how, notes)
 
 
 def _align_parts(parts: Sequence[_Part], own: CarrierEstimate) -> tuple[list[_Part], Array]:
     """Return all payloads' rows with the lags of the gimbal's drives, and these' covariance, s², (n, n)."""
-    design = parts[0].blocks.design
-
-    def build(filters: Filtering) -> list[Block]:
-        every = [compute_blocks(replace(part.blocks.design, filtering=filters)) for part in parts]
-        return [block for k, blocks in enumerate(every) for block in _widen_blocks(blocks, own, k, len(parts))]
-
-    filters, late = align_rows(build, design.filtering, design.rig.n)
-    return [part.refiltered(filters) for part in parts], late
+    aligned, late = align_rows([part.blocks for part in parts], partial(_join_cameras, own=own))
+    return [part._replace(blocks=blocks) for part, blocks in zip(parts, aligned)], late
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,10 +315,11 @@ def _conclude_camera(
     given = design.rig.phi.copy()
     given[own.parameters] += base - urdf
     mounted, vague = _hedge_camera(mounted, own, reference[0], given, design.mixing, known)
+    tested = compute_blocks(replace(design, logs=part.test)) if part.test else None
     found = replace(
-        add_misfit_and_lags(assemble_result(part.blocks, one, part.tested, part.how), missed, late),
+        add_misfit_and_lags(assemble_result(part.blocks, one, tested, part.how), missed, late),
         notes=part.notes,
-        holdout="none" if part.tested is None else "last-third",
+        holdout="last-third" if part.test else "none",
         faults=(*vague, *describe_faults(part.checked)),
         altered=collect_alterations(part.checked),
     )
@@ -414,7 +400,7 @@ def identify_several(
     each = [_build_part(rigs[name], logs[name], everything, holdout, filtering, reduction) for name in order]
     aligned, late = _align_parts(each, own)
     parts = dict(zip(order, aligned))
-    joint = [block for k, part in enumerate(parts.values()) for block in _widen_blocks(part.blocks, own, k, len(order))]
+    joint = _join_cameras([part.blocks for part in aligned], own)
     alone = estimator(joint)
     estimate, missed = add_misfit(joint, alone, len(order))
     first = parts[reference].blocks.design
@@ -431,6 +417,11 @@ def identify_several(
     for part in parts.values():  # by itself: in the sum with the others' a wrong sign may hide
         check_assignment(part.blocks, fit_weighted(part.blocks))
     return Several({name: identified[name] for name in rigs}, {name: cameras[name] for name in rigs}, reference)
+
+
+def _join_cameras(each: Sequence[Sequence[Block]], own: CarrierEstimate) -> list[Block]:
+    """Return the rows of all cameras as one regression, see `_widen_blocks`."""
+    return [block for k, blocks in enumerate(each) for block in _widen_blocks(blocks, own, k, len(each))]
 
 
 def _widen_blocks(blocks: Sequence[Block], own: CarrierEstimate, place: int, count: int) -> Iterator[Block]:

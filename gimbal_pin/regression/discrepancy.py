@@ -10,7 +10,7 @@ it away as the residual's colour in time says.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -83,18 +83,11 @@ class Misfit(NamedTuple):
         return tuple(float(np.sqrt(self.variance[group == GROUPS][0])) for group in range(GROUPS.max() + 1))
 
 
-def _fit_misfits(blocks: Sequence[Block]) -> tuple[list[Misfit], list[Array]]:
-    """Return what each joint's residual holds, and δ's columns at it, (m, f) each."""
-    A, b = (np.concatenate([getattr(block, name) for block in blocks]) for name in "Ab")
-    used, columns = count_effective_rows(blocks), _build_columns(blocks)
-    found = [fit_misfit(A[:, j, A[:, j].any(axis=0)], X, b[:, j], float(used[j])) for j, X in enumerate(columns)]
-    return found, columns
-
-
-def _build_columns(blocks: Sequence[Block]) -> list[Array]:
-    """Return δ's columns at each joint, over all rows, (m, f) each."""
-    q, v, share = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("q", "v", "share"))
-    return [build_discrepancy_columns(q[:, j], v[:, j]) * share[:, j, None] for j in range(q.shape[1])]
+def _iterate_joints(blocks: Sequence[Block]) -> Iterator[tuple[Array, Array, Array]]:
+    """Yield over all rows each joint's columns, δ's, and its torque, (m, k), (m, f), (m,): one joint's at a time."""
+    for j in range(blocks[0].b.shape[1]):
+        A, b, q, v, share = (np.concatenate([x[:, j] for x in each]) for each in zip(*(block[1:6] for block in blocks)))
+        yield A, build_discrepancy_columns(q, v) * share[:, None], b
 
 
 def build_discrepancy_columns(q: Array, v: Array) -> Array:
@@ -199,10 +192,13 @@ def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) ->
         estimate: What was estimated from them.
         cameras: Of how many cameras the joints are, one's after another's.
     """
-    found, columns = _fit_misfits(blocks)
-    pure = measure_pure_error(blocks, estimate.theta)
-    found = [one._replace(pure_error=min(one.noise, x)) for one, x in zip(found, pure.tolist())]
-    return _add_spread(blocks, estimate, found, columns, cameras), tuple(found)
+    found, through = list[Misfit](), list[Array]()
+    pure, used = measure_pure_error(blocks, estimate.theta), count_effective_rows(blocks)
+    for (A, X, b), count, bound in zip(_iterate_joints(blocks), used.tolist(), pure.tolist()):
+        one = fit_misfit(A[:, A.any(axis=0)], X, b, count)
+        found.append(one._replace(pure_error=min(one.noise, bound)))
+        through.append(A.T @ X)
+    return _add_spread(blocks, estimate, found, through, cameras), tuple(found)
 
 
 def measure_pure_error(blocks: Sequence[Block], theta: Array) -> Array:
@@ -241,24 +237,27 @@ def presume_misfit(
         sizes: Root mean square of δ at each joint, N m, (n,).
         group_std: Of δ's coefficients, see `Misfit`, (n, groups); None: the same power from every group.
     """
-    columns = _build_columns(blocks)
+    each = [(A.T @ X, np.bincount(GROUPS, np.mean(X**2, axis=0))) for A, X, _ in _iterate_joints(blocks)]
+    through = [x for x, _ in each]
     if group_std is None:
-        powers = np.array([np.bincount(GROUPS, np.mean(X**2, axis=0)) for X in columns])
+        powers = np.array([x for _, x in each])
         group_std = sizes[:, None] / np.sqrt(np.maximum(powers.shape[1] * powers, 1e-300))
     found = [Misfit(size, 0.0, (std**2)[GROUPS], 0.0) for size, std in zip(sizes.tolist(), group_std)]
-    return _add_spread(blocks, replace(estimate, residual_std=np.hypot(estimate.residual_std, sizes)), found, columns)
+    return _add_spread(blocks, replace(estimate, residual_std=np.hypot(estimate.residual_std, sizes)), found, through)
 
 
 def _add_spread(
-    blocks: Sequence[Block], estimate: Estimate, found: Sequence[Misfit], columns: Sequence[Array], cameras: int = 1
+    blocks: Sequence[Block], estimate: Estimate, found: Sequence[Misfit], through: Sequence[Array], cameras: int = 1
 ) -> Estimate:
-    """Return the estimate with the deviations that a misfit found at each joint adds, see `add_misfit`."""
+    """Return the estimate with the deviations that a misfit found at each joint adds, see `add_misfit`.
+
+    `through` is ``AᵀX`` at each joint, (k, f).
+    """
     gain, scale = compute_gain(blocks, estimate)
     moved = np.zeros((len(found), len(gain), len(GROUPS)))
     for j, one in enumerate(found):
         if one.size > 0:
-            through = np.concatenate([block.A[:, j] for block in blocks]).T @ columns[j]
-            moved[j] = scale[j] ** 2 * gain @ (through * np.sqrt(one.variance))
+            moved[j] = scale[j] ** 2 * gain @ (through[j] * np.sqrt(one.variance))
     shared = moved.reshape(cameras, -1, *moved.shape[1:]).sum(axis=0)
     spreads = [np.einsum("jkf,jlf->kl", each, each) for each in ((moved, shared) if cameras > 1 else (moved,))]
     return replace(estimate, covariance=estimate.covariance + sum(spreads))

@@ -12,9 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from gimbal_pin.log.log import Array
-from gimbal_pin.regression.design import Block
+from gimbal_pin.regression.design import Block, DesignBlocks, compute_blocks
 from gimbal_pin.regression.discrepancy import add_misfit
-from gimbal_pin.regression.samples import Filtering
 from gimbal_pin.regression.solve import Estimate, compute_gain, fit_weighted
 
 LAG_DEVIATION = 2.5e-3
@@ -26,7 +25,12 @@ LARGEST_LAG = 2e-2
 LAG_ROUNDS = 3
 """Steps: each is nearly exact, as the band's highest frequency times what is left is small."""
 LAGS_WITHIN = 5e-5
-"""Step, s, under which they are found: at 12 Hz it leaves four thousandths of the torque."""
+"""Error, s, at which they are found: at 12 Hz it leaves four thousandths of the torque."""
+
+
+def get_only(each: Sequence[DesignBlocks]) -> Sequence[Block]:
+    """Return the rows of one camera."""
+    return each[0]
 
 
 def hedge_misfit(blocks: Sequence[Block], estimate: Estimate) -> Estimate:
@@ -63,28 +67,45 @@ def fit_lags(
 
 
 def align_rows(
-    build: Callable[[Filtering], Sequence[Block]], filtering: Filtering, joints: int
-) -> tuple[Filtering, Array]:
-    """Return the filter with the lags at which the model leaves least, and these' covariance, s², (n, n).
+    each: Sequence[DesignBlocks], join: Callable[[Sequence[DesignBlocks]], Sequence[Block]] = get_only
+) -> tuple[list[DesignBlocks], Array]:
+    """Return rows with the lags at which the model leaves least, and these' covariance, s², (n, n).
 
     A filter that knows them stays. Its rows are the filter's own: faster ones say better when a torque acts, but where
-    encoders are coarse they hold more noise of the acceleration than motion, which is taken for milliseconds.
+    encoders are coarse they hold more noise of the acceleration than motion, which is taken for milliseconds. Of small
+    steps the torque's derivative says all, see `shift_torques`; after others the rows are computed again.
 
     Args:
-        build: Filter → rows.
-        filtering: The filter.
-        joints: Number of joints.
+        each: Rows of one rig's drives, with several cameras.
+        join: What makes of them one regression.
     """
+    each, filtering, n = list(each), each[0].design.filtering, each[0].design.rig.n
     if filtering.alignment is not None or filtering.lags:
-        return filtering, np.zeros((joints, joints))
-    now = replace(filtering, lags=(0.0,) * joints)
+        return each, np.zeros((n, n))
+    taken: Array = np.zeros(n)
     for _ in range(LAG_ROUNDS):
-        late, spread = fit_lags(build(now), np.array(now.lags))
-        before, late = now.lags, np.clip(late, -LARGEST_LAG, LARGEST_LAG)
-        now = replace(now, lags=tuple(late.tolist()))
-        if np.max(np.abs(late - before)) < LAGS_WITHIN:
-            break
-    return replace(filtering, lags=now.lags), spread
+        late, spread = fit_lags(join(each), taken)
+        late = np.clip(late, -LARGEST_LAG, LARGEST_LAG)
+        if np.pi * filtering.cutoff * np.max((late - taken) ** 2) < LAGS_WITHIN:
+            return [shift_torques(blocks, late - taken) for blocks in each], spread
+        taken, filtering = late, replace(filtering, lags=tuple(late.tolist()))
+        each = [compute_blocks(replace(blocks.design, filtering=filtering)) for blocks in each]
+    return each, spread
+
+
+def shift_torques(blocks: DesignBlocks, late: Array) -> DesignBlocks:
+    """Return rows of which each joint's torque acts a little later than it was taken to: ``b_j - l_j db_j/dt``.
+
+    At a frequency f that leaves (2 π f l)²/2 of it.
+
+    Args:
+        blocks: Rows.
+        late: By how much later, s, (n,).
+    """
+    filtering = blocks.design.filtering
+    lags = late + (np.array(filtering.lags) if filtering.lags else 0.0)
+    design = replace(blocks.design, filtering=replace(filtering, lags=tuple(lags.tolist())))
+    return DesignBlocks(design, tuple(block._replace(b=block.b - late * block.slope) for block in blocks))
 
 
 def add_lag_spread(blocks: Sequence[Block], estimate: Estimate, spread: Array) -> Estimate:

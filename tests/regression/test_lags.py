@@ -19,6 +19,7 @@ from gimbal_pin.regression import (
     compute_blocks,
     fit_lags,
     fit_weighted,
+    shift_torques,
 )
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed, rows_of, true_theta
@@ -70,9 +71,24 @@ def test_a_stated_alignment_is_known(rig: str) -> None:
     found = fitted(rig, log, log.dt / 2)
     blocks = compute_blocks(rows_of(Rig.load(rig), log, found.filtering))
     assert found.filtering.lags == ()
-    known, spread = align_rows(lambda one: blocks, found.filtering, len(log.joints))
-    assert known == found.filtering and not spread.any()
+    (known,), spread = align_rows([blocks])
+    assert known is blocks and not spread.any()
     assert add_lag_spread(blocks, found.estimate, spread).covariance == pytest.approx(found.estimate.covariance)
+
+
+@RIGS
+def test_a_small_shift_of_rows_is_the_rows_of_shifted_torques(rig: str) -> None:
+    """What is left is (2 π f l)²/2 at most, f the cutoff: ten times the shift leaves a hundred times as much."""
+    design = rows_of(Rig.load(rig), logged(rig, noise=0.0), Filtering())
+    rows, left = compute_blocks(design), []
+    for late in (1e-4, 1e-3):
+        lags = np.full(design.rig.n, late)
+        near = shift_torques(rows, lags)
+        far = compute_blocks(replace(design, filtering=near.design.filtering))
+        moved = max(np.abs(a.b - b.b).max() for a, b in zip(near, far)) / max(np.abs(a.b).max() for a in far)
+        assert moved < (2 * np.pi * design.filtering.cutoff * late) ** 2 / 2
+        left.append(moved)
+    assert 10 < left[1] / left[0] < 130
 
 
 @RIGS
@@ -92,10 +108,9 @@ def test_a_torque_that_never_changes_does_not_say_when_it_acts(rig: str) -> None
 def test_a_joint_that_does_not_say_is_as_late_as_the_others(rig: str) -> None:
     """Its lag is theirs, shrunk by what one drive may differ; it is known less well, and better than beforehand."""
     log, silent = logged(rig, 4e-3), 1.0 * (np.arange(Rig.load(rig).n) > 0)
-    rows = align_rows(lambda one: compute_blocks(rows_of(Rig.load(rig), log, one)), Filtering(), len(log.joints))[0]
-    blocks = compute_blocks(rows_of(Rig.load(rig), log, rows))
+    (blocks,), _ = align_rows([compute_blocks(rows_of(Rig.load(rig), log, Filtering()))])
     still = [block._replace(slope=block.slope * silent) for block in blocks]
-    lags, spread = fit_lags(still, np.array(rows.lags))
+    lags, spread = fit_lags(still, np.array(blocks.design.filtering.lags))
     std = np.sqrt(np.diag(spread))
     assert 3.2e-3 < lags[0] < lags[1] and lags[1] == pytest.approx(4e-3, rel=0.05)
     assert std[1:].max() < LAG_SPREAD < std[0] < LAG_DEVIATION
