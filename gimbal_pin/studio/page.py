@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
-from math import log10
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from markupsafe import Markup
 from nicegui import run, ui
 
+from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.effects.rig_effect import get_payload
 from gimbal_pin.errors import GimbalPinError, UsageError
@@ -25,25 +24,12 @@ from gimbal_pin.studio.state import History, StudioState, list_sliders
 from gimbal_pin.studio.subject import Subject, list_causes
 
 
-@dataclass(frozen=True)
-class Handle:
-    """How a slider's positions stand for a choice's values: ``shown = factor value``, or its decimal logarithm."""
+class Handle(NamedTuple):
+    """Ends and step of a slider, in what its choice is shown in; a number that is typed may lie beyond them."""
 
     low: float
     high: float
     step: float
-    factor: float = 1.0
-    unit: str = ""
-    is_log: bool = False
-
-    def to_position(self, shown: float) -> float:
-        """Return where the slider stands, within its ends."""
-        place = log10(shown) if self.is_log else shown
-        return min(max(place, self.low), self.high)
-
-    def to_shown(self, position: float) -> float:
-        """Return what the number beside it says there."""
-        return float(f"{10**position:.3g}") if self.is_log else round(position, 6)
 
 
 def weigh_payload(subject: Subject) -> float:
@@ -56,16 +42,16 @@ def weigh_payload(subject: Subject) -> float:
 
 def build_handles(subject: Subject) -> dict[str, Handle]:
     """Return the handles of what can be moved: without a payload its place and mass cannot."""
-    mm = Handle(-50, 50, 0.5, 1e3, "mm")
+    ms = 1e3 * Wish.of(subject.model).dt
     loops = {
-        "bandwidth_hz": Handle(log10(0.5), log10(60), 0.01, unit="Hz", is_log=True),
+        "bandwidth_hz": Handle(0.5, 50, 0.1),
         "disk_margin": Handle(0.05, 1.5, 0.01),
-        "delay_samples": Handle(0, 20, 1, unit="samples"),
+        "delay": Handle(0, min(20 * ms, 50), ms / 10),
     }
     if not (mass := weigh_payload(subject)):
         return loops
-    heavy = Handle(0.1 * mass, 3 * mass, float(f"{mass / 100:.1g}"), unit="kg")
-    return {**loops, "x": mm, "y": mm, "z": mm, "mass": heavy}
+    heavy = Handle(0.1 * mass, 3 * mass, float(f"{mass / 100:.1g}"))
+    return {**loops, **dict.fromkeys("xyz", Handle(-50, 50, 0.5)), "mass": heavy}
 
 
 class Window:
@@ -79,8 +65,10 @@ class Window:
         self.drawn: StudioState | None = None
         self.is_drawing = self.is_setting = False
         self.handles = build_handles(self.subject)
+        self.choices = list_sliders()
         self.sliders: dict[str, Any] = {}
         self.numbers: dict[str, Any] = {}
+        self.labels: dict[str, Any] = {}
         self.charts: dict[str, Any] = {}
         ui.add_css(files("gimbal_pin.studio").joinpath("page.css").read_text(encoding="utf-8"))
         ui.add_head_html('<meta name="referrer" content="no-referrer">')
@@ -122,7 +110,7 @@ class Window:
 
     def build_controls(self) -> None:
         """Build a slider with its number for each choice, and a box for each cause."""
-        groups = {"Controller": ("bandwidth_hz", "disk_margin", "delay_samples"), "Payload": ("x", "y", "z", "mass")}
+        groups = {"Controller": ("bandwidth_hz", "disk_margin", "delay"), "Payload": ("x", "y", "z", "mass")}
         for title, names in groups.items():
             with ui.element("section").classes("card"):
                 ui.html(title, tag="h2", sanitize=False)
@@ -137,19 +125,19 @@ class Window:
 
     def build_choice(self, name: str) -> None:
         """Build one slider, its number, and the button that gives the choice back."""
-        handle, label = self.handles[name], list_sliders()[name].label
+        handle, choice = self.handles[name], self.choices[name]
         with ui.element("div").classes("choice"):
-            ui.label(f"{label}, {handle.unit}" if handle.unit else label)
-            number = ui.number(value=handle.to_shown(handle.low), format="%.4g")
-            number.props(f'dense borderless aria-label="{label}" data-number="{name}"')
+            self.labels[name] = ui.label(", ".join(filter(None, (choice.label, choice.unit))))
+            number = ui.number(value=handle.low, format="%.4g")
+            number.props(f'dense borderless aria-label="{choice.label}" data-number="{name}"')
             ui.button(icon="restart_alt", on_click=partial(self.move, name, None)).props(
-                f'flat dense round size=sm aria-label="{label}: as proposed" title="as proposed"'
+                f'flat dense round size=sm aria-label="{choice.label}: as proposed" title="as proposed"'
             )
             slider = ui.slider(min=handle.low, max=handle.high, step=handle.step, value=handle.low)
-            slider.props(f'dense aria-label="{label}" data-slider="{name}"')
+            slider.props(f'dense aria-label="{choice.label}" data-slider="{name}"')
         self.sliders[name], self.numbers[name] = slider, number
         slider.on_value_change(lambda event: self.slide(name, event.value))
-        slider.on("change", lambda: self.move(name, handle.to_shown(slider.value) / handle.factor))
+        slider.on("change", lambda: self.move(name, round(slider.value, 6) / choice.factor))
         for event in ("blur", "keydown.enter"):
             number.on(event, lambda: self.enter_number(name))
 
@@ -195,20 +183,18 @@ class Window:
     async def slide(self, name: str, position: float) -> None:
         """Show a value while its slider is dragged; it is chosen when it is let go."""
         if not self.is_setting:
-            shown = self.handles[name].to_shown(position)
+            shown = round(position, 6)
             self.set_value(self.numbers[name], shown)
-            await self.show(lambda: self.desk.history.present.moved(name, shown / self.handles[name].factor))
+            await self.show(lambda: self.desk.history.present.moved(name, shown / self.choices[name].factor))
 
     async def enter_number(self, name: str) -> None:
         """Choose the number that was typed."""
         value = self.numbers[name].value
         if value is not None and not self.is_setting and value != self.read_shown(name):
-            await self.move(name, value / self.handles[name].factor)
+            await self.move(name, value / self.choices[name].factor)
 
     async def move(self, name: str, value: Any) -> None:
         """Choose a value."""
-        if name == "delay_samples" and value is not None:
-            value = round(value)
         await self.change(lambda history: history.moved(name, value))
 
     async def undo(self) -> None:
@@ -394,21 +380,19 @@ class Window:
         if chosen is None and name == "mass":
             chosen = weigh_payload(self.subject)
         if chosen is None and self.tuning is not None:
-            wish = self.tuning.wish
-            used = {
-                "bandwidth_hz": max(self.tuning.bandwidth_hz),
-                "disk_margin": wish.disk,
-                "delay_samples": wish.samples,
-            }
-            chosen = used[name]
-        return float(f"{self.handles[name].factor * (chosen or 0.0):.4g}")
+            wish, hertz = self.tuning.wish, max(self.tuning.bandwidth_hz)
+            chosen = {"bandwidth_hz": hertz, "disk_margin": wish.disk, "delay": wish.delay}[name]
+        return float(f"{self.choices[name].factor * (chosen or 0.0):.4g}")
 
     def set_values(self) -> None:
         """Let sliders and numbers say what is chosen."""
         for name, handle in self.handles.items():
             shown = self.read_shown(name)
             self.set_value(self.numbers[name], shown)
-            self.set_value(self.sliders[name], handle.to_position(shown))
+            self.set_value(self.sliders[name], min(max(shown, handle.low), handle.high))
+        if self.tuning is not None:
+            late = self.read_shown("delay") / (1e3 * self.tuning.wish.dt)
+            self.labels["delay"].set_text(f"delay, ms ({late:.3g} samples)")
         self.set_buttons()
 
     def set_buttons(self) -> None:

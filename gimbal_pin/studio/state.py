@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from math import isfinite
 from typing import Any
 
 from gimbal_pin.errors import UsageError
@@ -16,31 +15,31 @@ class Slider:
 
     Attributes:
         label: What it is called.
-        low: Least value.
-        high: Largest value.
-        unit: SI unit, or samples.
-        is_whole: Whether it is a whole number.
+        low: Least value, SI.
+        high: Largest value, SI.
+        unit: What it is shown in.
+        factor: What a value is multiplied by to be shown.
     """
 
     label: str
     low: float
     high: float
     unit: str = ""
-    is_whole: bool = False
+    factor: float = 1.0
 
     def check_value(self, value: Any) -> float:
         """Return the value, or raise `UsageError` where it is no number between the bounds."""
-        wanted = f"give {'a whole number from ' * self.is_whole}{self.low:g} to {self.high:g} {self.unit}".rstrip()
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
-            raise UsageError(self.label, f"is {value!r}", wanted)
-        if not self.low <= value <= self.high or (self.is_whole and value != round(value)):
-            raise UsageError(self.label, f"is {value:g}", wanted)
-        return round(value) if self.is_whole else float(value)
+        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if is_number and self.low <= value <= self.high:
+            return float(value)
+        said = f"{self.factor * value:g}" if is_number else repr(value)
+        ends = f"{self.factor * self.low:g} to {self.factor * self.high:g} {self.unit}"
+        raise UsageError(self.label, f"is {said}", f"give {ends}".rstrip())
 
 
-def bounded_choice(default: float | None, label: str, low: float, high: float, unit: str = "", **more: bool) -> Any:
+def bounded_choice(default: float | None, *slider: Any) -> Any:
     """Return a field of `StudioState` that a slider moves."""
-    return field(default=default, metadata={"slider": Slider(label, low, high, unit, **more)})
+    return field(default=default, metadata={"slider": Slider(*slider)})
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class StudioState:
     Attributes:
         bandwidth_hz: Wanted bandwidth, Hz.
         disk_margin: Disk margin that every joint keeps.
-        delay_samples: Samples from measurement to torque.
+        delay: Time from measurement to torque, s.
         x: How far the payload is moved along its frame, m.
         y: The same.
         z: The same.
@@ -64,10 +63,10 @@ class StudioState:
 
     bandwidth_hz: float | None = bounded_choice(None, "bandwidth", 0.1, 100, "Hz")
     disk_margin: float | None = bounded_choice(None, "disk margin", 0.01, 1.99)
-    delay_samples: int | None = bounded_choice(None, "delay", 0, 50, "samples", is_whole=True)
-    x: float = bounded_choice(0.0, "payload x", -0.5, 0.5, "m")
-    y: float = bounded_choice(0.0, "payload y", -0.5, 0.5, "m")
-    z: float = bounded_choice(0.0, "payload z", -0.5, 0.5, "m")
+    delay: float | None = bounded_choice(None, "delay", 0, 0.05, "ms", 1e3)
+    x: float = bounded_choice(0.0, "payload x", -0.5, 0.5, "mm", 1e3)
+    y: float = bounded_choice(0.0, "payload y", -0.5, 0.5, "mm", 1e3)
+    z: float = bounded_choice(0.0, "payload z", -0.5, 0.5, "mm", 1e3)
     mass: float | None = bounded_choice(None, "payload mass", 1e-4, 1e4, "kg")
     off: tuple[str, ...] = ()
     payload: str | None = None

@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tuning import Tuning, tune
 from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
 from gimbal_pin.diagnosis.evidence import Evidence, gather_for_judgement
@@ -183,9 +182,7 @@ def _select_terms(known: Estimated, terms: Sequence[Term], kept: Sequence[Term])
 def tune_state(subject: Subject, state: StudioState) -> Tuning:
     """Return the controller of a state: what `tune` returns for the same model and wishes."""
     model = build_model(subject, state)
-    late = state.delay_samples
-    delay = None if late is None else late * Wish.of(model).dt
-    return tune(model, bandwidth_hz=state.bandwidth_hz, disk_margin=state.disk_margin, delay=delay)
+    return tune(model, bandwidth_hz=state.bandwidth_hz, disk_margin=state.disk_margin, delay=state.delay)
 
 
 def replace_bodies(model: Model, given: Rig, other: Rig) -> Model:

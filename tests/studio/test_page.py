@@ -121,8 +121,9 @@ def test_a_person_tunes_swaps_goes_back_and_saves(folder: Path, run: Run) -> Non
         seen = visit(
             url, wide(1280), until(SETTLED), BANDWIDTH, TITLE, "document.querySelectorAll('canvas').length", JUDGED,
             act("save-controller"), until(f"{SAID}.startsWith('saved')"),
-            press(slider, 0.85), until(f"{BANDWIDTH} !== '8.00 Hz' && {SAID} === ''"), BANDWIDTH,
+            press(slider, 0.5), until(f"{BANDWIDTH} !== '8.00 Hz' && {SAID} === ''"), BANDWIDTH,
             "document.querySelector('[data-number=bandwidth_hz]').value",
+            "document.querySelector('[data-slider=bandwidth_hz]').ariaValueNow",
             act("undo"), until(f"{BANDWIDTH} === '8.00 Hz'"),
             *swap, until(f"{TITLE} === 'turret with cinema' && {SAID} === ''"),
             act("undo"), until(f"{TITLE} === 'turret with infrared'"),
@@ -133,9 +134,10 @@ def test_a_person_tunes_swaps_goes_back_and_saves(folder: Path, run: Run) -> Non
             FITS,
             act("save-report"), until(f"{SAID}.startsWith('saved')", 300),
         )  # fmt: skip
-    first, title, canvases, judged, moved, number, marked, fits = seen.values
+    first, title, canvases, judged, moved, number, spoken, marked, fits = seen.values
     assert (first, title, canvases, fits) == ("8.00 Hz", "turret with infrared", 5, True)
     assert float(moved.split()[0]) == pytest.approx(float(number), rel=0.01) and float(number) > 15
+    assert float(spoken) == float(number)
     assert judged.startswith("13.3 to 20.0 s") and float(marked.split()[0]) < 13
     assert seen.complaints == []
     assert {urlsplit(one).hostname for one in seen.requests} == {"127.0.0.1"}

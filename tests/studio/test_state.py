@@ -14,6 +14,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from gimbal_pin import read_log, write_log
 from gimbal_pin.control import bench_run, compute_margins, stored, tune
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import Coulomb
@@ -36,6 +37,7 @@ from gimbal_pin.studio import (
     simulate_pointing,
     tune_state,
 )
+from tests.command_line import Run
 from tests.rigs import bundled
 
 RIG = "turret"
@@ -56,7 +58,7 @@ def stated() -> Subject:
 
 def values(slider: Slider) -> st.SearchStrategy[float]:
     """Any value of a slider."""
-    return st.integers(int(slider.low), int(slider.high)) if slider.is_whole else st.floats(slider.low, slider.high)
+    return st.floats(slider.low, slider.high)
 
 
 MOVES = st.lists(
@@ -90,8 +92,9 @@ def test_what_was_moved_and_undone_is_as_it_was(moves: list[tuple[str, Any]]) ->
 @pytest.mark.parametrize("name", list_sliders())
 def test_a_value_out_of_bounds_is_refused_with_the_bounds(name: str) -> None:
     slider = list_sliders()[name]
-    for value in (slider.low - 1e-6 - slider.is_whole, slider.high * 1.01 + 1, float("nan"), float("inf"), "1", True):
-        with pytest.raises(UsageError, match=f"^{slider.label}: is .*; give .*{slider.low:g} to {slider.high:g}"):
+    ends = f"{slider.factor * slider.low:g} to {slider.factor * slider.high:g} {slider.unit}".rstrip()
+    for value in (slider.low - 1e-6, slider.high * 1.01 + 1, float("nan"), float("inf"), "1", True):
+        with pytest.raises(UsageError, match=f"^{slider.label}: is .*; give {ends}"):
             StudioState().moved(name, value)
     with pytest.raises(UsageError, match="has no 'colour'; move bandwidth_hz"):
         StudioState().moved("colour", 1)
@@ -100,14 +103,12 @@ def test_a_value_out_of_bounds_is_refused_with_the_bounds(name: str) -> None:
 
 
 @pytest.mark.parametrize("subject", [identified, stated], ids=["identified", "stated"])
-@given(st.none() | st.floats(2, 30), st.none() | st.floats(0.3, 0.8), st.none() | st.integers(0, 4))
+@given(st.none() | st.floats(2, 30), st.none() | st.floats(0.3, 0.8), st.none() | st.floats(0, 0.004))
 def test_a_state_is_tuned_as_tune_does(
-    subject: Any, hz: float | None, margin: float | None, samples: int | None
+    subject: Any, hz: float | None, margin: float | None, delay: float | None
 ) -> None:
     own = subject()
-    state = replace(StudioState(), bandwidth_hz=hz, disk_margin=margin, delay_samples=samples)
-    dt = own.model.estimated.dt if own.model.estimated else 0.001
-    delay = None if samples is None else samples * dt
+    state = replace(StudioState(), bandwidth_hz=hz, disk_margin=margin, delay=delay)
     found, asked = tune_state(own, state), tune(own.model, bandwidth_hz=hz, disk_margin=margin, delay=delay)
     assert to_plain(found.to_dict()) == to_plain(asked.to_dict())
 
@@ -155,6 +156,21 @@ def test_a_payload_that_weighs_what_it_does_and_sits_where_it_does_is_the_same()
         there = build_plant(subject, StudioState(x=0.01, mass=2.0))
         assert not np.allclose(there.rig.phi, subject.model.rig.phi)
         assert build_plant(subject, StudioState()) is subject.model
+
+
+def test_untouched_it_saves_what_tune_writes(tmp_path: Path, run: Run) -> None:
+    """Of two logs whose torque was stamped 2.4 samples before it acted: the delay that both take is no whole one."""
+    rig, files = bundled(RIG), [tmp_path / "one.csv", tmp_path / "two.csv"]
+    for seed, file in enumerate(files):
+        log = bench_run(nominal(rig), rng=np.random.default_rng(seed), seconds=20.0)
+        early = np.column_stack([np.interp(log.t + 0.0024, log.t, column) for column in np.transpose(log.tau)])
+        write_log(replace(log, tau=early), file)
+    assert run("tune", RIG, *files, "-o", tmp_path / "tuned.yaml", "--plants", "1")[0] == 0
+    desk = Desk(StudioSource(rig, tuple(read_log(file, rig) for file in files)), tmp_path / "out", {})
+    tuning = tune_state(desk.find_subject(desk.history.present), desk.history.present)
+    saved = desk.save_file("controller.yaml", keep_controller(tuning, desk.folder))
+    assert saved.read_bytes() == (tmp_path / "tuned.yaml").read_bytes()
+    assert tuning.wish.delay == pytest.approx(0.0024, abs=0.0002)
 
 
 def test_a_saved_controller_is_tuned_again_from_its_own_model(tmp_path: Path) -> None:

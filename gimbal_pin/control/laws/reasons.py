@@ -127,7 +127,8 @@ def about_delay(model: Model, wish: Wish) -> list[GainReason]:
     if known is None or wish.delay <= wish.dt:
         return []
     slowest = model.rig.joints[known.lags.index(max(known.lags))]
-    text = f"delay of {digits(1e3 * wish.delay, 2)} ms, as late as the logs show {slowest}'s torque to act"
+    late = f"{digits(1e3 * wish.delay, 2)} ms ({digits(wish.delay / wish.dt, 2)} samples)"
+    text = f"delay of {late}, as late as the logs show {slowest}'s torque to act"
     return [GainReason(text, ReasonKind.ASSUMED)]
 
 
