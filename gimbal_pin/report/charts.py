@@ -99,13 +99,13 @@ class Charts:
     def draw(self) -> Figure:
         """Draw them over time, as paper shows them: a legend above each."""
         rows = len(self.rows)
-        figure, panels = plots.panels(rows, len(self.rows[0]), 0.6 + 1.75 * rows, gaps=(0.85, 0.6))
+        figure, panels = plots.panels(rows, len(self.rows[0]), 0.6 + 1.75 * rows, left=1.05, gaps=(1.1, 0.6))
         for axes, chart in zip(panels.ravel(), chain(*self.rows)):
             for x in chart.curves:
                 looks = {"color": x.colour, "lw": 0.8 * x.width, "ls": "--" if x.is_dashed else "-"}
                 plots.curve(axes, chart.t, x.values, **looks)
-            plots.put_legend(axes, [(f"{chart.title}: {x.name}", x.colour) for x in chart.curves])
-            axes.set(ylabel=chart.label, xlim=(chart.t[0], chart.t[-1]))
+            plots.put_legend(axes, [(x.name, x.colour) for x in chart.curves])
+            axes.set(ylabel="\n".join(filter(None, (chart.title, chart.label))), xlim=(chart.t[0], chart.t[-1]))
         for axes in panels[-1]:
             axes.set_xlabel("time, s")
         figure.align_ylabels()

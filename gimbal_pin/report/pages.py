@@ -29,7 +29,7 @@ from gimbal_pin.pointing.result import Pointing, Verified
 from gimbal_pin.report import plots
 from gimbal_pin.report.elements import Document, Section, embed, paragraph, unfold
 from gimbal_pin.report.evaluation import evaluate
-from gimbal_pin.report.format import list_shown_joints
+from gimbal_pin.report.format import file_name, list_shown_joints
 from gimbal_pin.report.sections.camera import name_clock, show_camera
 from gimbal_pin.report.sections.control import show_controller, show_judgement, show_tracking
 from gimbal_pin.report.sections.data import picture_log, show_base, show_check, show_file, show_logs, show_rig
@@ -202,7 +202,7 @@ def play_residual(found: Diagnosis, log: Log, longest: float = 60.0) -> Section:
 
     def render() -> str:
         shown = replace(motion(rig, part, 30.0, 1.0, True, heat(found.before, part)), scale=scale)
-        return render_scene(rig, log.name, shown, scene(rig, shown))
+        return render_scene(rig, file_name(log.name), shown, scene(rig, shown))
 
     lead = "The log. A link is the redder, the more torque the refitted model leaves at the joint that moves it."
     return replace(show_animation(render, lead, log.name, picture_torques(found, log)), is_detail=True)

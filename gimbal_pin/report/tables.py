@@ -262,6 +262,12 @@ def state_sizes(finding: Finding) -> str:
     return sized or (f"{loose}: {TOLD_TOGETHER}" if loose else "")
 
 
+def tabulate_sizes(finding: Finding) -> Table:
+    """A finding's figures with their intervals."""
+    rows = [[p.name, *interval(p.value, NORMAL_95 * p.std), p.in_units.strip()] for p in finding.sized]
+    return Table(["Figure", "Value", "95 %", "Unit"], rows, label="Figures of the finding")
+
+
 def list_unnamed(found: Diagnosis) -> list[str]:
     """Say what a diagnosis does not name: what is too small to matter, and what its logs cannot show."""
     small = [f"{one.cause} at {one.joint or 'rig'} ({digits(100 * one.share, 2)} %)" for one in found.immaterial]

@@ -617,7 +617,7 @@ def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animati
     assert titles[:-3] == ["Summary", "Animation", "Parameters", "Torque", "Controller", "Perturbed plants"]
     assert titles[-3:] == ["Tracking", "Data", "Rig"]
     assert [link.get("href") for link in tree.xpath("//nav//a")] == [f"#{s.get('id')}" for s in tree.iter("section")]
-    assert embedded(tree.xpath("//iframe")[0]) == animation
+    assert embedded(tree.xpath("//iframe")[0]) == animation + elements.load_file("paper.html")
     around = re.sub(r"<script>\n/\*\nThe MIT License.*?</script>", "", page.replace(elements.INFLATE, ""), flags=re.S)
     assert re.findall(r"(?:src|href|action|data)=[\"'](?!#|data:)[^\"']*", around) == []
     assert re.findall(r"@import|url\((?!#)|<script|<object|<embed", around) == []
@@ -719,6 +719,28 @@ def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_
     for empty, outside, wider, (drawn, clock), canvases in (seen.values[1:6], seen.values[6:]):
         assert (empty, outside, wider, drawn, canvases) == ([], [], 0, True, charts)
         assert re.fullmatch(r"\d\.\d\d / 0\.70 s", clock)
+
+
+PRINTED = """(() => { const scene = document.querySelector('iframe').contentWindow;
+  const c = document.createElement('canvas').getContext('2d'), count = () => {
+    c.clearRect(0, 0, 300, 150); c.drawImage(scene.document.querySelector('canvas'), 0, 0, 300, 150);
+    return new Set(new Uint32Array(c.getImageData(0, 0, 300, 150).data.buffer)).size; };
+  const before = count(); scene.dispatchEvent(new Event('beforeprint')); return [before, count()]; })()"""
+"""How many colours the scene's canvas holds before the page is printed, and while it is."""
+
+
+@needs_browser
+def test_paper_shows_the_scene_as_a_still(page: str, tmp_path: Path) -> None:
+    """And charts as figures, and what is folded opened."""
+    path = tmp_path / "report.html"
+    path.write_text(page, encoding="utf-8")
+    shown = "['.scene', '.plot', '.charts', '.below', 'nav', 'details p, details li, details td'].map(one =>"
+    shown += " [...document.querySelectorAll(one)].filter(x => x.checkVisibility()).length)"
+    seen = visit(path.as_uri(), wide(700), pause(1.0), PRINTED, media("print"), shown, WIDER)
+    (before, printed), (scenes, figures, charts, hints, menus, folded), wider = seen.values
+    assert before == 1 and printed > 100
+    assert scenes == 1 and figures == page.count('class="plot"') and folded > 20
+    assert charts == hints == menus == wider == 0 and seen.complaints == []
 
 
 @needs_browser

@@ -134,7 +134,8 @@ def show_finding(
     """A finding: its sentence, its figures, what it could be instead, and which causes look like it."""
     chance, sizes = tables.state_probability(finding), tables.state_sizes(finding)
     lines: list[Content] = [to_sentence(chance)]
-    lines += [f"{sizes}{' (± 95 %)' if finding.sized else ''}."] if sizes else []
+    is_listed = len(finding.sized) > tables.MOST  # the harmonics of a motor's teeth
+    lines += [f"{sizes}{' (± 95 %)' if finding.sized else ''}."] if sizes and not is_listed else []
     if finding.open:
         lines.append(f"{to_sentence(finding.open)} Try {finding.experiment}.")
     cause = CAUSES.get(finding.cause)
@@ -147,6 +148,7 @@ def show_finding(
     said = finding.sentence.removeprefix(f"{finding.joint or 'rig'}: {finding.cause}, ")
     parts: list[object] = [heading(f"{finding.joint or 'Rig'}: {' or '.join(finding.alike)}")]
     parts += [paragraph(to_sentence(said)), bullets(lines)]
+    parts += [folded(f"Its {len(finding.sized)} figures", tables.tabulate_sizes(finding))] if is_listed else []
     parts += [tables.rivals(finding)] if finding.rivals else []
     for known in likest if likest and len(likest[0].causes) > 1 else ():
         where = known.joint or "the rig"
