@@ -26,7 +26,12 @@ def studio(
     output: Annotated[Path, Writes(run=list_saved_files), opt.INTO, arg(metavar="DIR")] = Path("gimbal-pin-studio"),
     *,
     payload: opt.Payload = None,
-    model: opt.ModelFile = None,
+    model: Annotated[
+        Path | None,
+        opt.optional(
+            "MODEL", "a model's YAML, from identify or diagnose", "identified from LOG; without LOG the URDF's"
+        ),
+    ] = None,
     map: opt.Map = (),
     cutoff: opt.Cutoff = None,
     browser: Annotated[bool, arg(help="open a window of the browser on the page")] = True,
@@ -35,7 +40,7 @@ def studio(
     """Tune by hand on a local page: sliders, loops, residual, camera swap; needs gimbal-pin[studio].
 
     Args:
-        logs: logs: their residual is shown, and without --model one is identified
+        logs: logs: their residual is shown, and without --model a model is identified from them
     """
     about = describe_run("studio", locals())
     from gimbal_pin.identification.model_file import read_model

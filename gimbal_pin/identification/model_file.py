@@ -122,7 +122,8 @@ def _read_own_part(path: str | Path, rig: Rig) -> Mapping[str, Any]:
     """Return what a model's file says of a rig with its payload."""
     data = read_yaml(path, ModelError)
     if not isinstance(data, dict) or data.get("kind") != KIND:
-        raise ModelError(str(path), "is not a model", "give a file that 'gimbal-pin identify -o' wrote")
+        mend = "give a file that 'gimbal-pin identify -o' wrote, or the extended.yaml of 'diagnose -o'"
+        raise ModelError(str(path), "is not a model", mend)
     if data.get("joints") != list(rig.joints):
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
