@@ -158,11 +158,12 @@ def wide(pixels: int) -> Step:
     return sized
 
 
-def media(kind: str, scheme: str = "light") -> Step:
-    """Show the page on a screen or on paper, light or dark."""
+def media(kind: str, scheme: str = "light", motion: str = "no-preference") -> Step:
+    """Show the page on a screen or on paper, light or dark, with or without less motion (``reduce``)."""
 
     async def done(tab: Any) -> None:
-        features = [{"name": "prefers-color-scheme", "value": scheme}]
+        wanted = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
+        features = [{"name": name, "value": value} for name, value in wanted.items()]
         await tab.send_command("Emulation.setEmulatedMedia", {"media": kind, "features": features})
 
     return done

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from gimbal_pin.control.laws.uncertainty import home
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.log.io.files import write_run
-from gimbal_pin.report.view.live import Live
+from gimbal_pin.log.log import Log
+from gimbal_pin.report.view import record
 from gimbal_pin.rig.files import bundled_payloads
 from gimbal_pin.studio.figures import ResidualFigure, compute_residual
 from gimbal_pin.studio.saving import Writer, keep_earlier_files
 from gimbal_pin.studio.state import History, StudioState
-from gimbal_pin.studio.subject import StudioSource, Subject, prepare_subject, tune_state
+from gimbal_pin.studio.subject import StudioSource, Subject, mount_payload, prepare_subject, tune_state
 
 
 @dataclass
@@ -30,7 +34,6 @@ class Desk:
         subjects: Payload and judged part → what was prepared for them.
         cameras: Payloads that were mounted, the latest first.
         kept: Name → what writes each file that was saved.
-        scenes: Payload → the rig in a scene.
     """
 
     source: StudioSource
@@ -40,7 +43,6 @@ class Desk:
     subjects: dict[tuple[str | None, tuple[float, float] | None], Subject] = field(default_factory=dict)
     cameras: list[str] = field(default_factory=list)
     kept: dict[str, Writer] = field(default_factory=dict)
-    scenes: dict[str | None, Live] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Keep what an earlier session has saved in the folder."""
@@ -60,15 +62,12 @@ class Desk:
         assert tuning.loop_curves
         return subject, tuning, compute_residual(subject, tuning)
 
-    def find_scene(self, subject: Subject, payload: str | None) -> str:
-        """Return the address of the rig in its scene: it plays the first log, or stands at home."""
-        if payload not in self.scenes:
-            live = self.scenes[payload] = Live(subject.rig)
-            if self.source.logs:
-                live.play(self.source.logs[0])
-            else:
-                live.pose(home(subject.rig))
-        return self.scenes[payload].url
+    def draw_scene(self, payload: str | None = None) -> str:
+        """Return the page of the rig with a payload, small: it plays the first log, or stands at home."""
+        rig = mount_payload(self.source.rig, payload)
+        log = self.source.logs[0] if self.source.logs else Log("home", rig.joints, np.zeros(1), home(rig)[None])
+        look = files("gimbal_pin.studio").joinpath("scene.css").read_text(encoding="utf-8")
+        return record(rig, log).replace("</head>", f"<style>{look}</style></head>")
 
     def list_cameras(self) -> list[str]:
         """Return the payloads to choose from: those that were mounted, then the bundled ones."""

@@ -16,7 +16,7 @@ from gimbal_pin.report.plots import PLAIN, thinned
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.studio.figures import PointingFigure, ResidualFigure
 from gimbal_pin.studio.state import StudioState
-from gimbal_pin.studio.subject import StudioSource
+from gimbal_pin.studio.subject import StudioSource, find_marked_log, list_ends
 
 Options = dict[str, Any]
 """What ECharts is given."""
@@ -44,7 +44,7 @@ def build_chart(x: Options, y: Options, series: Sequence[Options], **more: Any) 
             "icon": "roundRect",
             "itemHeight": 4,
             "top": 0,
-            "data": [s["name"] for s in series if s.get("name")],
+            "data": list(dict.fromkeys(s["name"] for s in series if s.get("name"))),
         },
         "tooltip": {"trigger": "axis", "confine": True},
         "xAxis": {**plain, "nameGap": 26, "axisLabel": {**plain["axisLabel"], "showMaxLabel": False}, **x},
@@ -54,16 +54,16 @@ def build_chart(x: Options, y: Options, series: Sequence[Options], **more: Any) 
     }
 
 
-def build_line(name: str, x: Array, y: Array, colour: str, **more: Any) -> Options:
+def build_line(name: str, x: Array, y: Array, colour: str, points: int = 600, **more: Any) -> Options:
     """Return a curve of a chart, thinned to what can be seen where x increases."""
     if np.all(np.diff(x) > 0):
-        x, y = thinned(x, y, 600)
-    points = [[round(a, 7), None if np.isnan(b) else float(f"{b:.6g}")] for a, b in zip(x.tolist(), y.tolist())]
+        x, y = thinned(x, y, points)
+    rows = [[round(a, 7), None if np.isnan(b) else float(f"{b:.6g}")] for a, b in zip(x.tolist(), y.tolist())]
     look = {"color": colour, "width": more.pop("width", 1.6)}
     return {
         "type": "line",
         "name": name,
-        "data": points,
+        "data": rows,
         "showSymbol": False,
         "lineStyle": look,
         "color": colour,
@@ -129,15 +129,17 @@ def build_residual_options(found: ResidualFigure, rig: Rig) -> Options:
     return build_chart({"name": "time, s", "min": 0, "max": "dataMax"}, {"name": f"residual, {rig.force}"}, lines)
 
 
-def build_log_options(log: Log, rig: Rig, judged: tuple[float, float] | None) -> Options:
-    """Return the angles of a log over time, s from its start; what judges stands on a darker ground."""
-    t = log.t - log.t[0]
-    shown = zip(list_shown_joints(rig), log.q[:, log.columns(rig)].T)
-    lines = [build_line(joint.name, t, joint.scale * column, joint.colour) for joint, column in shown]
-    ends = [] if judged is None else [[{"xAxis": judged[0]}, {"xAxis": min(judged[1], float(t[-1]))}]]
+def build_log_options(logs: Sequence[Log], rig: Rig, judged: tuple[float, float] | None) -> Options:
+    """Return the angles of logs over time, s, one after another; what judges stands on a darker ground."""
+    joints, lines = list_shown_joints(rig), []
+    for log, start in zip(logs, list_ends(logs)):
+        t, points = log.t - log.t[0] + start, max(600 // len(logs), 100)
+        for joint, column in zip(joints, log.q[:, log.columns(rig)].T):
+            lines.append(build_line(joint.name, t, joint.scale * column, joint.colour, points))
+    ends = [] if judged is None else [[{"xAxis": judged[0]}, {"xAxis": judged[1]}]]
     lines[0]["markArea"] = {"silent": True, "itemStyle": {"color": PLAIN, "opacity": 0.3}, "data": ends}
     brush = {"xAxisIndex": 0, "throttleType": "debounce", "throttleDelay": 100, "toolbox": [""]}
-    unit = " or ".join(dict.fromkeys(joint.unit for joint in list_shown_joints(rig)))
+    unit = " or ".join(dict.fromkeys(joint.unit for joint in joints))
     x: Options = {"name": "time, s", "min": 0, "max": "dataMax"}
     return build_chart(x, {"name": unit}, lines, brush=brush, tooltip={"show": False})
 
@@ -158,23 +160,33 @@ def list_numbers(tuning: Tuning, residual: ResidualFigure | None) -> dict[str, d
     return rows
 
 
+def describe_margins(tuning: Tuning) -> str:
+    """Say of which model the margins are that `list_numbers` returns."""
+    of = f"the worst of {tuning.draws} models drawn from the covariance" if tuning.draws else "the believed model"
+    return f"Margins are those of {of}."
+
+
 def describe_jitter(found: PointingFigure) -> str:
     """Say how still the camera stands."""
     return f"{figures(1e3 * found.jitter)} mrad rms"
 
 
 def find_judged(source: StudioSource, state: StudioState) -> tuple[float, float] | None:
-    """Return the part of the first log that judges, s from its start; None: none of it, or all that was recorded."""
-    if state.judged is not None or source.model is not None or len(source.logs) != 1:
-        return state.judged
-    length = float(source.logs[0].t[-1] - source.logs[0].t[0])
-    return 2 / 3 * length, length
+    """Return the part of the logs that judges, on the axis of `list_ends`; None: there is no log, or all judge."""
+    ends = list_ends(source.logs).tolist()
+    if state.judged is not None and source.logs:
+        k = find_marked_log(source.logs, *state.judged)
+        return max(state.judged[0], ends[k]), min(state.judged[1], ends[k + 1])
+    if source.model is not None or not source.logs:
+        return None
+    return (ends[-2] if len(source.logs) > 1 else 2 / 3 * ends[1]), ends[-1]
 
 
 def describe_judged(source: StudioSource, state: StudioState) -> str:
     """Say what judges the model: the marked part, or what `identify` holds out."""
     marked = find_judged(source, state)
+    if marked is None:
+        return "all logs judge the given model"
+    of = f" of {source.logs[find_marked_log(source.logs, *marked)].name}" * (len(source.logs) > 1)
     what = "the residual is of it" if source.model is not None else "the rest trains"
-    if marked is not None:
-        return f"{marked[0]:.1f} to {marked[1]:.1f} s judge, {what}"
-    return "all logs judge the given model" if source.model is not None else f"{source.logs[-1].name} judges, {what}"
+    return f"{marked[0]:.1f} to {marked[1]:.1f} s{of} judge, {what}"

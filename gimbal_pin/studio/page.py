@@ -8,6 +8,7 @@ from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import urlencode
 
 from markupsafe import Markup
 from nicegui import run, ui
@@ -63,6 +64,7 @@ class Window:
         self.subject = desk.find_subject(StudioState())
         self.tuning: Tuning | None = None
         self.drawn: StudioState | None = None
+        self.marked: tuple[float, float] | None = None
         self.is_drawing = self.is_setting = False
         self.handles = build_handles(self.subject)
         self.choices = list_sliders()
@@ -146,6 +148,9 @@ class Window:
         logs = self.desk.source.logs
         with self.build_card("Scene"):
             self.scene = ui.element("iframe").props('title="The rig"')
+            calm = "matchMedia('(prefers-reduced-motion: reduce)').matches"
+            stop = "event.target.contentWindow.postMessage({seek: 0}, '*')"
+            self.scene.on("load", js_handler=f"event => {calm} && {stop}")
         with self.build_card("Figures"):
             self.table = ui.html("", sanitize=False)
             self.jitter = ui.html("", sanitize=False)
@@ -215,9 +220,8 @@ class Window:
         areas = event.args["areas"]
         self.charts["log"].run_chart_method("dispatchAction", {"type": "brush", "areas": []})
         if areas:
-            log = self.desk.source.logs[0]
             first, last = areas[0]["coordRange"]
-            await self.move("judged", (max(first, 0.0), min(last, float(log.t[-1] - log.t[0]))))
+            await self.move("judged", (max(first, 0.0), max(last, 0.0)))
 
     def show_cameras(self) -> None:
         """Open the list of cameras."""
@@ -325,30 +329,32 @@ class Window:
         self.put("step", options.build_step_options(tuning))
         if residual is not None:
             self.put("residual", options.build_residual_options(residual, rig))
-            is_new = "series" not in self.charts["log"].options
-            self.put("log", options.build_log_options(source.logs[0], rig, options.find_judged(source, state)))
+            is_new, marked = "series" not in self.charts["log"].options, options.find_judged(source, state)
+            if is_new or marked != self.marked:
+                self.put("log", options.build_log_options(source.logs, rig, marked))
+                self.marked = marked
             if is_new:
                 pen = {"type": "takeGlobalCursor", "key": "brush"}
                 pen["brushOption"] = {"brushType": "lineX", "brushMode": "single"}  # type: ignore[assignment]
                 ui.timer(0.3, lambda: self.charts["log"].run_chart_method("dispatchAction", pen), once=True)
             self.judged.set_text(options.describe_judged(source, state))
-        self.tabulate(options.list_numbers(tuning, residual))
+        self.tabulate(options.describe_margins(tuning), options.list_numbers(tuning, residual))
         said = [*tuning.warnings, *tuning.doubts, *map(str, tuning.reasons)]
         self.reasons.set_content(Markup("").join(Markup("<p>{}</p>").format(one) for one in said[:4]))
-        self.scene.props(f'src="{self.desk.find_scene(self.subject, state.payload)}"')
+        self.scene.props(f'src="scene?{urlencode({"payload": state.payload} if state.payload else {})}"')
         self.list_boxes(state)
         self.set_values()
 
-    def tabulate(self, rows: Mapping[str, Mapping[str, str]]) -> None:
-        """Show the figures of every joint."""
+    def tabulate(self, caption: str, rows: Mapping[str, Mapping[str, str]]) -> None:
+        """Show the figures of every joint under a caption."""
         cell, line = Markup('<td data-figure="{}">{}</td>'), Markup("<tr><th scope=row>{}</th>{}</tr>")
         names = next(iter(rows.values())).keys()
         head = Markup("").join(Markup("<th scope=col>{}</th>").format(name) for name in names)
         body = [
             line.format(of, Markup("").join(cell.format(*pair) for pair in row.items())) for of, row in rows.items()
         ]
-        table = Markup('<table class="numbers"><tr><td></td>{}</tr>{}</table>').format(head, Markup("").join(body))
-        self.table.set_content(table)
+        table = Markup('<table class="numbers"><caption>{}</caption><tr><td></td>{}</tr>{}</table>')
+        self.table.set_content(table.format(caption, head, Markup("").join(body)))
 
     def put(self, name: str, shown: options.Options) -> None:
         """Show a chart's figures."""
@@ -392,7 +398,7 @@ class Window:
             self.set_value(self.sliders[name], min(max(shown, handle.low), handle.high))
         if self.tuning is not None:
             late = self.read_shown("delay") / (1e3 * self.tuning.wish.dt)
-            self.labels["delay"].set_text(f"delay, ms ({late:.3g} samples)")
+            self.labels["delay"].set_text(f"delay, ms ({late:.3g} sample{'s' * (late != 1)})")
         self.set_buttons()
 
     def set_buttons(self) -> None:

@@ -67,11 +67,13 @@ def serve_desk(desk: Desk, announce: Callable[[str], object]) -> None:
     check_nicegui()
     import uvicorn
     from fastapi import FastAPI
+    from fastapi.responses import HTMLResponse
     from nicegui import ui
 
     from gimbal_pin.studio.page import Window
 
     token, app = secrets.token_urlsafe(), FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    app.get(f"/{token}/scene", response_class=HTMLResponse)(desk.draw_scene)
     ui.run_with(
         app,
         root=lambda: Window(desk),

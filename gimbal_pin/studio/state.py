@@ -58,7 +58,7 @@ class StudioState:
         mass: What the payload weighs, kg.
         off: Causes that the controller does not know, as `list_causes` names them.
         payload: Another camera, a bundled payload's name or a file's path.
-        judged: Time of the first log that only judges the model, s from its start to its end; the rest trains.
+        judged: From when to when the logs, put one after another, only judge the model, s; the rest trains.
     """
 
     bandwidth_hz: float | None = bounded_choice(None, "bandwidth", 0.1, 100, "Hz")

@@ -88,7 +88,7 @@ def prepare_subject(
     Args:
         source: What was given.
         payload: Another camera than the logs', which replaces theirs body for body; None: theirs.
-        judged: The part of the first log that only judges, s from its start; None: what `identify` holds out.
+        judged: The part of the logs that only judges, see `split_at`; None: what `identify` holds out.
 
     Raises:
         GimbalPinError: A payload cannot be mounted, or the logs do not show the parameters.
@@ -103,7 +103,7 @@ def prepare_subject(
         judges = logs if parts is logs else parts[-1:]
     evidence = gather_for_judgement(rig, judges, DIAGNOSIS_BAND) if judges else None
     if payload is not None:
-        other = Rig.load(rig.source, payload, fixed=rig.config.fixed)
+        other = mount_payload(rig, payload)
         is_stated = source.model is None and not logs
         model, rig = nominal(other) if is_stated else replace_bodies(model, rig, other), other
     if reason := unable(rig, WANTED):
@@ -112,10 +112,26 @@ def prepare_subject(
     return Subject(rig, model, evidence, recipe, platform, seed=source.seed)
 
 
+def mount_payload(rig: Rig, payload: str | None) -> Rig:
+    """Return the rig with another payload; None: with its own."""
+    return rig if payload is None else Rig.load(rig.source, payload, fixed=rig.config.fixed)
+
+
+def list_ends(logs: Sequence[Log]) -> Array:
+    """Return where each log begins, and the last one ends, on an axis on which they follow each other, s."""
+    return np.cumsum([0.0, *(log.t[-1] - log.t[0] for log in logs)])
+
+
+def find_marked_log(logs: Sequence[Log], first: float, last: float) -> int:
+    """Return which log a part of the axis of `list_ends` is of: the one that holds its middle."""
+    return min(int(np.searchsorted(list_ends(logs)[1:], (first + last) / 2)), len(logs) - 1)
+
+
 def split_at(logs: Sequence[Log], first: float, last: float) -> tuple[Log, ...]:
-    """Return what trains, and as the last the part of the first log between two times, s from its start."""
-    log, *others = logs
-    begin, end = np.searchsorted(log.t - log.t[0], [first, last]).tolist()
+    """Return what trains, and as the last the part of one log between two times on the axis of `list_ends`."""
+    k = find_marked_log(logs, first, last)
+    log, others = logs[k], (*logs[:k], *logs[k + 1 :])
+    begin, end = np.searchsorted(log.t - log.t[0] + list_ends(logs)[k], [first, last]).tolist()
     around = [log.part(part) for part in (slice(0, begin), slice(end, None)) if len(log.t[part]) > 1]
     if end - begin < 2 or not (around or others):
         raise UsageError("judged part", "leaves nothing to judge or to learn from", "mark a third of the log")

@@ -22,7 +22,7 @@ from gimbal_pin import write_log
 from gimbal_pin.control import bench_run
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.report.view import browser
-from tests.browsing import Step, needs_browser, visit, wide
+from tests.browsing import Step, audit, media, needs_browser, pause, visit, wide
 from tests.command_line import Run, heard, refused
 from tests.report.test_live import listening, on_linux
 from tests.rigs import bundled
@@ -90,6 +90,18 @@ def press(element: str, share: float = 0.5, to: float | None = None) -> Step:
     return pressed
 
 
+def enter(element: str, text: str) -> Step:
+    """Type a text into a field, over what it holds, and press Enter."""
+
+    async def entered(tab: Any) -> None:
+        await browser.evaluate(tab, f"(e => {{ e.focus(); e.select(); }})({element})")
+        await tab.send_command("Input.insertText", {"text": text})
+        for kind in ("keyDown", "keyUp"):
+            await tab.send_command("Input.dispatchKeyEvent", {"type": kind, "key": "Enter", "code": "Enter"})
+
+    return entered
+
+
 SAID = "document.querySelector('.said').textContent"
 TITLE = "document.querySelector('h1').textContent"
 BANDWIDTH = "document.querySelector('[data-figure=bandwidth]')?.textContent"
@@ -153,6 +165,39 @@ def test_a_rig_without_a_payload_has_no_sliders_for_one(folder: Path) -> None:
     with served("turret", "--payload", "none", folder=folder) as (_, url):
         seen = visit(url, wide(800), until(SETTLED), f"{number} === null", BANDWIDTH, FITS)
     assert seen.values == [True, "8.00 Hz", True] and seen.complaints == []
+
+
+@needs_browser
+def test_the_page_is_accessible(folder: Path) -> None:
+    """By axe-core, light and dark, on a phone, too, with a line that refuses a number, and with the list of cameras."""
+    found: list[Any] = []
+    dialog, number = (
+        "document.querySelector('.q-dialog .camera')",
+        "document.querySelector('[data-number=bandwidth_hz]')",
+    )
+    with served("turret", "log.csv", folder=folder) as (_, url):
+        light, dark = ([media("screen", scheme), audit(found)] for scheme in ("light", "dark"))
+        seen = visit(
+            url, wide(1280), until(SETTLED), *light, *dark, wide(390), *light, enter(number, "500"),
+            until(f"{SAID}.startsWith('bandwidth: is 500; give 0.1 to 100 Hz')"), f"{number}.value", *dark, *light,
+            act("swap-camera"), until(f"{dialog} && {dialog}.getBoundingClientRect().width > 50"), pause(0.5),
+            *light, *dark,
+        )  # fmt: skip
+    assert found == [] and seen.values == ["8"] and seen.complaints == []
+
+
+@needs_browser
+def test_the_scene_stands_still_for_those_who_want_less_motion(folder: Path) -> None:
+    """And the line of its angles is above the rig, not over it."""
+    page = "document.querySelector('iframe')?.contentDocument"
+    clock = f"{page}?.getElementById('clock')?.value"
+    is_above = f"{page}.getElementById('about').getBoundingClientRect().bottom < 60"
+    with served("turret", "log.csv", folder=folder) as (_, url):
+        seen = visit(
+            url, until(f"{clock} && !{clock}.startsWith('0.00')"), media("screen", motion="reduce"),
+            "location.reload()", pause(1.0), until(clock), pause(1.0), clock, pause(0.5), clock, is_above,
+        )  # fmt: skip
+    assert seen.values[1:] == ["0.00 / 20.00 s", "0.00 / 20.00 s", True] and seen.complaints == []
 
 
 def answer(url: str, path: str, **headers: str) -> int:

@@ -234,6 +234,19 @@ def test_what_judges_does_not_train() -> None:
     assert small is not None and large is not None and np.all(large.rms > 3 * small.rms)
 
 
+def test_of_several_logs_any_part_judges() -> None:
+    """Marked in the second of two logs, what judges is that part, and the model that of the rest in any order."""
+    rig = bundled(RIG)
+    logs = tuple(bench_run(nominal(rig), rng=np.random.default_rng(seed), seconds=20.0) for seed in (0, 1))
+    late = logs[1].t - logs[1].t[0] >= 10.0
+    marked = prepare_subject(StudioSource(rig, logs), judged=(30.0, 41.0))
+    alone = prepare_subject(StudioSource(rig, (logs[1].part(~late), logs[0], logs[1].part(late))))
+    np.testing.assert_allclose(marked.model.rig.phi, alone.model.rig.phi, rtol=1e-6, atol=1e-9)
+    found, asked = (compute_residual(each, tune_state(each, StudioState())) for each in (marked, alone))
+    assert found is not None and asked is not None
+    np.testing.assert_allclose(found.rms, asked.rms, rtol=1e-6)
+
+
 def test_a_wider_loop_holds_the_camera_more_still() -> None:
     subject = stated()
     errors = []

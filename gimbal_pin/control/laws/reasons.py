@@ -73,8 +73,9 @@ def about_bandwidth(
 ) -> GainReason:
     """Say what was granted, and what it leaves; `drive`: what stands between command and torque."""
     margins = (
-        f"phase margin {found.phase_margin_deg:.0f}°, gain margin {found.gain_margin_db:.1f} dB, "
-        f"disk margin {found.disk_margin:.2f}, delay margin {1e3 * found.delay_margin:.1f} ms"
+        f"the believed model has phase margin {found.phase_margin_deg:.0f}°, gain margin "
+        f"{found.gain_margin_db:.1f} dB, disk margin {found.disk_margin:.2f}, delay margin "
+        f"{1e3 * found.delay_margin:.1f} ms"
     )
     if granted == wanted:
         return GainReason(f"bandwidth {digits(granted)} Hz, damping {wish.damping:g}; {margins}")
