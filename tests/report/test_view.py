@@ -419,6 +419,28 @@ def test_grid_lines_are_a_round_distance_apart_and_few(size: float) -> None:
     assert np.linalg.norm(points - [0.3 * size, -0.1 * size], axis=1).max() <= 5 * size * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("name", bundled_rigs())
+def test_the_map_of_shadows_holds_all_that_casts_them_and_spends_few_texels_on_the_rest(name: str) -> None:
+    rig = Rig.load(name)
+    shown = motion(rig, sweep(rig, rate=60), 15, 1.0, False, None)
+    shot = scene(rig, shown)
+    drawn = {c["path"]: c for c in shot.commands if c["type"] in ("set_object", "set_transform")}
+    key = drawn["/Studio/key"]["object"]["object"]
+    eye, lamp = key["shadow"]["camera"], square(key["matrix"])[:3, 3]
+    back = lamp / np.linalg.norm(lamp)  # a lamp looks at the origin, its right is level
+    right = np.cross([0, 0, 1.0], back) / np.linalg.norm(np.cross([0, 0, 1.0], back))
+    moves = [square(view[0]["matrix"])[:3, 3] for view in shot.views.values()]  # what is looked at is at the origin
+    points = np.vstack([figure.hull(visuals(rig)[0], poses(rig.model, shown.q).world) + move for move in moves])
+    seen = (points - lamp) @ np.array([right, np.cross(back, right), -back]).T
+    low, high = (
+        np.array([eye[side] for side in sides]) for sides in (("left", "bottom", "near"), ("right", "top", "far"))
+    )
+    assert (low < seen.min(axis=0)).all() and (seen.max(axis=0) < high).all()
+    assert (np.ptp(seen, axis=0) > 0.7 * (high - low))[:2].all()
+    texel = (high - low)[:2] / key["shadow"]["mapSize"]
+    assert texel[0] == pytest.approx(texel[1], rel=0.01) and texel[0] < 0.004 * np.ptp(seen, axis=0)[:2].min()
+
+
 # -- errors ------------------------------------------------------------------------------------------------------------
 
 
@@ -519,20 +541,23 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
         "[animator.time, animator.playing, animator.actions[0].loop, animator.actions[0].repetitions]",
         pause(0.3),
         "animator.time",
-        "picture(0.5, 320, 180)",
+        "pictures([0.5], 320, 180)[0]",
         pose,
-        "picture(1.3, 320, 180)",
+        "pictures([1.3], 320, 180)[0]",
         pose,
         red,
         "(animator.play(), 0)",
         pause(0.3),
-        "picture(0.5, 320, 180)",
+        "pictures([0.5], 320, 180)[0]",
         "(seek(2.0), [animator.playing, document.getElementById('clock').value])",
         red,
         "(toggle(), animator.playing)",
         pause(0.3),
         beam + "false",
-        "picture(0.5, 320, 180)",
+        "pictures([0.5], 320, 180)[0]",
+        beam + "true; drawn.forEach(one => Object.assign(one.material, { onBeforeCompile() {}, needsUpdate: true }))",
+        "pictures([0.5], 320, 180)[0]",
+        "pictures([1.3, 0.5], 320, 180)",
     )
     values = seen.values
     (_, playing, loop, repetitions), later, first, at_first, second, at_second, tint = values[:7]
@@ -554,6 +579,9 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     assert values[9] == [False, "5.00 / 5.00 s"] and np.allclose(values[10], figure.HOT, atol=0.01)
     assert values[11] is True
     assert np.abs(pixels(values[13]) - one).max() > 60  # the line of sight is seen
+    apart = np.abs(pixels(values[15]) - one).max(axis=2)  # from what three.js's own shaders draw
+    assert apart.mean() < 0.3 and (apart > 24).mean() < 0.003
+    assert [len(values[16]), values[16][1]] == [2, values[15]]  # drawn ahead or by itself
 
 
 @needs_browser

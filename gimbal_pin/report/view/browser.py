@@ -47,12 +47,25 @@ async def shoot(
     """
     from tqdm import tqdm
 
-    async with opened(page) as tab:
-        for time in tqdm(times, desc="frames", unit="frame", disable=None if len(times) > 30 else True):
-            uri = await evaluate(tab, f"picture({time!r}, {size[0]}, {size[1]})")
-            if ended.is_set():
-                return
-            await asyncio.to_thread(take, base64.b64decode(uri.partition(",")[2]))
+    # Two million pixels to a message: while one lot is handed over, the next one is drawn.
+    count = max(1, round(2e6 / (size[0] * size[1])))
+    with tqdm(total=len(times), desc="frames", unit="frame", disable=None if len(times) > 30 else True) as bar:
+
+        async def draw(batch: Sequence[float]) -> list[str]:
+            return await evaluate(tab, f"pictures({list(batch)}, {size[0]}, {size[1]})") if batch else []
+
+        async def hand_over(uris: list[str]) -> None:
+            for uri in uris:
+                if not ended.is_set():
+                    await asyncio.to_thread(take, base64.b64decode(uri.partition(",")[2]))
+                    bar.update()
+
+        async with opened(page) as tab:
+            uris: list[str] = []
+            for first in range(0, len(times) + count, count):
+                uris, _ = await asyncio.gather(draw(times[first : first + count]), hand_over(uris))
+                if ended.is_set():
+                    return
 
 
 @asynccontextmanager

@@ -85,7 +85,7 @@ def scene(
     shift = stage.to_the_right(seen, heading, camera) if len(runs) > 1 else np.zeros(3)
     seen, points = (np.vstack([p + k * shift for k in range(len(runs))]) for p in (seen, points))
     views = {name: stage.camera(seen, heading, name, room) for name in VIEWS}
-    commands = [*stage.commands(views[camera], np.vstack([points, around]), size), *marks]
+    commands = [*stage.commands(views[camera], views.values(), np.vstack([points, around]), size), *marks]
     clips: figure.Tracks = {}
     for run, shown, home, place in zip(runs, moved, RUN_ROOTS, (np.zeros(3), shift)):
         drawn, tracks = one_run(rig, solids, run, shown, home, reach, size)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,11 +87,14 @@ def to_the_right(points: Array, heading: float, view: str) -> Array:
     return np.asarray(1.1 * float(np.ptp(points @ right)) * right)
 
 
-def commands(view: Camera, points: Array, size: float) -> list[three.Json]:
-    """Return the commands for background, light, ground and camera of a rig of radius `size`, m, around `points`."""
+def commands(view: Camera, views: Iterable[Camera], points: Array, size: float) -> list[three.Json]:
+    """Return the commands for background, light, ground and camera of a rig of radius `size`, m, around `points`.
+
+    `views`: all that may be shown. The lamps stand about what is looked at, so that the rig moves in their light.
+    """
     return [
         *(three.let(path, "visible", False) for path in ("/Background", "/Grid", "/Axes", "/Lights")),
-        *lights(view, size, float(np.linalg.norm(points - view.target, axis=1).max())),
+        *lights(view, np.vstack([points - one.target for one in views]), size),
         ground(view, points, size),
         *look(view),
     ]
@@ -106,17 +109,25 @@ def look(view: Camera) -> list[three.Json]:
     return [three.command_pose("/meshcat", three.pose(-view.target)), *placed]
 
 
-def lights(view: Camera, size: float, reach: float) -> list[three.Json]:
+def lights(view: Camera, points: Array, size: float) -> list[three.Json]:
     """Return a sky, a key light that casts the shadows, a fill light from the viewer, a rim light from behind.
 
-    On a level face they add up to 0.97, so that white keeps its tone. `reach`: how far from the view's target there
-    are things that cast shadows, m.
+    On a level face they add up to 0.97, so that white keeps its tone. The shadows' map, with level sides, holds the
+    points, (K, 3), m from what is looked at, and the ground behind them.
     """
     toward, left = view.sides
     up = np.array([0.0, 0.0, 1.0])
-    box = {"left": -reach, "right": reach, "top": reach, "bottom": -reach, "near": 0.1 * size}
-    eye = {"uuid": "shadow", "type": "OrthographicCamera", "zoom": 1, **box, "far": 13 * size + 3 * reach}
-    shadow = {"camera": eye, "mapSize": [1024, 1024], "bias": -0.001, "normalBias": 0.02 * size, "radius": 2}
+    back = view.key_light / np.linalg.norm(view.key_light)
+    right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
+    held = points @ np.array([right, np.cross(back, right), back]).T
+    low, high = held.min(axis=0) - 0.1 * size, held.max(axis=0) + 0.1 * size
+    distance = 5 * size * float(np.linalg.norm(view.key_light))
+    box = dict(zip(("left", "bottom"), low[:2].tolist())) | dict(zip(("right", "top"), high[:2].tolist()))
+    depth = {"near": distance - float(high[2]), "far": distance - float(low[2]) + 2 * size}
+    eye = {"uuid": "shadow", "type": "OrthographicCamera", "zoom": 1, **box, **depth}
+    # 512 along the shorter side: software renderers pay for them one by one
+    texels = np.round(512 * (high - low)[:2] / (high - low)[:2].min()).clip(max=1024).tolist()
+    shadow = {"camera": eye, "mapSize": texels, "bias": -0.001, "normalBias": 0.02 * size, "radius": 2}
 
     def shine(name: str, position: Array, intensity: float, **more: object) -> three.Json:
         kind = "HemisphereLight" if name == "sky" else "DirectionalLight"
