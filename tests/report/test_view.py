@@ -35,7 +35,6 @@ from tests.browsing import needs_browser, pause, visit
 
 GHOST = "/meshcat/ghost"
 RIG = "/meshcat/rig"
-ASPECT = 16 / 9
 
 BARE = """<robot name="bare">
   <link name="base"/>
@@ -299,25 +298,30 @@ def test_poses_are_pinocchio_s_forward_kinematics(lumped: Rig) -> None:
             assert np.allclose(shown.world[k, i], data.oMi[i].homogeneous, atol=1e-12)
 
 
+@pytest.mark.parametrize("aspect", [16 / 9, 1.0, 0.5])
 @pytest.mark.parametrize("name", [*bundled_rigs(), "lumped"])
-def test_the_camera_holds_the_rig_and_its_line_of_sight_from_near(name: str, lumped: Rig) -> None:
+def test_every_view_holds_the_rig_and_its_line_of_sight_and_is_filled_by_it(
+    name: str, aspect: float, lumped: Rig
+) -> None:
     rig = lumped if name == "lumped" else Rig.load(name)
-    log = sweep(rig, rate=60)
-    shown = motion(rig, log, 15, 1.0, False, None)
-    properties = {c["property"]: c["value"] for c in scene(rig, shown).commands if c["type"] == "set_property"}
-    x, z, y = properties["position"] * np.array([1, 1, -1])  # the camera's own frame has y up
-    centre = next(c for c in scene(rig, shown).commands if c["type"] == "set_transform" and c["path"] == "/meshcat")
-    points = figure.hull(visuals(rig)[0], poses(rig.model, shown.q).world) + square(centre["matrix"])[:3, 3]
-    back = np.array([x, y, z]) / np.linalg.norm([x, y, z])
-    right = np.cross([0, 0, 1.0], back) / np.linalg.norm(np.cross([0, 0, 1.0], back))
-    depth = np.linalg.norm([x, y, z]) - points @ back
-    half = np.tan(np.deg2rad(32.0) / 2)
-    across = np.abs(points @ right) / (depth * half * ASPECT)
-    upright = np.abs(points @ np.cross(back, right)) / (depth * half)
-    assert depth.min() > properties["near"] and depth.max() < properties["far"]
-    assert max(across.max(), upright.max()) < 0.9
-    assert max(np.ptp(points @ right) / ASPECT, np.ptp(points @ np.cross(back, right))) > half * depth.mean()
-    assert 0 < back[2] < 0.5  # from above, but not from the top
+    shown = motion(rig, sweep(rig, rate=60), 15, 1.0, False, None)
+    shot = scene(rig, shown, aspect=aspect)
+    hull = figure.hull(visuals(rig)[0], poses(rig.model, shown.q).world)
+    trail = next(c for c in shot.commands if c["path"] == "/meshcat/trail")["object"]["geometries"][0]
+    ends = array(trail["data"]["attributes"]["position"]["array"], 3)
+    for view_name, placed in shot.views.items():
+        properties = {c["property"]: c["value"] for c in placed if c["type"] == "set_property"}
+        x, z, y = properties["position"] * np.array([1, 1, -1])  # the camera's own frame has y up
+        back = np.array([x, y, z]) / np.linalg.norm([x, y, z])
+        right = np.cross([0, 0, 1.0], back) / np.linalg.norm(np.cross([0, 0, 1.0], back))
+        points = np.vstack([hull, ends]) + square(placed[0]["matrix"])[:3, 3]
+        depth = np.linalg.norm([x, y, z]) - points @ back
+        slopes = points @ np.array([right, np.cross(back, right)]).T / depth[:, None] / np.tan(np.deg2rad(32.0) / 2)
+        assert depth.min() > properties["near"] and depth.max() < properties["far"]
+        assert (np.abs(slopes) / [aspect, 1.0]).max() == pytest.approx(0.88)
+        if name != "lumped":
+            assert np.ptp(slopes[: len(hull)], axis=0).max() / 2 > 0.6 * min(aspect, 1.0), view_name
+            assert (0 < back[2] < 0.5) == (view_name != "top")  # from above, but not from the top
 
 
 # -- what is drawn -----------------------------------------------------------------------------------------------------

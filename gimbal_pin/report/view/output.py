@@ -18,6 +18,7 @@ from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view.browser import take_pictures
 from gimbal_pin.report.view.motion import Frames, frame_times, motion
 from gimbal_pin.report.view.scene import render_scene, scene
+from gimbal_pin.report.view.stage import STAGE_ASPECT
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -119,7 +120,8 @@ def animate(
         both = min(len(shown.t), len(other.t))
         shown, other = shown.first(both), other.first(both)
         name = f"left {name}, right {Path(beside.name).name}"
-    drawn = scene(rig, shown, camera=camera, beside=other)
+    wide = size[0] / size[1] if suffix in (".png", *ENCODERS) else STAGE_ASPECT
+    drawn = scene(rig, shown, camera=camera, beside=other, aspect=wide)
     recorded = render_scene(rig, name, shown, drawn, written=written, beside=other)
     shot = Animation(name, recorded, drawn.events)
     if path is None:

@@ -44,15 +44,22 @@ class Scene:
         commands: Objects, poses and properties, in order; last the motion, where there is more than one frame.
         events: Sentences about what could not be drawn as the URDF says.
         views: Name → the commands that place the camera there; first what is shown.
+        aspect: The width over the height of the picture that the views fill.
     """
 
     commands: tuple[three.Json, ...]
     events: tuple[str, ...]
     views: Mapping[str, Sequence[three.Json]]
+    aspect: float
 
 
 def scene(
-    rig: Rig, motion: Frames, room: float = 1.0, camera: str | None = None, beside: Frames | None = None
+    rig: Rig,
+    motion: Frames,
+    room: float = 1.0,
+    camera: str | None = None,
+    beside: Frames | None = None,
+    aspect: float = stage.STAGE_ASPECT,
 ) -> Scene:
     """Return the scene of a rig in motion, looked at from `room` times as far away as holds all of it.
 
@@ -62,6 +69,7 @@ def scene(
         room: How many times as far away.
         camera: One of `VIEWS`; None: the usual one, with a target over the camera's shoulder.
         beside: How it moves in a second run, which is shown to the right of the first; None: there is none.
+        aspect: The picture's width over its height.
     """
     solids, events, missing = visuals(rig)
     full = {solid.joint for solid in solids}
@@ -84,7 +92,7 @@ def scene(
     camera = camera or (stage.USUAL if motion.wanted is None else stage.AIMING)
     shift = stage.to_the_right(seen, heading, camera) if len(runs) > 1 else np.zeros(3)
     seen, points = (np.vstack([p + k * shift for k in range(len(runs))]) for p in (seen, points))
-    views = {name: stage.camera(seen, heading, name, room) for name in VIEWS}
+    views = {name: stage.camera(seen, heading, name, room, aspect, motion.wanted is not None) for name in VIEWS}
     commands = [*stage.commands(views[camera], views.values(), np.vstack([points, around]), size), *marks]
     clips: figure.Tracks = {}
     for run, shown, home, place in zip(runs, moved, RUN_ROOTS, (np.zeros(3), shift)):
@@ -94,7 +102,7 @@ def scene(
     if len(motion.t) > 1:
         commands.append(three.play_tracks(clips, MOTION_PATH))
     placed = {name: stage.look(views[name]) for name in (camera, *views)}
-    return Scene(tuple(commands), events, placed)
+    return Scene(tuple(commands), events, placed, aspect)
 
 
 def one_run(
@@ -193,7 +201,7 @@ def render_scene(
         "duration": float(shown.clock[-1]),
         "speed": shown.speed,
         "fov": stage.FOV,
-        "aspect": stage.STAGE_ASPECT,
+        "aspect": drawn.aspect,
         "sky": stage.SKY,
         "views": {name: [packed(command) for command in view] for name, view in drawn.views.items()},
         "frames": len(shown.t),

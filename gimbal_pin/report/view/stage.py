@@ -61,23 +61,32 @@ class Camera:
         return np.asarray(np.array(KEY[:2]) @ self.sides + [0.0, 0.0, KEY[2]])
 
 
-def camera(points: Array, heading: float, view: str, room: float = 1.0) -> Camera:
+def camera(
+    points: Array, heading: float, view: str, room: float = 1.0, aspect: float = STAGE_ASPECT, aside: bool = False
+) -> Camera:
     """Return the closest view of that name that holds all the points, m, (K, 3), `room` times as far away.
 
-    `heading`: where the line of sight points, rad.
+    Of a camera at (c, d), a point at (x, z), z toward the viewer, is seen between the slopes l and r where
+    l (d - z) ≤ x - c ≤ r (d - z): so d ≥ (max(x + r z) - min(x + l z)) / (r - l), both across and up.
+
+    `heading`: where the line of sight points, rad; `aspect`: the picture's width over its height; `aside`: whether some
+    views leave room for pictures at the right.
     """
-    around, elevation, aside = VIEWS[view]
+    around, elevation, free = VIEWS[view]
     azimuth = heading + np.deg2rad(around)
     level, high = np.cos(np.deg2rad(elevation)), np.sin(np.deg2rad(elevation))
     back = np.array([level * np.cos(azimuth), level * np.sin(azimuth), high])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     axes = np.array([right, np.cross(back, right), back])
-    seen = points @ axes.T
-    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    half = np.tan(np.deg2rad(FOV) / 2) * 0.86 * np.array([STAGE_ASPECT * (1 - aside), 1.0])
-    distance = float(np.max(np.abs(seen[:, :2] - middle[:2]) / half + (seen[:, 2:] - middle[2])))
-    middle[0] += aside * STAGE_ASPECT * np.tan(np.deg2rad(FOV) / 2) * distance
-    return Camera(target=middle @ axes, offset=room * distance * back)
+    across, depth = np.split(points @ axes.T, [2], axis=1)
+    half = np.tan(np.deg2rad(FOV) / 2) * np.array([aspect, 1.0])
+    left = free * aside
+    middle, reach = -half * [left, 0.0], 0.88 * half * [1 - left, 1.0]
+    least, most = (across + (middle + reach) * depth).max(axis=0), (across + (middle - reach) * depth).min(axis=0)
+    distance = float(np.max((least - most) / (2 * reach)))
+    centre = float(np.mean([depth.min(), depth.max()]))
+    target = np.append((least + most) / 2 - middle * distance, centre)
+    return Camera(target=target @ axes, offset=room * (distance - centre) * back)
 
 
 def to_the_right(points: Array, heading: float, view: str) -> Array:
