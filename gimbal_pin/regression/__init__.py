@@ -61,7 +61,6 @@ from gimbal_pin.regression.lags import LARGEST_LAG as LARGEST_LAG
 from gimbal_pin.regression.lags import add_lag_spread as add_lag_spread
 from gimbal_pin.regression.lags import align_rows as align_rows
 from gimbal_pin.regression.lags import fit_lags as fit_lags
-from gimbal_pin.regression.lags import shift_torques as shift_torques
 from gimbal_pin.regression.missing_samples import Filled as Filled
 from gimbal_pin.regression.missing_samples import Indices as Indices
 from gimbal_pin.regression.missing_samples import fill_gaps as fill_gaps

@@ -72,8 +72,8 @@ def align_rows(
     """Return rows with the lags at which the model leaves least, and these' covariance, s², (n, n).
 
     A filter that knows them stays. Its rows are the filter's own: faster ones say better when a torque acts, but where
-    encoders are coarse they hold more noise of the acceleration than motion, which is taken for milliseconds. Of small
-    steps the torque's derivative says all, see `shift_torques`; after others the rows are computed again.
+    encoders are coarse they hold more noise of the acceleration than motion, which is taken for milliseconds. After a
+    small step the lags are not fitted again.
 
     Args:
         each: Rows of one rig's drives, with several cameras.
@@ -86,26 +86,13 @@ def align_rows(
     for _ in range(LAG_ROUNDS):
         late, spread = fit_lags(join(each), taken)
         late = np.clip(late, -LARGEST_LAG, LARGEST_LAG)
-        if np.pi * filtering.cutoff * np.max((late - taken) ** 2) < LAGS_WITHIN:
-            return [shift_torques(blocks, late - taken) for blocks in each], spread
-        taken, filtering = late, replace(filtering, lags=tuple(late.tolist()))
+        step, taken = late - taken, late
+        filtering = replace(filtering, lags=tuple(taken.tolist()))
         each = [compute_blocks(replace(blocks.design, filtering=filtering)) for blocks in each]
+        # A step that db/dt stands for leaves (2 π f step)²/2 of the torque, one that is off by dl leaves 2 π f dl.
+        if np.pi * filtering.cutoff * np.max(step**2) < LAGS_WITHIN:
+            break
     return each, spread
-
-
-def shift_torques(blocks: DesignBlocks, late: Array) -> DesignBlocks:
-    """Return rows of which each joint's torque acts a little later than it was taken to: ``b_j - l_j db_j/dt``.
-
-    At a frequency f that leaves (2 π f l)²/2 of it.
-
-    Args:
-        blocks: Rows.
-        late: By how much later, s, (n,).
-    """
-    filtering = blocks.design.filtering
-    lags = late + (np.array(filtering.lags) if filtering.lags else 0.0)
-    design = replace(blocks.design, filtering=replace(filtering, lags=tuple(lags.tolist())))
-    return DesignBlocks(design, tuple(block._replace(b=block.b - late * block.slope) for block in blocks))
 
 
 def add_lag_spread(blocks: Sequence[Block], estimate: Estimate, spread: Array) -> Estimate:
