@@ -221,8 +221,9 @@ class Document:
         return self.scene(path)
 
     def draw(self) -> Figure:
-        """Return the first of its drawings as a figure of Matplotlib; `UsageError` where there is none."""
-        for part in unfold(part for one in self.sections for part in one.parts):
+        """Return the first drawing, folded ones last, as a figure of Matplotlib; `UsageError` where there is none."""
+        parts = [part for one in self.sections for part in one.parts]
+        for part in [*parts, *unfold(parts)]:
             if draw := getattr(part, "draw", None):
                 figure: Figure = draw()
                 return figure

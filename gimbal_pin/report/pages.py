@@ -18,7 +18,7 @@ from gimbal_pin.diagnosis import Diagnosis, Rehearsal
 from gimbal_pin.diagnosis.gain import FULL, heat
 from gimbal_pin.dynamics.base_parameters import Base
 from gimbal_pin.dynamics.checking import Checked
-from gimbal_pin.dynamics.model import Model
+from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.excitation import Excitation, ExpectedEstimate
 from gimbal_pin.fleet import Fleet, MonteCarlo
 from gimbal_pin.identification import Identified, Several, compare_payload
@@ -139,8 +139,13 @@ def describe_verified(found: Verified) -> Document:
 @describe_record.register
 def describe_excitation(found: Excitation) -> Document:
     """Return a motion and what it uses of the limits."""
-    moved = Log("motion", found.joints, found.motion.t, found.motion.q, found.motion.v)
-    return build_document(found.rig, [show_excitation(found)], scene=partial(animate, found.rig, moved))
+    motion = found.motion
+    tau = nominal(found.rig).inverse(motion.q, motion.v, motion.a)
+    moved = Log("motion", found.joints, motion.t, motion.q, motion.v, tau)
+    drawn = picture_log(list_shown_joints(found.rig), moved, "The motion, and the torque that it takes by the URDF.")
+    shown = show_excitation(found)
+    sections = [replace(shown, parts=[*shown.parts, drawn])]
+    return build_document(found.rig, sections, scene=partial(animate, found.rig, moved))
 
 
 @describe_record.register

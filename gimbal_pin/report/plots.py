@@ -254,13 +254,15 @@ def curve(axes: Axes, t: Array, values: Array, **looks: Any) -> None:
 def dots(axes: Axes, x: Array, y: Array, colour: str) -> None:
     """Draw a cloud of dots as one path, which takes a tenth of the space of as many markers.
 
-    Matplotlib simplifies dots away: of what it clips, and of a path whose x is sorted, it draws a simplified copy.
+    Matplotlib simplifies dots away: of what it clips, and of a path whose x is sorted, it draws a simplified copy; and
+    in a PNG those that have no length.
     """
-    xs = np.column_stack([x, x, np.full_like(x, np.nan)]).ravel()
+    xs = np.column_stack([x, x + 1e-9 * (np.ptp(x) or 1.0), np.full_like(x, np.nan)]).ravel()
     ys = np.column_stack([y, y, np.full_like(y, np.nan)]).ravel()
     alpha = float(np.clip(200 / max(len(x), 1), 0.35, 0.9))
     (line,) = axes.plot(xs, ys, color=colour, lw=2.4, solid_capstyle="round", alpha=alpha, clip_on=False)
     line.get_path().should_simplify = False
+    line.set_snap(False)
 
 
 def zero_line(axes: Axes) -> None:

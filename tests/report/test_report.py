@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
+from io import BytesIO
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 from markupsafe import Markup
+from PIL import Image
 
 from gimbal_pin.control import RIVAL, Judgement, Tracking, Tuning, judge_controllers, pair_rivals, track, tune
 from gimbal_pin.diagnosis import diagnose
@@ -282,7 +284,12 @@ def test_every_dot_of_a_cloud_is_drawn(order: str) -> None:
 
     svg = str(plots.drawn(make, "cloud"))
     (path,) = re.findall(r'<path d="([^"]*)"[^>]*stroke: #123456', svg)
-    assert path.count("h0") == 1200  # a line of no length, whose round caps are the dot
+    assert path.count("M") == 1200  # lines of hardly a length, whose round caps are the dots
+    drawn = BytesIO()
+    make().savefig(drawn, facecolor="white")
+    ink = np.asarray(Image.open(drawn).convert("L")) < 200
+    columns = np.flatnonzero(ink[20:-60].any(axis=0))
+    assert len(columns) > 0.8 * np.ptp(columns)  # 1200 dots of three pixels fill a width of 900
 
 
 # -- figures -----------------------------------------------------------------------------------------------------------

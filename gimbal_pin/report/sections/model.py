@@ -139,7 +139,7 @@ def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) 
         parts.append(
             Element(Markup(folded(line, values).__html__()), f"{line}; all of them in the model's file and --json")
         )
-    parts += [] if evaluated is None else [picture_effects(found, evaluated)]
+    parts += [] if evaluated is None else [folded("Friction over the rate", picture_effects(found, evaluated))]
     parts += describe_bound(found)
     parts += [] if agreement is None else [paragraph(f"{agreement.sentence}.")]
     parts += [] if agreement is None or not agreement.drifting else [tables.drifting_parameters(agreement)]
