@@ -158,12 +158,11 @@ def wide(pixels: int) -> Step:
     return sized
 
 
-def media(kind: str, scheme: str = "light", motion: str = "no-preference") -> Step:
-    """Show the page on a screen or on paper, light or dark, with or without less motion (``reduce``)."""
+def media(kind: str, scheme: str = "light") -> Step:
+    """Show the page on a screen or on paper, light or dark."""
 
     async def done(tab: Any) -> None:
-        wanted = {"prefers-color-scheme": scheme, "prefers-reduced-motion": motion}
-        features = [{"name": name, "value": value} for name, value in wanted.items()]
+        features = [{"name": "prefers-color-scheme", "value": scheme}]
         await tab.send_command("Emulation.setEmulatedMedia", {"media": kind, "features": features})
 
     return done

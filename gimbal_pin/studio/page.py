@@ -144,13 +144,11 @@ class Window:
             number.on(event, lambda: self.enter_number(name))
 
     def build_panels(self) -> None:
-        """Build the scene, the numbers and the charts."""
+        """Build the scene, which stands until it is played, the numbers and the charts."""
         logs = self.desk.source.logs
         with self.build_card("Scene"):
             self.scene = ui.element("iframe").props('title="The rig"')
-            calm = "matchMedia('(prefers-reduced-motion: reduce)').matches"
-            stop = "event.target.contentWindow.postMessage({seek: 0}, '*')"
-            self.scene.on("load", js_handler=f"event => {calm} && {stop}")
+            self.scene.on("load", js_handler="event => event.target.contentWindow.postMessage({seek: 0}, '*')")
         with self.build_card("Figures"):
             self.table = ui.html("", sanitize=False)
             self.jitter = ui.html("", sanitize=False)

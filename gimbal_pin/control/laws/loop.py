@@ -1,9 +1,8 @@
-"""The sampled loop of an outer PID around a linearised joint, and its margins from python-control."""
+"""The sampled loop of an outer PID around a linearised joint, and its margins."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import floor, pi
@@ -172,23 +171,29 @@ def compute_margins(gains: Pid, dt: float, delay: float, gain: float = 1.0, driv
 
 def assessed(loop: control.StateSpace, omega: Array) -> Margins:
     """Return the margins of a loop gain, looked at at some frequencies, rad/s; an unstable loop has none (all zero)."""
-    import control
-
     if not stable(loop):
         return Margins(0.0, 0.0, 0.0, 0.0, 0.0)
     response = responses(loop, omega)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # no crossing of -180° is an infinite margin, not a mishap
-        gm, pm, _, _, wgc, _ = control.stability_margins(control.frd(response, omega, dt=loop.dt), returnall=True)
-    phase, crossover = np.abs(np.atleast_1d(pm)), np.atleast_1d(wgc)
-    gains_at_180 = np.append(np.atleast_1d(gm), at_nyquist(loop))
+    crossover = find_crossings(loop, omega, response, lambda L: np.abs(L) - 1.0)
+    phase = np.abs(np.angle(-responses(loop, crossover)))
+    real = responses(loop, find_crossings(loop, omega, response, np.imag)).real
+    gains_at_180 = np.append(-1 / real[real < 0], at_nyquist(loop))
     return Margins(
-        phase_margin_deg=float(phase.min(initial=np.inf)),
+        phase_margin_deg=float(np.rad2deg(phase).min(initial=np.inf)),
         gain_margin_db=float(np.abs(20 * np.log10(gains_at_180)).min(initial=np.inf)),
         disk_margin=disk_margin(loop, response),
-        delay_margin=float((np.deg2rad(phase) / crossover).min(initial=np.inf)),
+        delay_margin=float((phase / crossover).min(initial=np.inf)),
         crossover_hz=float(crossover.max(initial=0.0) / (2 * pi)),
     )
+
+
+def find_crossings(loop: control.StateSpace, omega: Array, response: Array, measure: Callable[[Array], Array]) -> Array:
+    """Return where a measure of the loop gain is zero, rad/s: between neighbours of `omega` where its sign changes."""
+    from scipy.optimize import brentq
+
+    signs = np.sign(measure(response))
+    at = np.flatnonzero(signs[1:] != signs[:-1])
+    return np.array([brentq(lambda w: measure(responses(loop, np.array([w])))[0], *omega[k : k + 2]) for k in at])
 
 
 def at_nyquist(loop: control.StateSpace) -> Array:
