@@ -90,7 +90,7 @@ def unpacked(page: str) -> list[list[np.ndarray]]:
     for home in lxml.html.fromstring(page).xpath("//div[@class='charts']"):
         values = np.frombuffer(zlib.decompress(base64.b64decode(home.get("data-deflated"))), "<f4")
         charts = json.loads(home.get("data-charts"))
-        shapes = [(1 + len(one["abscissae"]) + len(one["curves"]), one["rows"]) for one in charts]
+        shapes = [(len(one["abscissae"]) + len(one["curves"]), one["rows"]) for one in charts]
         ends = np.cumsum([columns * rows for columns, rows in shapes])
         found.append([part.reshape(shape) for part, shape in zip(np.split(values, ends[:-1]), shapes)])
         assert ends[-1] == len(values)

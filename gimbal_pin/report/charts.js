@@ -4,7 +4,15 @@
 
 const ground = document.querySelector(".gimbal-pin") ?? document.body;  // in a notebook it has the colours
 const colourOf = name => name.startsWith("--") ? getComputedStyle(ground).getPropertyValue(name) : name;
-const read = value => value === null ? "–" : String(Number(value.toPrecision(5))).replace("-", "−");
+// Ten characters at most, so that nothing moves while a run plays.
+const write = (value, digits) => (value && Math.abs(value) < 1e-3 ? value.toExponential(digits)
+  : String(Number(value.toPrecision(5)))).replaceAll("-", "−");
+const read = value => value === null ? "–" : write(value, 4);
+// Numbers along an axis; the last of them has the unit.
+function label(splits, unit) {
+  const last = splits.findLastIndex(value => value !== null);
+  return splits.map((value, k) => value === null ? "" : write(value) + (k === last ? unit : ""));
+}
 
 function add(parent, tag, attributes = {}, text = "") {
   const made = parent.appendChild(document.createElement(tag));
@@ -37,11 +45,11 @@ class Run {
 }
 
 class Chart {
-  constructor(home, run, what, columns, hasLabel) {
-    Object.assign(this, { run, what, hasLabel, over: 0, row: null, isPointed: false, isDragged: false });
+  constructor(home, run, what, columns) {
+    Object.assign(this, { run, what, over: 0, row: null, isPointed: false, isDragged: false });
     this.t = columns[0].map(since => since + what.start);
-    this.abscissae = [this.t, ...columns.slice(1, 1 + what.abscissae.length)];
-    this.curves = columns.slice(1 + what.abscissae.length);
+    this.abscissae = [this.t, ...columns.slice(1, what.abscissae.length)];
+    this.curves = columns.slice(what.abscissae.length);
     const box = add(home, "div", { class: "chart" }), top = add(box, "div", { class: "legend" });
     if (what.title) {
       const name = add(top, "b", { class: "joint" });
@@ -84,9 +92,9 @@ class Chart {
     this.place = new Uint32Array(x.length);
     this.order.forEach((row, place) => { this.place[row] = place; });
     const paint = curve => () => colourOf(curve.colour), isShown = k => this.plot?.series[k + 1].show ?? true;
-    const axis = { stroke: () => colourOf("--muted"), font: "12px system-ui, sans-serif", labelSize: 18, labelFont: "12px system-ui, sans-serif", gap: 3, values: (_, splits) => splits.map(read) };
-    const lines = { stroke: () => colourOf("--line"), width: 1 };
-    const label = isTime ? "time, s" : this.what.abscissae[this.over - 1];
+    const lines = { stroke: () => colourOf("--line"), width: 1 }, unit = ` ${this.what.abscissae[this.over].split(", ")[1]}`;
+    const axis = { stroke: () => colourOf("--muted"), font: "12px system-ui, sans-serif", gap: 3, grid: lines, ticks: lines };
+    const scale = which => this.what.log.includes(which) ? { distr: 3 } : {};
     const drawn = this.what.curves.map((curve, k) => ({
       label: curve.name, show: isShown(k), stroke: paint(curve), width: curve.width, dash: curve.is_dashed ? [5, 4] : undefined,
       ...(isTime ? { points: { show: false } } : { paths: () => null, points: { show: true, size: 3.5, width: 0, fill: paint(curve) } }),
@@ -95,9 +103,9 @@ class Chart {
     this.plot = new uPlot({
       ...this.size,
       legend: { show: false },
-      padding: [8, 10, 0, 0],
-      scales: { x: { time: false } },
-      axes: [{ ...axis, grid: lines, ticks: lines, size: 26, label: this.hasLabel ? label : undefined }, { ...axis, grid: lines, ticks: lines, size: 52, space: 22 }],
+      padding: [8, 16, 0, 0],
+      scales: { x: { time: false, ...scale("x"), ...(x[0] < x[x.length - 1] && { range: (_, first, last) => [first, last] }) }, y: scale("y") },
+      axes: [{ ...axis, size: 26, values: (_, splits) => label(splits, unit) }, { ...axis, size: 56, space: 22, values: (_, splits) => label(splits, "") }],
       series: [{}, ...drawn],
       cursor: {
         y: false,
@@ -189,30 +197,31 @@ async function inflate(packed) {
 
 async function build(home) {
   const charts = JSON.parse(home.dataset.charts), values = new Float32Array(await inflate(home.dataset.deflated));
-  const run = Run.of(home.dataset.clock), across = Number(home.style.getPropertyValue("--across"));
   home.closest("figure").classList.add("live");
   const tools = add(home, "div", { class: "tools" }), grid = add(home, "div", { class: "grid" });
   let first = 0;
-  const own = charts.map((what, k) => {
-    const count = 1 + what.abscissae.length + what.curves.length;
+  const own = charts.map(what => {
+    const count = what.abscissae.length + what.curves.length, over = what.abscissae[0];
     const columns = Array.from({ length: count }, () => Float64Array.from(values.subarray(first, first += what.rows)));
-    return new Chart(grid, run, what, columns, k >= charts.length - across);
+    return new Chart(grid, Run.of(home.dataset.clock + (over === "time, s" ? "" : over)), what, columns);
   });
-  run.charts.push(...own);
-  if (charts[0].abscissae.length) {
+  const choices = own[0].what.abscissae, turned = own.filter(chart => chart.what.abscissae.length > 1);
+  if (turned.length) {
     const select = add(add(tools, "label", {}, "over "), "select");
-    for (const name of ["time", ...charts[0].abscissae]) add(select, "option", {}, name.split(",")[0]);
-    select.addEventListener("change", () => own.forEach(chart => {
+    for (const name of choices) add(select, "option", {}, name.split(",")[0]);
+    select.addEventListener("change", () => turned.forEach(chart => {
       chart.over = select.selectedIndex;
       if (chart.plot) chart.draw();
     }));
   }
-  add(tools, "button", { type: "button" }, "Show all").addEventListener("click", () => {
-    if (own[0].over) own.forEach(chart => chart.zoom(chart.full)); else run.zoom([-Infinity, Infinity]);
-  });
-  const scene = run.frames.length ? ", a click or Enter moves the scene" : "";
+  add(tools, "button", { type: "button" }, "Show all").addEventListener("click", () => own.forEach(chart => chart.ask([-Infinity, Infinity])));
+  const scene = own[0].run.frames.length ? ", a click or Enter moves the scene" : "";
   add(tools, "span", {}, `Drag to zoom; arrow keys move the cursor, + − 0 zoom${scene}.`);
-  if (run.time === undefined) run.move(own[0].t[0]); else own.forEach(chart => chart.mark(run.time));
+  for (const chart of own) {
+    chart.run.charts.push(chart);
+    chart.mark(chart.run.time ?? chart.t[0]);
+    chart.run.time ??= chart.t[0];
+  }
 }
 
 const built = Promise.all([...document.querySelectorAll(".charts:empty")].map(build));

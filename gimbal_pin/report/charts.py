@@ -22,6 +22,7 @@ from gimbal_pin.report.elements import hash_clock
 from gimbal_pin.report.format import ShownJoint
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -55,6 +56,8 @@ class Chart:
         t: Time, s, increasing, (N,).
         curves: The curves, at least one.
         abscissae: Quantity and unit → values, (N,): what the curves may be drawn over beside time.
+        over: Quantity and unit of `t`, where that is not time.
+        log: Which axes are logarithmic: "x", "y", "xy" or none.
     """
 
     title: str
@@ -63,6 +66,17 @@ class Chart:
     t: Array
     curves: Sequence[Trace]
     abscissae: Mapping[str, Array]
+    over: str = "time, s"
+    log: str = ""
+
+    def draw(self, axes: Axes) -> None:
+        """Draw the curves, a legend above them."""
+        for x in self.curves:
+            looks = {"color": x.colour, "lw": 0.8 * x.width, "ls": "--" if x.is_dashed else "-"}
+            plots.curve(axes, self.t, x.values, **looks)
+        plots.put_legend(axes, [(x.name, x.colour) for x in self.curves])
+        axes.set(xlabel=self.over, ylabel="\n".join(filter(None, (self.title, self.label))), xlim=self.t[[0, -1]])
+        axes.set(**{f"{axis}scale": "log" for axis in self.log})
 
     def tabulate(self, most: int = 3000) -> Array:
         """Return time since its start, abscissae and curves, (columns, rows), as 32-bit floats.
@@ -86,7 +100,7 @@ def list_abscissae(joint: ShownJoint, q: Array, v: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Charts:
-    """Charts in rows of equal length, which are drawn over the same abscissa.
+    """Charts in rows, of equal length but for the last, which are drawn over the same abscissa.
 
     Attributes:
         clock: Name of the run whose time they show: the cursors of all charts of a run, and its scene, move together.
@@ -97,17 +111,11 @@ class Charts:
     rows: Sequence[Sequence[Chart]]
 
     def draw(self) -> Figure:
-        """Draw them over time, as paper shows them: a legend above each."""
+        """Draw them, as paper shows them: a legend above each."""
         rows = len(self.rows)
-        figure, panels = plots.panels(rows, len(self.rows[0]), 0.6 + 1.75 * rows, left=1.05, gaps=(1.1, 0.6))
+        figure, panels = plots.panels(rows, len(self.rows[0]), 0.6 + 1.9 * rows, left=1.05, gaps=(1.1, 0.75))
         for axes, chart in zip(panels.ravel(), chain(*self.rows)):
-            for x in chart.curves:
-                looks = {"color": x.colour, "lw": 0.8 * x.width, "ls": "--" if x.is_dashed else "-"}
-                plots.curve(axes, chart.t, x.values, **looks)
-            plots.put_legend(axes, [(x.name, x.colour) for x in chart.curves])
-            axes.set(ylabel="\n".join(filter(None, (chart.title, chart.label))), xlim=(chart.t[0], chart.t[-1]))
-        for axes in panels[-1]:
-            axes.set_xlabel("time, s")
+            chart.draw(axes)
         figure.align_ylabels()
         return figure
 
@@ -123,7 +131,8 @@ class Charts:
                 "label": chart.label,
                 "start": float(chart.t[0]),
                 "rows": table.shape[1],
-                "abscissae": list(chart.abscissae),
+                "abscissae": [chart.over, *chart.abscissae],
+                "log": chart.log,
                 "curves": [
                     {"name": x.name, "colour": own.get(x.colour, x.colour), "width": x.width, "is_dashed": x.is_dashed}
                     for x in chart.curves

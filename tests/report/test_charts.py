@@ -269,3 +269,25 @@ def test_paper_has_the_picture_and_a_screen_the_charts_in_the_page_s_colours(add
     light, dark = (set(one[0]) for one in seen.values[2:])
     assert {"221,227,234", "93,106,122"} & light and {"49,60,74", "154,167,182"} & dark  # lines and labels
     assert "221,227,234" not in dark
+
+
+@needs_browser
+def test_a_spectrum_has_a_cursor_of_its_own_and_logarithmic_axes(grid: list[list[Chart]], tmp_path: Path) -> None:
+    """A run's charts over time and over frequency stand in one figure, each with the cursors of its own kind."""
+    f = np.geomspace(0.1, 100.0, 200)
+    curves = [Trace("before", 1 / f, plots.PLAIN), Trace("after", np.where(f < 1, np.nan, 0.1 / f), "#1a75f2")]
+    spectrum = Chart("pan", "#1a75f2", "amplitude, N m/√Hz", f, curves, {}, "frequency, Hz", "xy")
+    path = tmp_path / "page.html"
+    parts = [figure_of("run", [[grid[0][0], spectrum]]), figure_of("run", [[spectrum]])]
+    path.write_text(Document("page", "", [Section("Charts", parts)]).to_html(), encoding="utf-8")
+    drawn = Charts("run", [[grid[0][0], spectrum]]).draw().axes
+    assert [axes.get_xscale() for axes in drawn] == ["linear", "log"] and drawn[1].get_xlabel() == "frequency, Hz"
+    middle, zoom = mouse("Moved", 1, 0.5), (press("+"), pause(0.2))
+    focus = "document.querySelectorAll('.frame-of-curves')[1].focus()"
+    seen = visit(path.as_uri(), wide(1280), pause(0.5), middle, TIMES, READ, CURSORS, focus, *zoom, RANGES)
+    times, values, cursors, _, ranges = seen.values
+    assert seen.complaints == [] and times[0] == 5.0 and cursors[0] == 0
+    assert times[1:] == pytest.approx([10**0.5] * 2, rel=0.04)  # halfway on a logarithmic axis
+    assert [number(x) for x in values[1]] == pytest.approx([1 / times[1], 0.1 / times[1]], rel=1e-4)
+    assert ranges[0] == pytest.approx([5.0, 5.0 + 0.02 * 399], abs=1e-3)
+    assert ranges[1] == ranges[2] and ranges[1][1] < 60.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -9,11 +10,13 @@ from markupsafe import Markup
 
 from gimbal_pin.control.controller_names import BASELINE, COMPILED, OURS
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD, PUSHED, describe_limits
+from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Pointing, Verified, split
 from gimbal_pin.report import plots, tables
+from gimbal_pin.report.charts import Chart, Charts, Trace
 from gimbal_pin.report.elements import Card, Section, bullets, cards, embed, folded, heading, notice, paragraph
-from gimbal_pin.report.format import angle, controller_name, figures, listed, to_sentence
+from gimbal_pin.report.format import ShownJoint, angle, controller_name, figures, list_shown_joints, listed, to_sentence
 from gimbal_pin.report.view import gaze
 
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
@@ -86,50 +89,75 @@ def numbers(found: Verified) -> list[Card]:
 
 
 def picture_camera(found: Verified) -> plots.Drawing:
-    """Return line of sight, cumulative spectrum and torque as a picture."""
-    run, names = found.rows[0].runs[0], listed(controller_name(row.controller) for row in found.rows)
+    """Return line of sight, its cumulative spectrum, and torque as a share of its limit as a picture."""
+    runs = [row.runs[0] for row in found.rows]
+    names = listed(controller_name(run.controller) for run in runs)
     alt = f"Line of sight over time, its cumulative spectrum, and torque as a share of its limit, for {names}"
-    stretch = figures(1e3 * len(run.sight) * run.dt / min(CURVE_POINTS, len(run.sight)), 2)
+    stretch = figures(1e3 * len(runs[0].sight) * runs[0].dt / min(CURVE_POINTS, len(runs[0].sight)), 2)
     caption = (
-        f"Line of sight of the first run: the largest distance from its slow part in each {stretch} ms; its "
-        "cumulative rms over frequency; torque, rms as a bar and the largest as a line, and its limit."
+        "Line of sight and torque of the first run: the largest distance from its slow part, and the largest torque, "
+        f"in each {stretch} ms (on paper, of torque: rms as a bar, the largest as a line); the cumulative rms of the "
+        "line of sight over frequency."
     )
-    return plots.Drawing(partial(draw_camera_chart, found), alt, caption)
+    above = (chart_sight(runs), chart_spectrum(runs))
+    torques = chart_torques_held(list_shown_joints(found.rig), runs)
+    charts = partial(Charts, name_clock(found), [above, *(torques[k : k + 2] for k in range(0, len(torques), 2))])
+    return plots.Drawing(partial(draw_camera_chart, above, runs), alt, caption, charts=charts)
 
 
-def draw_camera_chart(found: Verified) -> plots.Figure:
-    """Return diagrams of the first run of every controller."""
-    figure, panels = plots.panels(2, 2, 4.6, gaps=(0.85, 0.75))
-    over_time, spectrum = panels[0]
-    grid = over_time.get_gridspec()
+def draw_camera_chart(above: Sequence[Chart], runs: Sequence[Pointing]) -> plots.Figure:
+    """Return the same as diagrams, of torque each joint's rms and largest."""
+    figure, panels = plots.panels(2, 2, 4.6, left=1.05, gaps=(1.1, 0.75))
+    grid = panels[0, 0].get_gridspec()
     for axes in panels[1]:
         axes.remove()
-    runs = [row.runs[0] for row in found.rows]
-    for run in runs:
-        colour = COLOURS[run.controller]
-        fast, _ = split(run.sight, run.dt)
-        size, t = np.degrees(np.hypot(*fast.T)), run.t[run.counted]
-        edges = np.linspace(0, len(t), min(CURVE_POINTS, len(t)) + 1).astype(int)
-        pairs = list(zip(edges[:-1].tolist(), edges[1:].tolist()))
-        over_time.plot([t[a:b].mean() for a, b in pairs], [size[a:b].max() for a, b in pairs], lw=1.0, color=colour)
-        # The rms of both axes up to each frequency, by Parseval's theorem.
-        power = np.sum(np.abs(np.fft.rfft(fast, axis=0)) ** 2, axis=1)
-        power[1:] *= 2
-        power[-1] /= 2 if len(fast) % 2 == 0 else 1
-        f, jitter = np.fft.rfftfreq(len(fast), run.dt), np.degrees(np.sqrt(np.cumsum(power)) / len(fast))
-        some = np.unique(np.geomspace(1, len(f) - 1, CURVE_POINTS).astype(int))
-        spectrum.loglog(f[some], jitter[some], color=colour)
-    over_time.set(xlabel="time, s", ylabel="line of sight off by, °", xlim=(t[0], t[-1]), ylim=(0, None))
-    spectrum.set(xlabel="frequency, Hz", ylabel="cumulative jitter, °", xlim=(max(f[1], 0.1), f[-1]))
-    # What is below a thousandth of the largest is the high-pass's own flank, not jitter.
-    spectrum.set_ylim(bottom=max(spectrum.get_ylim()[0], 1e-3 * spectrum.get_ylim()[1]))
+    for axes, chart in zip(panels[0], above):
+        chart.draw(axes)
     draw_torques(figure.add_subplot(grid[1, :]), runs)
-    plots.put_legend(over_time, [(controller_name(run.controller), COLOURS[run.controller]) for run in runs])
-    plots.plain_powers(figure)
     return figure
 
 
-def draw_torques(axes: plots.Axes, runs: list[Pointing]) -> None:
+def trace_largest(runs: Sequence[Pointing], sizes: Sequence[Array]) -> tuple[Array, list[Trace]]:
+    """Return the middle of each stretch of time, s, and the largest of a size there, a curve for each controller."""
+    t = runs[0].t[runs[0].counted]
+    edges = np.linspace(0, len(t), min(CURVE_POINTS, len(t)) + 1).astype(int)
+    looks = ((controller_name(run.controller), COLOURS[run.controller]) for run in runs)
+    most = [Trace(name, np.maximum.reduceat(size, edges[:-1]), colour) for (name, colour), size in zip(looks, sizes)]
+    return np.add.reduceat(t, edges[:-1]) / np.diff(edges), most
+
+
+def chart_sight(runs: Sequence[Pointing]) -> Chart:
+    """Return how far the line of sight is off."""
+    t, curves = trace_largest(runs, [np.degrees(np.hypot(*split(run.sight, run.dt)[0].T)) for run in runs])
+    return Chart("", plots.INK, "line of sight off by, °", t, curves, {})
+
+
+def chart_torques_held(joints: Sequence[ShownJoint], runs: Sequence[Pointing]) -> list[Chart]:
+    """Return each joint's torque as a share of its limit."""
+    found = list[Chart]()
+    for j, joint in enumerate(joints):
+        t, curves = trace_largest(runs, [100 / run.tau_max[j] * np.abs(run.tau[run.counted, j]) for run in runs])
+        found.append(Chart(joint.name, joint.colour, "torque, % of limit", t, curves, {}))
+    return found
+
+
+def chart_spectrum(runs: Sequence[Pointing]) -> Chart:
+    """Return the rms of both axes of the line of sight up to each frequency, by Parseval's theorem."""
+    curves, dt, count = list[Trace](), runs[0].dt, len(runs[0].sight)
+    f = np.fft.rfftfreq(count, dt)
+    some = np.unique(np.geomspace(max(1, int(np.searchsorted(f, 0.1))), len(f) - 1, CURVE_POINTS).astype(int))
+    for run in runs:
+        power = np.sum(np.abs(np.fft.rfft(split(run.sight, dt)[0], axis=0)) ** 2, axis=1)
+        power[1:] *= 2
+        power[-1] /= 2 if count % 2 == 0 else 1
+        jitter = np.degrees(np.sqrt(np.cumsum(power)) / count)
+        # What is below a thousandth of the largest is the high-pass's own flank, not jitter.
+        shown = np.where(jitter > 1e-3 * jitter[-1], jitter, np.nan)[some]
+        curves.append(Trace(controller_name(run.controller), shown, COLOURS[run.controller]))
+    return Chart("", plots.INK, "cumulative jitter, °", f[some], curves, {}, "frequency, Hz", "xy")
+
+
+def draw_torques(axes: plots.Axes, runs: Sequence[Pointing]) -> None:
     """Draw each joint's torque as a share of its limit: rms as a bar, the largest as a whisker."""
     high = 0.8 / len(runs)
     for k, run in enumerate(runs):

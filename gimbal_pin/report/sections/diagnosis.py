@@ -207,8 +207,45 @@ def picture_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Ev
         "time, and its amplitude over frequency. What is flat and small in colour has been explained."
     )
     if any(found.residual[joint.name].curve is not None for joint in shown):
-        caption += " Black: what no cause explains and the extended model carries, within two standard deviations."
-    return plots.Drawing(partial(draw_residuals, found, joints, order, held), alt, caption)
+        caption += (
+            " Black: what no cause explains and the extended model carries, on paper within two standard deviations."
+        )
+    draw, charts = (
+        partial(draw_residuals, found, joints, order, held),
+        partial(chart_residuals, found, shown, order, held),
+    )
+    return plots.Drawing(draw, alt, caption, charts=charts)
+
+
+def chart_residuals(found: Diagnosis, shown: Sequence[ShownJoint], order: list[int], held: Evidence) -> Charts:
+    """Return a row per joint: the residual, over time where it is judged, and beside it its amplitude over frequency.
+
+    Of several logs time goes on from one to the next.
+    """
+    steps, jumps = [part.channels.t - part.channels.t[0] + part.dt for part in held.parts], len(found.logs) > 1
+    ends = np.cumsum([0.0, *(step[-1] for step in steps)])
+    t = np.concatenate([step + end if jumps else part.channels.t for step, end, part in zip(steps, ends, held.parts)])
+    q, v = (np.concatenate([getattr(part.channels, name) for part in held.parts]) for name in "qv")
+    judged = np.where(np.concatenate([part.gate for part in held.parts]) > OPEN, 1.0, np.nan)
+    errors, rows = [compute_filtered_error(held, model) for model in (found.before, found.after)], list[list[Chart]]()
+    for joint, j in zip(shown, order):
+        scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
+        looks = (("model", plots.PLAIN), ("extended model", joint.colour))
+        left = [Trace(name, judged[:, j] * scale * error[:, j], colour) for (name, colour), error in zip(looks, errors)]
+        spectra = [compute_amplitude_density(held, scale * error[:, j]) for error in errors]
+        curve, over = found.residual[joint.name].curve, list_abscissae(joint, q[:, j], v[:, j])
+        if curve is not None:
+            x = v[:, j] if curve.over == "rate" else q[:, j]
+            left.append(Trace("unexplained", scale * np.interp(x, curve.knots, curve.torque), plots.INK))
+        heard = [Trace(name, density, colour) for (name, colour), (_, density) in zip(looks, spectra)]
+        looked = f"amplitude, {unit}/√Hz"
+        rows.append(
+            [
+                Chart(joint.name, joint.colour, f"residual, {unit}", t, left, over),
+                Chart(joint.name, joint.colour, looked, spectra[0][0], heard, {}, "frequency, Hz", "y"),
+            ]
+        )
+    return Charts("held out" if jumps else found.logs[0], rows)
 
 
 def picture_torques(found: Diagnosis, log: Log) -> plots.Drawing:
@@ -282,15 +319,20 @@ def draw_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], order: list
 def draw_over_time_and_frequency(
     panels: Sequence[plots.Axes], held: Evidence, error: Array, is_judged: Flags, colour: str
 ) -> None:
-    """Draw an error over time, broken where it is not judged, and its amplitude density over the longest stretch."""
+    """Draw an error over time, broken where it is not judged, and its amplitude density."""
+    ends = np.cumsum([len(part.gate) for part in held.parts])
+    for part, own, judged in zip(held.parts, np.split(error, ends[:-1]), np.split(is_judged, ends[:-1])):
+        shown = plots.thinned(part.channels.t, np.where(judged, own, np.nan), MOST_POINTS)
+        panels[0].plot(*shown, color=colour, lw=0.9)
+    panels[1].plot(*compute_amplitude_density(held, error), color=colour, lw=1.3)
+
+
+def compute_amplitude_density(held: Evidence, error: Array) -> tuple[Array, Array]:
+    """Return frequencies, Hz, and the amplitude density there of an error, over its longest stretch."""
     from scipy.signal import welch
 
     ends = np.cumsum([len(part.gate) for part in held.parts])
-    stretches = list(zip(held.parts, np.split(error, ends[:-1]), np.split(is_judged, ends[:-1])))
-    for part, own, judged in stretches:
-        shown = plots.thinned(part.channels.t, np.where(judged, own, np.nan), MOST_POINTS)
-        panels[0].plot(*shown, color=colour, lw=0.9)
-    part, own, _ = max(stretches, key=lambda each: len(each[1]))
+    part, own = max(zip(held.parts, np.split(error, ends[:-1])), key=lambda each: len(each[1]))
     frequency, power = welch(own, 1 / part.dt, nperseg=min(len(own), max(8, round(SEGMENT / part.dt))))
     kept = (frequency > 0) & (frequency <= held.band)
-    panels[1].plot(frequency[kept], np.sqrt(np.maximum(power[kept], 1e-300)), color=colour, lw=1.3)
+    return frequency[kept], np.sqrt(np.maximum(power[kept], 1e-300))
