@@ -589,6 +589,18 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
 
 
 @needs_browser
+@pytest.mark.parametrize("name", ["thesis", "turret"])
+def test_no_view_burns_out_what_it_shows(name: str, tmp_path: Path) -> None:
+    from PIL import Image
+
+    rig = Rig.load(name)
+    for camera in ("top", "behind"):
+        view.animate(rig, sweep(rig), tmp_path / "seen.png", camera=camera, size=(320, 180))
+        with Image.open(tmp_path / "seen.png") as seen:
+            assert (np.asarray(seen.convert("RGB")).max(axis=2) >= 254).mean() < 0.002
+
+
+@needs_browser
 def test_a_picture_and_a_film_hold_the_asked_frames(
     lumped: Rig, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -121,8 +121,9 @@ def look(view: Camera) -> list[three.Json]:
 def lights(view: Camera, points: Array, size: float) -> list[three.Json]:
     """Return a sky, a key light that casts the shadows, a fill light from the viewer, a rim light from behind.
 
-    On a level face they add up to 0.97, so that white keeps its tone. The shadows' map, with level sides, holds the
-    points, (K, 3), m from what is looked at, and the ground behind them.
+    Seen from the side they add up to 0.97 on a level face, so that white keeps its tone. From above the fill light
+    falls on it, too, and it mirrors the key light: then all are dimmed to 0.97.
+    The shadows' map, with level sides, holds the points, (K, 3), m from what is looked at, and the ground behind them.
     """
     toward, left = view.sides
     up = np.array([0.0, 0.0, 1.0])
@@ -138,17 +139,23 @@ def lights(view: Camera, points: Array, size: float) -> list[three.Json]:
     texels = np.round(512 * (high - low)[:2] / (high - low)[:2].min()).clip(max=1024).tolist()
     shadow = {"camera": eye, "mapSize": texels, "bias": -0.001, "normalBias": 0.02 * size, "radius": 2}
 
+    ahead = view.offset / np.linalg.norm(view.offset)
+    rim = 5 * size * (0.8 * up - toward - 0.6 * left)
+    middle = (back + ahead) / np.linalg.norm(back + ahead)
+    lit = 0.40 + 0.40 * back[2] * (1 + middle[2] ** 30) + 0.30 * ahead[2]  # `glossy` mirrors as much as it scatters
+    dimmed = min(0.97 / float(lit + 0.20 * rim[2] / np.linalg.norm(rim)), 1.0)
+
     def shine(name: str, position: Array, intensity: float, **more: object) -> three.Json:
         kind = "HemisphereLight" if name == "sky" else "DirectionalLight"
         matrix = three.matrix(three.pose(position))
-        look_of_it = {"uuid": name, "type": kind, "color": 0xFFFFFF, "intensity": intensity, "matrix": matrix, **more}
-        return three.draw_object(f"/Studio/{name}", look_of_it)
+        look_of_it = {"uuid": name, "type": kind, "color": 0xFFFFFF, "intensity": dimmed * intensity, **more}
+        return three.draw_object(f"/Studio/{name}", look_of_it | {"matrix": matrix})
 
     return [
         shine("sky", up, 0.40, groundColor=0xA8ADB5),
         shine("key", 5 * size * view.key_light, 0.40, shadow=shadow),
         shine("fill", view.offset, 0.30),
-        shine("rim", 5 * size * (0.8 * up - toward - 0.6 * left), 0.20),
+        shine("rim", rim, 0.20),
         *(three.let(f"/Studio/{name}/<object>", "castShadow", False) for name in ("fill", "rim")),
     ]
 
