@@ -279,6 +279,7 @@ def platform(rng: RNG, seeds: Seeds) -> Case:
 
 READ: Mapping[str, str] = {
     **dict.fromkeys(("log.csv", "log.parquet", *WRITERS), "identify pan.yaml {} -o out.yaml"),
+    "log.tlog": "inspect {}",
     "pan.urdf": "check pan.yaml",
     "pan.yaml": "check {}",
     "part.stl": "animate pan.yaml log.csv -o out.html",
@@ -363,6 +364,7 @@ READERS: Mapping[str, Callable[[RNG, Seeds], Case]] = {
     "db3": binary("log.db3"),
     "mcap": binary("log.mcap"),
     "ulg": binary("log.ulg"),
+    "tlog": binary("log.tlog"),
     "urdf": urdf,
     "mesh": mesh,
     "rig": rig,
@@ -378,7 +380,7 @@ READERS: Mapping[str, Callable[[RNG, Seeds], Case]] = {
     "options": option,
 }
 """What is read → how its cases are drawn."""
-APART = ("mat", "bag", "db3", "mcap", "ulg", "bombs")
+APART = ("mat", "bag", "db3", "mcap", "ulg", "tlog", "bombs")
 """Readers that start a process of their own for each case: half a second, seven times what the others take."""
 FEWER = 25
 """Of those one case in so many is run: a thousand of each would take 23 minutes of two cores."""

@@ -114,6 +114,18 @@ def as_ulog(columns: Columns, path: Path) -> None:
     path.write_bytes(b"".join(parts))
 
 
+def as_tlog(columns: Columns, path: Path) -> None:
+    """Write the IMU of the base as a ground station records a vehicle's: HIGHRES_IMU messages behind their times."""
+    from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+    link, packets = mavlink.MAVLink(None, 1, 1), list[bytes]()
+    for k, t in enumerate(columns["t"]):
+        imu = [float(columns[f"{of}_base_{axis}"][k]) for of in ("accel", "gyro") for axis in "xyz"]
+        message = mavlink.MAVLink_highres_imu_message(round(1e6 * t), *imu, *([0.0] * 3), 1000.0, 0.0, 0.0, 25.0, 63)
+        packets.append(struct.pack(">Q", round(1.7e15 + 1e6 * t)) + message.pack(link))
+    path.write_bytes(b"".join(packets))
+
+
 def as_candump(columns: Columns, path: Path) -> None:
     """Write what ``candump -l`` hears of one ODrive per joint, in turns and A."""
     joints = [name.removeprefix("tau_") for name in columns if name.startswith("tau_")]

@@ -173,6 +173,7 @@ WRITERS = {
     "log.db3": formats.as_bag("sqlite3"),
     "log.mcap": formats.as_bag("mcap"),
     "log.ulg": formats.as_ulog,
+    "log.tlog": formats.as_tlog,
     "log.candump": formats.as_candump,
     "log.csv.gz": lambda columns, path: pandas.DataFrame(dict(columns)).to_csv(path, index=False),
 }
