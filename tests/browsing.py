@@ -138,6 +138,10 @@ OPEN = "document.querySelectorAll('details').forEach(one => { one.open = true; }
 """Opens all that is folded."""
 
 
+WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+"""By how much the page is wider than its window, pixels."""
+
+
 def pause(seconds: float) -> Step:
     """Let the page draw."""
 

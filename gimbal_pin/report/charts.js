@@ -131,8 +131,23 @@ class Chart {
       if (!this.isDragged && this.row !== null) this.run.seek(this.t[this.row]);
       this.isDragged = false;
     });
+    for (const kind of ["touchstart", "touchmove"]) this.plot.over.addEventListener(kind, event => this.touch(event), { passive: true });
     if (isTime && this.run.range) this.zoom(this.run.range);
     if (this.run.time !== undefined) this.mark(this.run.time);
+  }
+
+  // One finger moves the cursor; what is under two stays under them, and is so zoomed.
+  touch({ targetTouches: [...touches] }) {
+    const { plot } = this, { left, top, width } = plot.over.getBoundingClientRect(), at = touches.map(one => one.clientX - left);
+    const [turn, back] = plot.scales.x.distr === 3 ? [Math.log, Math.exp] : [x => x, x => x];
+    if (at.length === 1) {
+      this.isPointed = true;
+      plot.setCursor({ left: at[0], top: touches[0].clientY - top });
+      this.isPointed = false;
+    }
+    this.held = at.length === 2 ? this.held ?? at.map(x => turn(plot.posToVal(x, "x"))) : null;
+    const each = this.held && (this.held[1] - this.held[0]) / (at[1] - at[0]);
+    if (each > 0) this.ask([-at[0], width - at[0]].map(x => back(this.held[0] + each * x)));
   }
 
   // The cursor stands on a sample: the one nearest to the pointer, or the one of the run's time.
@@ -216,7 +231,7 @@ async function build(home) {
   }
   add(tools, "button", { type: "button" }, "Show all").addEventListener("click", () => own.forEach(chart => chart.ask([-Infinity, Infinity])));
   const scene = own[0].run.frames.length ? ", a click or Enter moves the scene" : "";
-  add(tools, "span", {}, `Drag to zoom; arrow keys move the cursor, + − 0 zoom${scene}.`);
+  add(tools, "span", {}, `Drag or pinch to zoom; arrow keys move the cursor, + − 0 zoom${scene}.`);
   for (const chart of own) {
     chart.run.charts.push(chart);
     chart.mark(chart.run.time ?? chart.t[0]);

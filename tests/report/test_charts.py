@@ -19,7 +19,7 @@ from gimbal_pin.log import Log
 from gimbal_pin.report import Chart, Charts, Document, Section, Trace, list_shown_joints, pages, picture_log, plots
 from gimbal_pin.report.view import record
 from gimbal_pin.rig import Rig
-from tests.browsing import Step, media, needs_browser, pause, unpacked, visit, wide
+from tests.browsing import WIDER, Step, media, needs_browser, pause, unpacked, visit, wide
 
 JOINTS = ("pan", "tilt")
 
@@ -88,17 +88,20 @@ def address(grid: list[list[Chart]], tmp_path_factory: pytest.TempPathFactory) -
     return path.as_uri()
 
 
+PLACE = """(() => {{ const over = document.querySelectorAll('.u-over')[{}];
+  over.scrollIntoView({{ block: "center", behavior: "instant" }}); const box = over.getBoundingClientRect();
+  return [box.left, box.width, box.top + box.height / 2]; }})()"""
+"""Left edge, width and middle of a chart, pixels."""
+
+
 def mouse(kind: str, chart: int, share: float, **more: Any) -> Step:
     """Move, press or release the mouse within a chart, at a share of its width."""
 
     async def done(tab: Any) -> None:
         from gimbal_pin.report.view import browser
 
-        place = f"""(() => {{ const over = document.querySelectorAll('.u-over')[{chart}];
-          over.scrollIntoView({{ block: "center", behavior: "instant" }}); const box = over.getBoundingClientRect();
-          return [box.left + {share} * box.width, box.top + box.height / 2]; }})()"""
-        x, y = await browser.evaluate(tab, place)
-        event = {"type": f"mouse{kind}", "x": x, "y": y, "button": "none", **more}
+        left, width, y = await browser.evaluate(tab, PLACE.format(chart))
+        event = {"type": f"mouse{kind}", "x": left + share * width, "y": y, "button": "none", **more}
         await tab.send_command("Input.dispatchMouseEvent", event)
 
     return done
@@ -230,6 +233,36 @@ def test_a_drag_zooms_all_of_a_run_and_a_double_click_ends_it(address: str) -> N
     assert whole == pytest.approx(np.tile(full, (6, 1)), abs=1e-3)
     assert zoomed[:5] == pytest.approx(np.tile(full[0] + [0.25 * np.ptp(full), 0.5 * np.ptp(full)], (5, 1)), abs=0.05)
     assert zoomed[5] == pytest.approx(full, abs=1e-3) and seen.complaints == []
+
+
+def touch(kind: str, chart: int, *shares: float) -> Step:
+    """Put fingers on a chart at shares of its width, move them, or lift them."""
+
+    async def done(tab: Any) -> None:
+        from gimbal_pin.report.view import browser
+
+        left, width, y = await browser.evaluate(tab, PLACE.format(chart))
+        points = [{"x": left + share * width, "y": y} for share in shares]
+        await tab.send_command("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": points})
+
+    return done
+
+
+@needs_browser
+def test_two_fingers_zoom_all_of_a_run_and_one_moves_the_cursor(address: str) -> None:
+    """What is under a finger stays under it."""
+    pinch = [touch("Start", 0, 0.4, 0.6), touch("Move", 0, 0.3, 0.7), touch("Move", 0, 0.2, 0.8)]
+    lifted = (touch("End", 0), pause(0.2))
+    apart = [touch("Start", 1, 0.2, 0.8), touch("Move", 1, 0.4, 0.6), touch("Move", 1, 0.49, 0.51)]
+    one = [touch("Start", 0, 0.1), touch("Move", 0, 0.5), touch("Move", 0, 0.75)]
+    steps = (*pinch, *lifted, RANGES, *one, *lifted, TIMES, *apart, *lifted, RANGES, WIDER)
+    seen = visit(address, wide(390), pause(0.5), *steps)
+    zoomed, times, whole, wider = seen.values
+    full, length = np.array([5.0, 5.0 + 0.02 * 399]), 0.02 * 399
+    assert zoomed[:5] == pytest.approx(np.tile(5.0 + length * np.array([1, 2]) / 3, (5, 1)), abs=0.05)
+    assert zoomed[5] == pytest.approx(full, abs=1e-3)
+    assert times[:5] == pytest.approx([5.0 + length * (1 + 0.75) / 3] * 5, abs=0.05) and times[5] == 5.0
+    assert whole == pytest.approx(np.tile(full, (6, 1)), abs=1e-3) and wider == 0 and seen.complaints == []
 
 
 @needs_browser

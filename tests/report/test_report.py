@@ -56,7 +56,7 @@ from gimbal_pin.report import (
 from gimbal_pin.report import format as numbers
 from gimbal_pin.report.view import record
 from gimbal_pin.rig import Rig, to_sliding
-from tests.browsing import OPEN, audit, embedded, media, needs_browser, pause, visit, wide
+from tests.browsing import OPEN, WIDER, audit, embedded, media, needs_browser, pause, visit, wide
 from tests.rigs import spelled
 
 WRONG = "What the simulation gets wrong"
@@ -703,8 +703,6 @@ OUTSIDE = """[...document.querySelectorAll('svg')].filter(svg => svg.checkVisibi
     return t.left < box.left - 1 || t.right > box.right + 1 || t.top < box.top - 1 || t.bottom > box.bottom + 1;
   }).map(text => text.textContent); })"""
 """Labels that are cut off at a figure's edge."""
-
-WIDER = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 CUT = """[...document.querySelectorAll('.plot, .table')].filter(part => part.scrollWidth > part.clientWidth + 1)
   .map(part => [part.scrollWidth, part.clientWidth, part.textContent.slice(0, 40)])"""
