@@ -9,10 +9,11 @@ from math import atan, pi, sqrt
 from pathlib import Path
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
@@ -26,6 +27,7 @@ from gimbal_pin.control import (
     compute_margins,
     read_controller,
     sample_poses,
+    sampled_loop,
     stored,
     track,
     tune,
@@ -41,7 +43,7 @@ from gimbal_pin.dynamics import (
     reduce_parameters,
     simulate,
 )
-from gimbal_pin.effects import Coulomb, Term, Viscous, parse_effect
+from gimbal_pin.effects import ActuatorLag, Coulomb, Term, Viscous, parse_effect
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.log import Array, Motion
 from gimbal_pin.rig import Limits, Motor, Rig
@@ -80,13 +82,32 @@ def test_margins_are_those_computed_by_hand(hz: float, damping: float, integral:
     crossover = brentq(lambda omega: abs(by_hand(gains, dt, samples, omega)) - 1, 0.5 * w, 10 * w)
     phase = np.angle(by_hand(gains, dt, samples, crossover))
     loop = by_hand(gains, dt, samples, np.append(np.geomspace(w / 100, pi / dt * 0.9999, 20000), pi / dt))
-    assert found.crossover_hz == pytest.approx(crossover / 2 / pi, rel=1e-3)
-    assert found.phase_margin_deg == pytest.approx(180 + np.degrees(phase), abs=0.1)
-    assert found.delay_margin == pytest.approx((pi + phase) / crossover, rel=2e-3)
+    assert found.crossover_hz == pytest.approx(crossover / 2 / pi, rel=1e-6)
+    assert found.phase_margin_deg == pytest.approx(180 + np.degrees(phase), rel=1e-6)
+    assert found.delay_margin == pytest.approx((pi + phase) / crossover, rel=1e-6)
     assert found.disk_margin == pytest.approx((2 * np.abs(1 + loop) / np.abs(1 - loop)).min(), rel=2e-3)
     crossing = np.append(np.flatnonzero(loop.imag[:-2] * loop.imag[1:-1] < 0), len(loop) - 1)
     gains_there = np.abs(loop[crossing][loop[crossing].real < 0])
     assert found.gain_margin_db == pytest.approx(np.abs(20 * np.log10(gains_there)).min(), abs=0.05)
+
+
+@given(st.floats(2, 12), st.floats(0.5, 1.5), st.floats(0, 0.3), st.floats(0, 0.004), st.floats(1e-4, 0.004))
+@settings(max_examples=20)
+def test_margins_are_those_of_python_control(
+    hz: float, damping: float, integral: float, delay: float, lag: float
+) -> None:
+    """Which finds crossings on a spline through the loop's values."""
+    gains, drive = Pid.placed(hz, damping, integral), (ActuatorLag("pan", lag),)
+    found = compute_margins(gains, 1e-3, delay, drive=drive)
+    assume(found.disk_margin > 0.05)
+    loop = sampled_loop(gains, 1e-3, delay, drive=drive)
+    omega = np.geomspace(1e-2 * sqrt(gains.kp), pi / 1e-3 * (1 - 1e-9), 2000)
+    peer = control.frd(loop(np.exp(1j * omega * 1e-3)), omega, dt=1e-3)
+    _, phases, _, _, crossovers, _ = control.stability_margins(peer, returnall=True)
+    phases = np.abs(np.atleast_1d(phases))
+    assert found.phase_margin_deg == pytest.approx(phases.min(), rel=1e-4)
+    assert found.crossover_hz == pytest.approx(np.max(crossovers) / (2 * pi), rel=1e-4)
+    assert found.delay_margin == pytest.approx(np.min(np.radians(phases) / crossovers), rel=1e-4)
 
 
 def test_without_delay_and_hold_the_phase_margin_is_the_textbooks() -> None:
