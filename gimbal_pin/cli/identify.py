@@ -32,6 +32,8 @@ def identify(
     output: opt.MaybeYaml = None,
     *,
     urdf: opt.Urdf = None,
+    mcap: opt.Mcap = None,
+    rrd: opt.Rrd = None,
     payload: opt.Payload = None,
     mass: opt.Mass = None,
     map: opt.Map = (),
@@ -72,14 +74,18 @@ def identify(
         idle: with --follow: end when the file has not grown for so long (default: never)
         plot: with --follow: write the estimates over time: .png, .svg or .pdf
     """
+    from gimbal_pin.diagnosis import DIAGNOSIS_BAND
+    from gimbal_pin.export.recordings import check_recordings, write_recordings
     from gimbal_pin.identification import identify as run
     from gimbal_pin.regression import TRUST
 
+    check_recordings(mcap, rrd)
     check_follow_options(
         follow=follow,
         whole=(
             *(("--extended", extended), ("--estimator", estimator != "weighted"), ("--holdout", holdout)),
             *(("--bias", bias), ("--refit", refit), ("--mass", mass), ("--trust", trust), ("--bootstrap", bootstrap)),
+            *(("--mcap", mcap), ("--rrd", rrd)),
         ),
         growing=(("--forget", forget), ("--idle", idle is not None), ("--plot", plot), ("--anew", anew != "payload")),
     )
@@ -92,6 +98,10 @@ def identify(
             raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
         if known is None and mass is not None:
             raise UsageError("--mass", "is of one payload", "give it with that payload's logs alone")
+        if mcap is not None or rrd is not None:
+            raise UsageError(
+                "--mcap, --rrd", "take one payload without --known", "write them with 'gimbal-pin diagnose'"
+            )
         estimate = partial(read_cameras(rig, payload, logs, map, known, extended), estimator=chosen, filtering=filters)
         return tell_cameras(estimate, holdout, refit, mass, output, urdf, json)
     if follow:
@@ -103,6 +113,7 @@ def identify(
         when: WhenTested = "always" if bias else "noisy"
         fit = partial(run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when)
         found = identify_beside_causes(fit, loaded, extended, holdout, refit)
+        write_recordings(found.model, read, filters or DIAGNOSIS_BAND, mcap, rrd)
     write_models(found, output, urdf)
     tell_model(found, mass, json, as_lines=follow and json == Path("-"))
 

@@ -37,7 +37,7 @@ def inspect(
     from gimbal_pin.log.io import split_payload
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.log.io.inspection import inspect as run
-    from gimbal_pin.report.elements import Document, join_text
+    from gimbal_pin.report.elements import Document
     from gimbal_pin.report.sections.data import show_file
 
     if not files:
@@ -48,16 +48,17 @@ def inspect(
     found = [run(split_payload(file)[0], loaded) for file in files]
     if yaml is not None:
         atomic_write(yaml, found[0].yaml)
+    altered = [() if loaded is None else find_alterations(loaded, one) for one in found]
+    page = Document("What the logs hold", "", [*map(show_file, found, altered)], origin)
     if output is not None and output.suffix.lower() == ".html":
-        Document("What the logs hold", "", [show_file(one) for one in found], origin).write(output)
+        page.write(output)
     else:
         write_figure(found[0].plot, output)
-    altered = [() if loaded is None else find_alterations(loaded, one) for one in found]
     described = [
         {**one.to_dict(), "altered": [change.to_dict() for change in each]} for one, each in zip(found, altered)
     ]
     result = {"schema": 1, "rig": None if loaded is None else loaded.name, "files": described}
-    present(join_text(map(show_file, found, altered)), result, json)
+    present(page.to_text(), result, json)
 
 
 def find_alterations(rig: Rig, found: Inspected) -> tuple[Alteration, ...]:

@@ -130,18 +130,19 @@ def test_reruns_own_reader_finds_the_numbers_and_the_poses(
     assert {name for chunk in chunks for name in chunk.timeline_names} == {"log_1", "log_2"}
 
 
-def test_diagnose_records_the_log_with_what_is_left(
-    run: Run, toothed: tuple[Model, Log], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("verb", ["identify", "diagnose"])
+def test_a_verb_records_the_log_with_what_is_left(
+    verb: str, run: Run, toothed: tuple[Model, Log], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of the logged torque; our own reader of bags finds it again. Without the package nothing is begun."""
     log, out = tmp_path / "log.csv", tmp_path / "out.mcap"
     write_log(toothed[1], log)
     monkeypatch.setattr("gimbal_pin.diagnosis.diagnose", partial(diagnose, causes={"cogging": Cogging}))
-    assert run("diagnose", "turret", log, "--mcap", out, "--alignment", "0")[0] == 0
+    assert run(verb, "turret", log, "--mcap", out, "--alignment", "0")[0] == 0
     mapped = [f"{column}=/{{}}.{column}" for column in ("q_pan", "q_tilt", "tau_pan", "tau_tilt")]
     again = {kind: read_log(out, toothed[0].rig, [entry.format(kind) for entry in mapped]) for kind in KINDS}
     left = again["residual"].tau
     np.testing.assert_allclose(again["measured"].tau - again["model"].tau, left, atol=1e-12)
     assert np.sqrt(np.mean(left**2)) < 0.3 * np.sqrt(np.mean(again["measured"].tau ** 2))
     monkeypatch.setattr("gimbal_pin.export.recordings.find_spec", lambda name: None)
-    refused(run("diagnose", "turret", log, "--mcap", out), 2, "--mcap", "pip install 'gimbal-pin[mcap]'")
+    refused(run(verb, "turret", log, "--mcap", out), 2, "--mcap", "pip install 'gimbal-pin[mcap]'")
