@@ -9,7 +9,7 @@ from math import pi
 import numpy as np
 
 from gimbal_pin.control.laws.base import Pid
-from gimbal_pin.control.laws.loop import Margins, frequencies, sampled_loop
+from gimbal_pin.control.laws.loop import Margins, frequencies, responses, sampled_loop
 from gimbal_pin.effects import Signal
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.brief import brief
@@ -66,7 +66,7 @@ def compute_loop_curves(
     curves = []
     for (pid, found, drive, own), names in same.items():
         omega = frequencies(pid, dt)
-        response = sampled_loop(pid, dt, delay, drive=drive)(np.exp(1j * omega * dt))
+        response = responses(sampled_loop(pid, dt, delay, drive=drive), omega)
         answer = disturbance(pid, dt, delay, drive)
         curves.append(LoopCurves(tuple(names), found, omega / 2 / pi, response, own, *answer))
     return tuple(curves)

@@ -198,7 +198,7 @@ def find_crossings(loop: control.StateSpace, omega: Array, response: Array, meas
 
 def at_nyquist(loop: control.StateSpace) -> Array:
     """Gain margin at half the sampling rate, where a sampled loop ends on the real axis; empty if on its right."""
-    edge = float(np.real(loop(-1.0)))
+    edge = float(responses(loop, np.array([pi / loop.dt]))[0].real)
     return np.array([-1 / edge] if edge < 0 else [])
 
 
