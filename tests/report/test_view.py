@@ -368,6 +368,32 @@ def test_a_second_run_stands_beside_the_first_and_moves_by_its_own_log(lumped: R
         assert np.allclose(a[:3, 3] - b[:3, 3], shift, atol=1e-6) and np.allclose(a[:3, :3], b[:3, :3], atol=1e-6)
 
 
+def test_the_ghosts_of_two_runs_show_their_errors_magnified_by_one_factor(lumped: Rig, tmp_path: Path) -> None:
+    log = sweep(lumped)
+    assert log.q_ref is not None
+    worse, better = (replace(log, q=log.q_ref - off, name=f"{off}/run.csv") for off in (0.011, 0.002))
+    alone = replace(better, q_ref=None, name="alone.csv")
+    for left, right, names, legend, apart in (
+        (worse, better, ["0.011/run.csv", "0.002/run.csv"], "reference, error × 20", (0.22, 0.04)),
+        (better, worse, ["0.002/run.csv", "0.011/run.csv"], "reference, error × 20", (0.04, 0.22)),
+        (alone, worse, ["alone.csv", "run.csv"], "left run, difference × 20", (None, 0.18)),
+        (alone, alone, ["alone.csv", "alone.csv"], "left run, difference × 1000", (None, 0.0)),
+    ):
+        view.animate(lumped, left, tmp_path / "both.html", beside=right)
+        page = (tmp_path / "both.html").read_text(encoding="utf-8")
+        moved = groups(page, 7)
+        assert legend in page
+        assert [one["name"] for one in recorded(page)["names"]] == names
+        for home, angle in zip(("/meshcat", "/meshcat/beside"), apart, strict=True):
+            own, ghost = (figure.list_scene_paths(lumped, f"{home}/{one}")[2] for one in ("rig", "ghost"))
+            assert (ghost in moved) == (angle is not None)
+            if angle is not None:
+                turn = moved[own][:3, :3].T @ moved[ghost][:3, :3]
+                assert np.linalg.norm(pin.log3(turn)) == pytest.approx(angle, abs=1e-5)
+    view.animate(lumped, worse, tmp_path / "both.html", beside=better, ghost=False)
+    assert "ghost" not in " ".join(groups((tmp_path / "both.html").read_text(encoding="utf-8")))
+
+
 def stl(corners: np.ndarray) -> bytes:
     """Return a tetrahedron as a binary STL."""
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

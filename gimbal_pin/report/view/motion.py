@@ -27,6 +27,7 @@ class Frames:
         speed: Seconds of the log per second of playing.
         pivot: Point of the base that stays where it is while the base turns, m in the base's frame, (3,).
         wanted: Attitude that the camera should keep, (3, 3), or None: there is no target.
+        ghost_name: What stands at `q_ref`.
     """
 
     t: Array
@@ -38,6 +39,7 @@ class Frames:
     speed: float = 1.0
     pivot: Array = field(default_factory=lambda: np.zeros(3))
     wanted: Array | None = None
+    ghost_name: str = "reference"
 
     def first(self, count: int) -> Frames:
         """Return the first `count` frames."""
@@ -90,6 +92,27 @@ def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool, colour: Ar
         colour=None if colour is None else np.clip(interpolate(times, log.t, np.asarray(colour)[:, order]), 0.0, 1.0),
         speed=speed,
     )
+
+
+def magnify(rig: Rig, left: Frames, right: Frames) -> tuple[Frames, Frames]:
+    """Return two runs whose ghosts are k times as far from the rig as their references are, k the same for both.
+
+    k is the largest of 1, 2, 5, …, 1000 at which no ghost's joint is over 0.25 rad away. Where a run has no reference
+    the left run is the ghost of the right one.
+    """
+    runs = (left, right)
+    both = left.q_ref is not None and right.q_ref is not None
+    aims = (left.q_ref, right.q_ref) if both else (None, left.q)
+    away = [None if aim is None else aim - run.q for run, aim in zip(runs, aims, strict=True)]
+    turning = [not slides for slides in rig.slides]
+    most = max(float(np.abs(one[:, turning]).max(initial=0.0)) for one in away if one is not None)
+    factor = max(k for k in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if k == 1 or k * most <= 0.25)
+    name = f"{'reference, error' if both else 'left run, difference'} × {factor}"
+    first, second = (
+        replace(run, q_ref=None if one is None else run.q + factor * one, ghost_name=name)
+        for run, one in zip(runs, away, strict=True)
+    )
+    return first, second
 
 
 def frame_times(t: Array, step: float) -> Array:

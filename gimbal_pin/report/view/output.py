@@ -16,7 +16,7 @@ from gimbal_pin.log.io.files import atomic_write, open_replacement
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view.browser import take_pictures
-from gimbal_pin.report.view.motion import Frames, frame_times, motion
+from gimbal_pin.report.view.motion import Frames, frame_times, magnify, motion
 from gimbal_pin.report.view.scene import render_scene, scene
 from gimbal_pin.report.view.stage import STAGE_ASPECT
 from gimbal_pin.rig.brief import brief
@@ -95,7 +95,8 @@ def animate(
         at: Time of a picture, s of the log; None: where the rig is farthest from its reference, or from its mean pose.
         camera: Where it is looked at from, a name of `view.stage.VIEWS`; None: three-quarter.
         written: Whether title, time, legend and joint angles stand in pictures and films.
-        beside: A second log of the rig, played to the right of the first for as long as both last.
+        beside: A second log of the rig, played to the right of the first for as long as both last; the ghosts of both
+            show their errors magnified.
         scale: What the colours mean, for the legend.
 
     Raises:
@@ -114,15 +115,19 @@ def animate(
     rate = FRAME_RATES[suffix] if fps is None else fps
     if camera is not None and camera not in VIEWS:
         raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
-    shown, other, name = replace(motion(rig, log, rate, speed, ghost, colour), scale=scale), None, Path(log.name).name
+    shown, other = replace(motion(rig, log, rate, speed, ghost, colour), scale=scale), None
+    name, names = Path(log.name).name, tuple[str, ...]()
     if beside is not None:
         other = motion(rig, beside, rate, speed, ghost, None)
         both = min(len(shown.t), len(other.t))
         shown, other = shown.first(both), other.first(both)
-        name = f"left {name}, right {Path(beside.name).name}"
+        if ghost:
+            shown, other = magnify(rig, shown, other)
+        names = (log.name, beside.name) if Path(beside.name).name == name else (name, Path(beside.name).name)
+        name = " | ".join(names)
     wide = size[0] / size[1] if suffix in (".png", *ENCODERS) else STAGE_ASPECT
     drawn = scene(rig, shown, camera=camera, beside=other, aspect=wide)
-    recorded = render_scene(rig, name, shown, drawn, written=written, beside=other)
+    recorded = render_scene(rig, name, shown, drawn, written=written, beside=other, names=names)
     shot = Animation(name, recorded, drawn.events)
     if path is None:
         return shot

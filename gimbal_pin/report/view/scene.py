@@ -45,12 +45,14 @@ class Scene:
         events: Sentences about what could not be drawn as the URDF says.
         views: Name → the commands that place the camera there; first what is shown.
         aspect: The width over the height of the picture that the views fill.
+        tops: Where the name of each run stands, above its rig, m, (3,).
     """
 
     commands: tuple[three.Json, ...]
     events: tuple[str, ...]
     views: Mapping[str, Sequence[three.Json]]
     aspect: float
+    tops: tuple[Array, ...]
 
 
 def scene(
@@ -91,7 +93,10 @@ def scene(
     seen, heading = np.vstack([points, tips, around]), figure.compute_heading(rig, moved[0])
     camera = camera or (stage.USUAL if motion.wanted is None else stage.AIMING)
     shift = stage.to_the_right(seen, heading, camera) if len(runs) > 1 else np.zeros(3)
+    top = np.append(np.mean([points.min(axis=0), points.max(axis=0)], axis=0)[:2], points[:, 2].max() + 0.1 * size)
+    tops = tuple(top + k * shift for k in range(len(runs)))
     seen, points = (np.vstack([p + k * shift for k in range(len(runs))]) for p in (seen, points))
+    seen = np.vstack([seen, tops]) if len(runs) > 1 else seen
     views = {name: stage.camera(seen, heading, name, room, aspect, motion.wanted is not None) for name in VIEWS}
     commands = [*stage.commands(views[camera], views.values(), np.vstack([points, around]), size), *marks]
     clips: figure.Tracks = {}
@@ -102,7 +107,7 @@ def scene(
     if len(motion.t) > 1:
         commands.append(three.play_tracks(clips, MOTION_PATH))
     placed = {name: stage.look(views[name]) for name in (camera, *views)}
-    return Scene(tuple(commands), events, placed, aspect)
+    return Scene(tuple(commands), events, placed, aspect, tops)
 
 
 def one_run(
@@ -168,7 +173,9 @@ def onboard(rig: Rig, run: Pointing, seen: gaze.Outlook, wanted: Array) -> str:
     locked = np.tile(sight.reached(np.eye(3), wanted, sight.home), (rows.stop - rows.start, 1))
     name, imus = f"held by {seen.held[-1].called} on platform {run.platform}", {rig.base: Imu(quat=run.base[rows])}
     log = Log(name, rig.joints, run.t[rows], run.q[rows], q_ref=locked, imus=imus, payload=rig.payload)
-    moved = replace(motion(rig, log, 30.0, 1.0, True, None), pivot=sight.centre, wanted=wanted)
+    moved = replace(
+        motion(rig, log, 30.0, 1.0, True, None), pivot=sight.centre, wanted=wanted, ghost_name="joints locked"
+    )
     return render_scene(rig, name, moved, scene(rig, moved), gaze.draw_pictures(seen, wanted, 2))
 
 
@@ -181,6 +188,7 @@ def render_scene(
     live: int | None = None,
     written: bool = True,
     beside: Frames | None = None,
+    names: Sequence[str] = (),
 ) -> str:
     """Return the page of a scene, with pictures in its corner where there are any.
 
@@ -193,7 +201,9 @@ def render_scene(
         live: Its number at the server that sends it news, see `view.live`; None: it is a file and hears of none.
         written: Whether title, legend, angles and time stand in the frames of a film.
         beside: A second run that is drawn, too.
+        names: What stands above the rig of each run.
     """
+    runs = [shown] if beside is None else [shown, beside]
     recorded = {
         "commands": [packed(command) for command in drawn.commands],
         "start": float(shown.t[0]),
@@ -207,7 +217,8 @@ def render_scene(
         "frames": len(shown.t),
         "step": float(shown.clock[1]) if len(shown.t) > 1 else 1.0,
         "fade": FADE,
-        "joints": readings(rig, [shown] if beside is None else [shown, beside]),
+        "joints": readings(rig, runs),
+        "names": [{"name": name, "at": top.tolist()} for name, top in zip(names, drawn.tops)],
         "written": written,
     }
     return template(
@@ -215,10 +226,10 @@ def render_scene(
         "page.html.j2",
         title=rig.title,
         subtitle=name,
-        legend=legend(shown),
+        legend=legend(runs[-1]),
         ramp="" if shown.colour is None else shown.scale,
         views=list(drawn.views),
-        ghost=shown.q_ref is not None,
+        ghost=runs[-1].q_ref is not None,
         bundle=bundle(),
         scene=recorded,
         gaze=gaze.script() if inset else "",
@@ -247,7 +258,7 @@ def legend(shown: Frames) -> list[tuple[str, str]]:
     """Return colours, and what they mean."""
     marks = [(figure.MEASURED, "line of sight")]
     if shown.q_ref is not None:
-        marks.append((figure.REFERENCE, "reference" if shown.wanted is None else "joints locked"))
+        marks.append((figure.REFERENCE, shown.ghost_name))
     if shown.wanted is not None:
         marks += [(stage.RED, "target"), (stage.LEVEL, "horizon")]
     return [(f"#{three.hex_colour(rgb):06x}", name) for rgb, name in marks]
