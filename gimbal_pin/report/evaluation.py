@@ -108,6 +108,14 @@ def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
     return Evaluated(rig.joints, tuple(parts), np.sqrt(power / np.maximum(count, 1e-300)[:, None]))
 
 
+def find_worst(t: Array, squares: Array, longest: float) -> tuple[float, slice]:
+    """Return the mean of squares, (N,), in those `longest` s where it is largest, and these rows; of less, in all."""
+    power, ends = np.concatenate([[0.0], np.cumsum(squares)]), np.searchsorted(t, t + longest)
+    score = (power[ends] - power[:-1]) / np.maximum(ends - np.arange(len(ends)), 1)
+    first = int(np.argmax(np.where(t <= max(t[-1] - longest, t[0]), score, -np.inf)))
+    return float(score[first]), slice(first, int(ends[first]))
+
+
 @dataclass(frozen=True)
 class KnownParameter:
     """One parameter.

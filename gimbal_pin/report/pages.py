@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial, singledispatch
+from functools import cached_property, partial, singledispatch
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,13 +27,13 @@ from gimbal_pin.log.log import Log
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.result import Pointing, Verified
 from gimbal_pin.report import plots
-from gimbal_pin.report.elements import Document, Section, embed, paragraph, unfold
+from gimbal_pin.report.elements import Document, Section, embed, join, paragraph, unfold
 from gimbal_pin.report.evaluation import evaluate
-from gimbal_pin.report.format import file_name, list_shown_joints
+from gimbal_pin.report.format import figures, file_name, list_shown_joints
 from gimbal_pin.report.sections.camera import name_clock, show_camera
 from gimbal_pin.report.sections.control import show_controller, show_judgement, show_tracking
 from gimbal_pin.report.sections.data import picture_log, show_base, show_check, show_file, show_logs, show_rig
-from gimbal_pin.report.sections.diagnosis import picture_torques, show_diagnosis
+from gimbal_pin.report.sections.diagnosis import find_worst_stretch, picture_torques, show_diagnosis
 from gimbal_pin.report.sections.excitation import show_excitation, show_expectation, show_rehearsal
 from gimbal_pin.report.sections.fleet import describe_fleet, describe_monte_carlo
 from gimbal_pin.report.sections.model import show_cameras, show_model, show_parameters, show_torque
@@ -84,8 +84,9 @@ def describe_identified(found: Identified) -> Document:
 @describe_record.register
 def describe_diagnosis(found: Diagnosis) -> Document:
     """Return what the simulation gets wrong."""
+    lead = "A link is the redder, the more torque the refitted model leaves at the joint that moves it."
     is_played = found.held is not None and bool(found.data)
-    played = [play_residual(found, found.data[0].ordered(found.before.rig))] if is_played else []
+    played = [Section("Animation", [PlayedResidual(found)], lead, is_detail=True)] if is_played else []
     return build_document(found.after.rig, [show_diagnosis(found), *played], found.data, found.given.weighed)
 
 
@@ -197,22 +198,6 @@ def get_shown_run(held: Verified) -> Pointing:
     return run
 
 
-def play_residual(found: Diagnosis, log: Log, longest: float = 60.0) -> Section:
-    """Return a section that plays a log, `longest` s of it, links the redder the more torque the refitted model leaves.
-
-    Beside it stand torque and residual of the whole log.
-    """
-    rig, part = found.before.rig, log.part(log.t <= log.t[0] + longest)
-    scale = f"residual, red: {100 * FULL:.0f} % of the torque"
-
-    def render() -> str:
-        shown = replace(motion(rig, part, 30.0, 1.0, True, heat(found.before, part)), scale=scale)
-        return render_scene(rig, file_name(log.name), shown, scene(rig, shown))
-
-    lead = "The log. A link is the redder, the more torque the refitted model leaves at the joint that moves it."
-    return replace(show_animation(render, lead, log.name, picture_torques(found, log)), is_detail=True)
-
-
 def render_held(held: Verified) -> str:
     """Return the page that shows the rig, held by computed torque, on the platform."""
     return onboard(held.rig, get_shown_run(held), outlook(held, WANTED), WANTED)
@@ -250,6 +235,45 @@ class PlayedPage:
     def __str__(self) -> str:
         """Return no lines."""
         return ""
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedResidual:
+    """The log, or the stretch of it, of which the refitted model leaves most torque; torque and residual of all of it.
+
+    Attributes:
+        found: The diagnosis, with its logs.
+    """
+
+    found: Diagnosis
+
+    @cached_property
+    def parts(self) -> tuple[PlayedPage, plots.Drawing, str]:
+        """What plays, what is drawn, and which log that is."""
+        rig, (log, part) = self.found.before.rig, find_worst_stretch(self.found)
+        scale, name = f"residual, red: {100 * FULL:.0f} % of the torque", file_name(log.name)
+
+        def render() -> str:
+            shown = replace(motion(rig, part, 30.0, 1.0, True, heat(self.found.before, part)), scale=scale)
+            return render_scene(rig, name, shown, scene(rig, shown))
+
+        count, ends = len(self.found.data), f"{figures(float(part.t[0]))} to {figures(float(part.t[-1]))} s"
+        of = f"of {count} logs that of which the model leaves most" if count > 1 else "all of the log"
+        said = of if len(part) == len(log) else f"{ends}, where the model leaves most"
+        return PlayedPage(render, log.name), picture_torques(self.found, log), f"Shown is {name}: {said}."
+
+    def __html__(self) -> str:
+        """Return it as an element of a page."""
+        played, drawn, said = self.parts
+        return join([paragraph(said, "side"), played, drawn])
+
+    def __str__(self) -> str:
+        """Return no lines."""
+        return ""
+
+    def draw(self) -> plots.Figure:
+        """Return torque and residual as a figure."""
+        return self.parts[1].draw()
 
 
 def show_animation(render: Callable[[], str], lead: str, clock: str, drawn: plots.Drawing) -> Section:

@@ -660,6 +660,24 @@ def test_the_summary_says_on_what_the_steps_were_simulated(walk: Walk) -> None:
         assert SIMULATED.format(plant) in parsed(str(section.html)).text_content()
 
 
+def test_a_diagnosis_plays_the_log_and_the_stretch_that_the_model_explains_least() -> None:
+    """The page says which, and scene and charts have its clock."""
+    rig = Rig.load("turret")
+    first, second = (bench(rig, 70.0, 100.0, seed, name) for seed, name in ((1, "a.csv"), (2, "b.csv")))
+    tau = np.asarray(second.tau).copy()
+    tau[6000:6200] += 0.3 * tau.std(axis=0) * np.sin(np.arange(200) / 5)[:, None]
+    found = diagnose(rig, [first, replace(second, tau=tau)], rng=0, holdout="last-third")
+    page = describe_record(found).to_html()
+    said = re.search(r"Shown is b\.csv: ([\d.]+) to ([\d.]+) s, where the model leaves most\.", page)
+    assert (
+        said is not None and 0 < float(said[1]) < 10 and float(said[2]) == pytest.approx(float(said[1]) + 60, abs=0.1)
+    )
+    tree = parsed(page)
+    (frame,) = tree.xpath("//iframe")
+    clocks = tree.xpath("//section[h2='Animation']//*[@class='charts']/@data-clock")
+    assert clocks == [frame.get("data-clock")] == [elements.hash_clock("b.csv")]
+
+
 def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) -> None:
     """First what was found, what to do, and what to take care of, as the page's head has it."""
     found = gather(walk, why="no IMU")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache, partial
 from math import isfinite
@@ -23,12 +24,13 @@ from gimbal_pin.diagnosis.gain import (
 from gimbal_pin.diagnosis.probability import LISTED
 from gimbal_pin.diagnosis.result import Likeness
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.errors import digits
+from gimbal_pin.errors import DataError, digits
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Flags
+from gimbal_pin.regression import Filtering, Flags
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.charts import Chart, Charts, Trace, list_abscissae
 from gimbal_pin.report.elements import Content, Element, Section, bullets, folded, heading, paragraph, toned
+from gimbal_pin.report.evaluation import find_worst
 from gimbal_pin.report.format import (
     ShownJoint,
     file_name,
@@ -248,20 +250,42 @@ def chart_residuals(found: Diagnosis, shown: Sequence[ShownJoint], order: list[i
     return Charts("held out" if jumps else found.logs[0], rows)
 
 
+def find_worst_stretch(found: Diagnosis, longest: float = 60.0) -> tuple[Log, Log]:
+    """Return the log of which the refitted model leaves most torque, and those `longest` s of it where it does.
+
+    Torques are shares of those that were measured, rms over all logs; logs too short to be judged are not chosen.
+    """
+    traces = list[tuple[Log, TorqueTrace]]()
+    for log in found.data:
+        with suppress(DataError):
+            traces.append((log.ordered(found.before.rig), trace_torques(found.before, log, choose_filtering(found))))
+    size = np.sqrt(np.mean(np.concatenate([one.measured for _, one in traces]) ** 2, axis=0))
+    shares = [np.sum((one.residual / np.maximum(size, 1e-300)) ** 2, axis=1) for _, one in traces]
+    worst = [find_worst(one.t, share, longest) for (_, one), share in zip(traces, shares)]
+    (log, trace), (_, rows) = traces[k := int(np.argmax([score for score, _ in worst]))], worst[k]
+    start = trace.t[rows][0] if log.t[-1] - log.t[0] > longest else log.t[0]
+    return log, log.part((log.t >= start) & (log.t <= start + longest))
+
+
+def choose_filtering(found: Diagnosis) -> Filtering:
+    """Return the filter that a diagnosis judged held-out torque by."""
+    band = DIAGNOSIS_BAND.cutoff if found.held is None else found.held.band
+    return replace(DIAGNOSIS_BAND, cutoff=band, alignment=found.alignment)
+
+
 def picture_torques(found: Diagnosis, log: Log) -> plots.Drawing:
     """Return a log's torque, measured and by both models, and what they leave, low-passed as the held-out part is."""
-    band = DIAGNOSIS_BAND.cutoff if found.held is None else found.held.band
+    filtering = choose_filtering(found)
 
     @cache
     def make() -> Charts:
-        filtering = replace(DIAGNOSIS_BAND, cutoff=band, alignment=found.alignment)
         traces = [trace_torques(model, log, filtering) for model in (found.before, found.after)]
         return chart_torques_of_models(list_shown_joints(found.after.rig), *traces)
 
     alt = f"Torque and residual of {', '.join(found.after.rig.joints)} over time in {file_name(log.name)}"
     caption = (
-        f"Torque of {file_name(log.name)} up to {band:g} Hz: measured, by the refitted and by the extended model, and "
-        "what each leaves. Near standstill dry friction may have any direction: there the models guess."
+        f"Torque of {file_name(log.name)} up to {filtering.cutoff:g} Hz: measured, by the refitted and by the extended "
+        "model, and what each leaves. Near standstill dry friction may have any direction: there the models guess."
     )
     return plots.Drawing(lambda: make().draw(), alt, caption, charts=make)
 

@@ -31,7 +31,15 @@ from gimbal_pin.report.elements import (
     list_warnings,
     paragraph,
 )
-from gimbal_pin.report.evaluation import Evaluated, EvaluatedPart, KnownParameter, find_tables, known, list_shown
+from gimbal_pin.report.evaluation import (
+    Evaluated,
+    EvaluatedPart,
+    KnownParameter,
+    find_tables,
+    find_worst,
+    known,
+    list_shown,
+)
 from gimbal_pin.report.format import (
     DASH,
     ShownJoint,
@@ -307,14 +315,9 @@ def worst(evaluated: Evaluated) -> tuple[EvaluatedPart, bool]:
     """Return the stretch of `LONGEST_DRAWN` s whose error, as a share of torque, is largest, and if there is more."""
     best: tuple[float, EvaluatedPart] | None = None
     for part in evaluated.parts:
-        power = np.concatenate([[0.0], np.cumsum(np.sum((part.error / evaluated.scale) ** 2, axis=1))])
-        ends = np.searchsorted(part.t, part.t + LONGEST_DRAWN)
-        score = (power[ends] - power[:-1]) / np.maximum(ends - np.arange(len(ends)), 1)
-        full = part.t <= max(part.t[-1] - LONGEST_DRAWN, part.t[0])
-        first = int(np.argmax(np.where(full, score, -np.inf)))
-        if best is None or score[first] > best[0]:
-            cut = slice(first, int(ends[first]))
-            best = score[first], part.cut(cut)
+        score, rows = find_worst(part.t, np.sum((part.error / evaluated.scale) ** 2, axis=1), LONGEST_DRAWN)
+        if best is None or score > best[0]:
+            best = score, part.cut(rows)
     assert best is not None  # an evaluation has at least one part
     return best[1], len(evaluated.parts) > 1 or len(best[1].t) < len(evaluated.parts[0].t)
 
