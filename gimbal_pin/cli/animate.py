@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
@@ -89,14 +90,18 @@ def animate(
         suffix, fps = output.suffix.lower(), fps or rate
         frames = sum(read.t[-1] - read.t[0] for read in every) / speed * (fps or FRAME_RATES.get(suffix, 1.0))
         pixels = size[0] * size[1] / (USUAL_SIZE[0] * USUAL_SIZE[1])
-        drawn = frames * max(pixels, 1.0) if suffix in ENCODERS else 0
-        check_cost(yes, frame_of_a_joint=frames * loaded.n, rendered_frame=drawn)
+        rendered = frames * max(pixels, 1.0) if suffix in ENCODERS else 0
+        check_cost(yes, frame_of_a_joint=frames * loaded.n, rendered_frame=rendered)
         for read, path in zip(every, list_films(output, {"logs": logs}), strict=True):
+            started = perf_counter()
             shown = view.animate(
                 loaded, read, path, speed=speed, fps=fps, ghost=ghost, at=at, size=size, camera=camera, written=written,
                 beside=other, colour=None if model is None else heat(model, read), scale=scale,
             )  # fmt: skip
             tell(shown.events)
-            say(f"{read.t[-1] - read.t[0]:.1f} s → {path}")
+            drawn = "" if suffix == ".html" else f"{size[0]} × {size[1]}, "
+            many = "" if suffix == ".png" else f"{shown.frames} frames, "
+            took = perf_counter() - started
+            say(f"{many}{drawn}{path.stat().st_size / 1e6:.1f} MB, {took:.1f} s → {path}")
     if live:
         play(loaded, every[0])

@@ -135,8 +135,9 @@ def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
     traj, page = tmp_path / "traj.csv", tmp_path / "traj.html"
     code, _, err = run("excite", "turret", "-o", traj, "--starts", 1, "--seconds", 4, "--harmonics", 3)
     assert code == 0, err
-    code, _, err = run("animate", "turret", traj, "-o", page)
+    code, said, err = run("animate", "turret", traj, "-o", page)
     assert code == 0 and page.stat().st_size > 100_000, err
+    assert f"121 frames, {page.stat().st_size / 1e6:.1f} MB, " in said + err  # 4 s, 30 a second
 
 
 def test_auto_walks_from_a_log_to_a_report(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,11 +43,13 @@ class Animation:
         name: What moves.
         page: The page that plays it, as `record` returns it.
         events: A sentence for each thing that could not be drawn as the URDF says.
+        frames: How many instants it shows.
     """
 
     name: str
     page: str
     events: tuple[str, ...] = ()
+    frames: int = 1
 
     __repr__ = brief
 
@@ -128,7 +130,7 @@ def animate(
     wide = size[0] / size[1] if suffix in (".png", *ENCODERS) else STAGE_ASPECT
     drawn = scene(rig, shown, camera=camera, beside=other, aspect=wide)
     recorded = render_scene(rig, name, shown, drawn, written=written, beside=other, names=names)
-    shot = Animation(name, recorded, drawn.events)
+    shot = Animation(name, recorded, drawn.events, len(shown.t))
     if path is None:
         return shot
     if suffix == ".html":
