@@ -11,6 +11,7 @@ from gimbal_pin.control.laws.chart import compute_disk
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.pointing.result import split
+from gimbal_pin.report.elements import Table
 from gimbal_pin.report.format import figures, list_shown_joints, torque_unit
 from gimbal_pin.report.plots import PLAIN, thinned
 from gimbal_pin.rig.rig import Rig
@@ -143,26 +144,19 @@ def build_log_options(logs: Sequence[Log], rig: Rig, judged: tuple[float, float]
     return build_chart(x, {"name": unit}, lines, brush=brush, tooltip={"show": False})
 
 
-def list_numbers(tuning: Tuning, residual: ResidualFigure | None) -> dict[str, dict[str, str]]:
-    """Return joint → figure → how it is shown: bandwidth, margins, and the residual where there is a log."""
-    rig, rows = tuning.model.rig, {}
-    for k, (joint, hz, least) in enumerate(zip(rig.joints, tuning.bandwidth_hz, tuning.worst)):
-        rows[joint] = {
-            "bandwidth": f"{figures(hz)} Hz",
-            "phase margin": f"{figures(least.phase_margin_deg)}°",
-            "disk margin": figures(least.disk_margin),
-            "delay margin": f"{figures(1e3 * least.delay_margin)} ms",
-        }
-        if residual is not None:
-            value, unit = torque_unit(float(residual.rms[k]), rig.in_units(joint, "N m"))
-            rows[joint]["residual"] = f"{figures(value * float(residual.rms[k]))} {unit}"
-    return rows
-
-
-def describe_margins(tuning: Tuning) -> str:
-    """Say of which model the margins are that `list_numbers` returns."""
+def build_table(tuning: Tuning, residual: ResidualFigure | None) -> Table:
+    """Return the bandwidth and margins of every joint, and its residual where there is a log."""
+    rig, head, rows = tuning.model.rig, ["Joint", "bandwidth", "phase margin", "disk margin", "delay margin"], []
+    for joint, hz, least in zip(rig.joints, tuning.bandwidth_hz, tuning.worst):
+        margins = f"{figures(least.phase_margin_deg)}°", figures(least.disk_margin)
+        rows.append([joint, f"{figures(hz)} Hz", *margins, f"{figures(1e3 * least.delay_margin)} ms"])
+    if residual is not None:
+        head.append("residual")
+        for joint, row, rms in zip(rig.joints, rows, residual.rms.tolist()):
+            factor, unit = torque_unit(rms, rig.in_units(joint, "N m"))
+            row.append(f"{figures(factor * rms)} {unit}")
     of = f"the worst of {tuning.draws} models drawn from the covariance" if tuning.draws else "the believed model"
-    return f"Margins are those of {of}."
+    return Table(head, rows, caption=f"Margins are those of {of}.")
 
 
 def describe_jitter(found: PointingFigure) -> str:

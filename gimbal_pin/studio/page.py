@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -90,12 +90,17 @@ class Window:
         with ui.element("header"):
             self.title = ui.html("", tag="h1", sanitize=False)
             self.build_cameras()
-            look = "outline dense no-caps padding='4px 10px'"
-            self.back = ui.button("Undo", on_click=self.undo).props(f"{look} data-act=undo")
-            self.forth = ui.button("Redo", on_click=self.redo).props(f"{look} data-act=redo")
-            ui.button("Save controller", on_click=self.save_controller).props(f"{look} data-act=save-controller")
-            ui.button("Save report", on_click=self.save_report).props(f"{look} data-act=save-report")
+            self.back = self.build_button("Undo", partial(self.change, History.undone))
+            self.forth = self.build_button("Redo", partial(self.change, History.redone))
+            controller, report = list_studio_files()
+            self.build_button("Save controller", partial(self.save, controller, keep_controller))
+            self.build_button("Save report", partial(self.save, report, lambda tuning, folder: keep_report(tuning)))
         self.said = ui.label("").classes("said").props('role="status"')
+
+    def build_button(self, title: str, act: Callable[[], object]) -> Any:
+        """Return a button of the head."""
+        look = f"outline dense no-caps padding='4px 10px' data-act={title.lower().replace(' ', '-')}"
+        return ui.button(title, on_click=act).props(look)
 
     def build_cameras(self) -> None:
         """Build the button that swaps the camera, and the list that it opens."""
@@ -107,8 +112,7 @@ class Window:
             self.camera_list = ui.element("div").classes("cameras-list")
             path = ui.input("or the path of its URDF").props("dense outlined")
             ui.button("Mount", on_click=lambda: self.swap(path.value.strip() or None)).props("no-caps")
-        button = ui.button("Swap camera", on_click=self.show_cameras)
-        button.props("outline dense no-caps padding='4px 10px' data-act=swap-camera")
+        self.build_button("Swap camera", self.show_cameras)
 
     def build_controls(self) -> None:
         """Build a slider with its number for each choice, and a box for each cause."""
@@ -200,18 +204,10 @@ class Window:
         """Choose a value."""
         await self.change(lambda history: history.moved(name, value))
 
-    async def undo(self) -> None:
-        """Go back one change."""
-        await self.change(History.undone)
-
-    async def redo(self) -> None:
-        """Take back what was undone."""
-        await self.change(History.redone)
-
     async def press_key(self, event: Any) -> None:
         """Undo with Ctrl-Z, redo with Ctrl-Y."""
         if event.action.keydown and event.modifiers.ctrl and event.key in ("z", "y"):
-            await (self.undo() if event.key == "z" else self.redo())
+            await self.change(History.undone if event.key == "z" else History.redone)
 
     async def brush(self, event: Any) -> None:
         """Let the marked part of the log judge, and the rest train."""
@@ -237,14 +233,6 @@ class Window:
             await self.move("payload", None if is_own else payload)
             if self.tuning is not None:
                 self.desk.cameras = [payload, *(one for one in self.desk.cameras if one != payload)]
-
-    async def save_controller(self) -> None:
-        """Write the controller that is shown."""
-        await self.save(list_studio_files()[0], keep_controller)
-
-    async def save_report(self) -> None:
-        """Write the report of the controller that is shown."""
-        await self.save(list_studio_files()[1], lambda tuning, folder: keep_report(tuning))
 
     async def save(self, name: str, keep: Callable[[Tuning, Path], Writer]) -> None:
         """Write a file of what is chosen, once that is tuned, and say where it lies."""
@@ -336,23 +324,12 @@ class Window:
                 pen["brushOption"] = {"brushType": "lineX", "brushMode": "single"}  # type: ignore[assignment]
                 ui.timer(0.3, lambda: self.charts["log"].run_chart_method("dispatchAction", pen), once=True)
             self.judged.set_text(options.describe_judged(source, state))
-        self.tabulate(options.describe_margins(tuning), options.list_numbers(tuning, residual))
+        self.table.set_content(options.build_table(tuning, residual).__html__())
         said = [*tuning.warnings, *tuning.doubts, *map(str, tuning.reasons)]
         self.reasons.set_content(Markup("").join(Markup("<p>{}</p>").format(one) for one in said[:4]))
         self.scene.props(f'src="scene?{urlencode({"payload": state.payload} if state.payload else {})}"')
         self.list_boxes(state)
         self.set_values()
-
-    def tabulate(self, caption: str, rows: Mapping[str, Mapping[str, str]]) -> None:
-        """Show the figures of every joint under a caption."""
-        cell, line = Markup('<td data-figure="{}">{}</td>'), Markup("<tr><th scope=row>{}</th>{}</tr>")
-        names = next(iter(rows.values())).keys()
-        head = Markup("").join(Markup("<th scope=col>{}</th>").format(name) for name in names)
-        body = [
-            line.format(of, Markup("").join(cell.format(*pair) for pair in row.items())) for of, row in rows.items()
-        ]
-        table = Markup('<table class="numbers"><caption>{}</caption><tr><td></td>{}</tr>{}</table>')
-        self.table.set_content(table.format(caption, head, Markup("").join(body)))
 
     def put(self, name: str, shown: options.Options) -> None:
         """Show a chart's figures."""

@@ -96,15 +96,26 @@ def enter(element: str, text: str) -> Step:
     async def entered(tab: Any) -> None:
         await browser.evaluate(tab, f"(e => {{ e.focus(); e.select(); }})({element})")
         await tab.send_command("Input.insertText", {"text": text})
-        for kind in ("keyDown", "keyUp"):
-            await tab.send_command("Input.dispatchKeyEvent", {"type": kind, "key": "Enter", "code": "Enter"})
+        await push("Enter")(tab)  # type: ignore[operator]
 
     return entered
 
 
+def push(key: str) -> Step:
+    """Push a key and let it go."""
+
+    async def pushed(tab: Any) -> None:
+        codes = {"Enter": 13, "ArrowRight": 39}
+        for kind in ("keyDown", "keyUp"):
+            key_event = {"type": kind, "key": key, "code": key, "windowsVirtualKeyCode": codes[key]}
+            await tab.send_command("Input.dispatchKeyEvent", key_event)
+
+    return pushed
+
+
 SAID = "document.querySelector('.said').textContent"
 TITLE = "document.querySelector('h1').textContent"
-BANDWIDTH = "document.querySelector('[data-figure=bandwidth]')?.textContent"
+BANDWIDTH = "document.querySelector('.table td')?.textContent"
 JITTER = "document.querySelector('[data-figure=jitter]')?.textContent"
 SETTLED = f"{JITTER} && {SAID} === ''"
 JUDGED = "document.querySelector('.row .side').textContent"
@@ -198,6 +209,32 @@ def test_the_scene_stands_until_it_is_played(folder: Path) -> None:
             f"{page}.getElementById('play').click()", until(f"!{clock}.startsWith('0.00')"),
         )  # fmt: skip
     assert seen.values[:3] == ["0.00 / 20.00 s", "0.00 / 20.00 s", True] and seen.complaints == []
+
+
+TIMED = """(() => {
+  const charts = [...document.querySelectorAll('.chart')];
+  const slider = document.querySelector('[data-slider=bandwidth_hz]');
+  let begun = 0;
+  window.spent = [];
+  slider.addEventListener('keydown', event => { begun = event.timeStamp; }, true);
+  getElement(Number(charts.at(-1).id.slice(1))).chart.on('finished', () => requestAnimationFrame(() => {
+    if (begun) spent.push(performance.now() - begun);
+    begun = 0;
+  }));
+  slider.querySelector('.q-slider__track-container').focus();
+})()"""
+"""Notes the time from a key that moves the slider to the frame after the last of the charts is drawn again, ms."""
+
+
+@needs_browser
+def test_time_from_a_slider_to_its_figures(folder: Path, record_testsuite_property: Any) -> None:
+    """Reports, in the suite's XML, and asserts nothing, of seconds."""
+    moves = [each for k in range(20) for each in (push("ArrowRight"), until(f"spent.length === {k + 1}"), pause(0.1))]
+    with served("turret", "log.csv", folder=folder) as (_, url):
+        seen = visit(url, wide(1280), until(SETTLED), pause(3.0), TIMED, *moves, "spent", BANDWIDTH)
+    _, spent, moved = seen.values
+    assert float(moved.split()[0]) == pytest.approx(10.0) and seen.complaints == []
+    record_testsuite_property("slider_to_figures_ms", f"median {np.median(spent):.0f}, worst {max(spent):.0f}")
 
 
 def answer(url: str, path: str, **headers: str) -> int:

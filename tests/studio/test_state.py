@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -256,14 +255,3 @@ def test_a_wider_loop_holds_the_camera_more_still() -> None:
         assert found is not None and found.jitter == found.run.jitter[0]
         errors.append(found.jitter)
     assert errors[1] < 0.5 * errors[0]
-
-
-def test_time_from_a_slider_to_its_figures(record_testsuite_property: Any) -> None:
-    """Reports, in the suite's XML, and asserts nothing, of seconds."""
-    subject, spent = identified(), []
-    for hz in np.linspace(5, 9, 5):
-        start, state = time.perf_counter(), StudioState(bandwidth_hz=float(hz))
-        tuning = tune_state(subject, state)
-        assert tuning.loop_curves and compute_residual(subject, tuning) and simulate_pointing(subject, state, tuning)
-        spent.append(time.perf_counter() - start)
-    record_testsuite_property("slider_to_figures_ms", round(1e3 * float(np.median(spent))))
