@@ -17,8 +17,17 @@ def render(source: str, *args: Any, **held: Any) -> str:
     return "".join(f'<div class="equation">{convert(line, display="block")}</div>' for line in lines)
 
 
+SPOKEN = {
+    'data-md-component="search" role="dialog"': 'data-md-component="search" role="dialog" aria-label="Search"',
+    "<th></th>": "<td></td>",
+}
+"""What pages lack for those who use keyboards and screen readers: a name, heads that say something."""
+
+
 def on_post_page(output: str, **held: Any) -> str:
-    """Load the search's worker from the site itself."""
+    """Load the search's worker from the site itself, and add what `SPOKEN` lists."""
+    for found, better in SPOKEN.items():
+        output = output.replace(found, better)
     return WORKER.sub("scripts/iframe-worker.js", output)
 
 

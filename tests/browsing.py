@@ -120,10 +120,10 @@ def load_axe() -> str:
 
 
 def audit(found: list[Any]) -> Step:
-    """Append what axe-core finds against the page to a list: rule, element and reason."""
+    """Append what axe-core finds against the page and its frames to a list: page, rule, element and reason."""
 
     async def done(tab: Any) -> None:
-        await browser.evaluate(tab, f"{load_axe()};0")
+        await browser.evaluate(tab, f"var axeSource = {json.dumps(load_axe())}; 0")
         asked = {"expression": AUDIT, "awaitPromise": True, "returnByValue": True}
         answer = await tab.send_command("Runtime.evaluate", asked)
         found.extend(answer["result"]["result"]["value"])
@@ -131,8 +131,11 @@ def audit(found: list[Any]) -> Step:
     return done
 
 
-AUDIT = """axe.run(document, { iframes: false }).then(found => found.violations.flatMap(rule =>
-  rule.nodes.map(node => [rule.id, node.target.join(' '), node.failureSummary])))"""
+AUDIT = """Promise.all([window, ...[...document.querySelectorAll('iframe')].filter(one => one.checkVisibility()).map(
+  one => one.contentWindow)].map(shown => { shown.axe ?? shown.eval(axeSource);
+    return shown.axe.run(shown.document, { iframes: false }).then(found => found.violations.flatMap(rule =>
+      rule.nodes.map(node => [shown.document.title, rule.id, node.target.join(' '), node.failureSummary]))); }))
+  .then(every => every.flat())"""
 
 OPEN = "document.querySelectorAll('details').forEach(one => { one.open = true; })"
 """Opens all that is folded."""

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import re
 import shlex
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 import yaml
@@ -21,6 +24,7 @@ import gimbal_pin
 from gimbal_pin.checks import CHECKS
 from gimbal_pin.cli import parse_arguments
 from gimbal_pin.effects import CAUSES
+from tests.browsing import OPEN, audit, media, needs_browser, pause, visit, wide
 from tests.command_line import Run, whole
 
 ROOT = Path(__file__).parents[1]
@@ -140,3 +144,28 @@ def test_the_conda_recipe_asks_for_what_the_package_does() -> None:
     assert {*recipe["requirements"]["run"][1:]} == asked
     assert recipe["context"]["version"] == project["version"]
     assert recipe["build"]["python"]["entry_points"] == [f"{k} = {v}" for k, v in project["scripts"].items()]
+
+
+@pytest.mark.slow
+@needs_browser
+def test_axe_has_nothing_against_the_built_pages_light_or_dark(tmp_path: Path) -> None:
+    """Built as scripts/docs does; the page that servers show for what is not there is no page on a disk."""
+    pytest.importorskip("mkdocs")
+    build = [
+        sys.executable,
+        "-m",
+        "mkdocs",
+        "build",
+        "--quiet",
+        "--config-file",
+        "docs/mkdocs.yml",
+        "-d",
+        str(tmp_path),
+    ]
+    subprocess.run(build, env={**os.environ, "PYTHONPATH": "docs"}, cwd=ROOT, check=True)
+    for page in sorted(set(tmp_path.glob("*.html")) - {tmp_path / "404.html"}):
+        found = list[Any]()
+        audits = [step for scheme in ("light", "dark") for step in (media("screen", scheme), pause(1.0), audit(found))]
+        seen = visit(page.as_uri(), OPEN, wide(1280), *audits)
+        assert (found, seen.complaints) == ([], [])
+        assert all(one.startswith(tmp_path.as_uri()) for one in seen.requests)

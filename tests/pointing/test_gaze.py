@@ -35,7 +35,7 @@ from gimbal_pin.report.view.gaze import liveliest
 from gimbal_pin.report.view.motion import poses
 from gimbal_pin.report.view.scene import onboard
 from gimbal_pin.rig import Rig
-from tests.browsing import needs_browser, visit, wide
+from tests.browsing import OPEN, audit, media, needs_browser, pause, visit, wide
 from tests.report.test_report import OUTSIDE, WIDER, parsed
 from tests.rigs import bundled
 
@@ -234,3 +234,12 @@ def test_a_browser_draws_what_the_cameras_see_where_it_lies(tmp_path: Path) -> N
         np.testing.assert_allclose(places, expected, atol=2e-3)
         bolted, held, pid, ours = changed
         assert bolted > 0.2 and held < 1e-3 and pid > 2 * ours
+
+
+@needs_browser
+def test_axe_has_nothing_against_what_the_cameras_see_light_or_dark(tmp_path: Path) -> None:
+    path, found = tmp_path / "report.html", list[object]()
+    path.write_text(page(), encoding="utf-8")
+    audits = [step for scheme in ("light", "dark") for step in (media("screen", scheme), pause(0.5), audit(found))]
+    visit(path.as_uri(), OPEN, wide(1280), *audits)
+    assert found == []
