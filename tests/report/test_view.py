@@ -637,11 +637,16 @@ def test_a_picture_and_a_film_hold_the_asked_frames(
     view.animate(lumped, log, tmp_path / "still.png", size=(320, 180), at=3.2)
     with Image.open(tmp_path / "still.png") as still:
         assert still.size == (320, 180) and still.format == "PNG"
-    view.animate(lumped, log, tmp_path / "film.gif", size=(161, 91))
+    strip = recorded(view.animate(lumped, log, tmp_path / "film.gif", size=(161, 91)).page)["strip"]
     with Image.open(tmp_path / "film.gif") as film:
         assert (film.info["duration"], film.info["loop"], film.size) == (50, 0, (161, 91))
         frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(film)]
     assert len(frames) == 6 and (np.abs(frames[-1] - frames[0]).max(axis=2) > 40).mean() > 0.01
+    error = np.degrees(log.q_ref - log.q)[[0, -1]] * [1, 1, 1e3 * np.pi / 180]  # the last one slides
+    assert np.array(strip["curves"])[0, :, [0, -1]] == pytest.approx(error, abs=1e-5)
+    assert [strip["low"], strip["high"]] == pytest.approx([np.min(strip["curves"]), np.max(strip["curves"])], abs=1e-5)
+    cursor = [frame[82:88, 9:].sum(axis=2).mean(axis=0).argmin() for frame in frames]  # the darkest column
+    assert np.all(np.diff(cursor) > 10)
     assert capfd.readouterr() == ("", "")
 
 

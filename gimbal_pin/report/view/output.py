@@ -17,7 +17,7 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view.browser import take_pictures
 from gimbal_pin.report.view.motion import Frames, frame_times, magnify, motion
-from gimbal_pin.report.view.scene import render_scene, scene
+from gimbal_pin.report.view.scene import plot_strip, render_scene, scene
 from gimbal_pin.report.view.stage import STAGE_ASPECT
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
@@ -96,7 +96,7 @@ def animate(
         size: Width and height, pixels; HTML fills its window.
         at: Time of a picture, s of the log; None: where the rig is farthest from its reference, or from its mean pose.
         camera: Where it is looked at from, a name of `view.stage.VIEWS`; None: three-quarter.
-        written: Whether title, time, legend and joint angles stand in pictures and films.
+        written: Whether title, time, legend and joint angles stand in pictures and films, and below films a plot.
         beside: A second log of the rig, played to the right of the first for as long as both last; the ghosts of both
             show their errors magnified.
         scale: What the colours mean, for the legend.
@@ -123,13 +123,15 @@ def animate(
         other = motion(rig, beside, rate, speed, ghost, None)
         both = min(len(shown.t), len(other.t))
         shown, other = shown.first(both), other.first(both)
-        if ghost:
-            shown, other = magnify(rig, shown, other)
         names = (log.name, beside.name) if Path(beside.name).name == name else (name, Path(beside.name).name)
         name = " | ".join(names)
-    wide = size[0] / size[1] if suffix in (".png", *ENCODERS) else STAGE_ASPECT
+    strip = plot_strip(rig, [shown, other] if other else [shown]) if written and suffix in ENCODERS else None
+    if other is not None and ghost:
+        shown, other = magnify(rig, shown, other)
+    height = size[1] * (1 - strip["share"] if strip else 1)
+    wide = size[0] / height if suffix in (".png", *ENCODERS) else STAGE_ASPECT
     drawn = scene(rig, shown, camera=camera, beside=other, aspect=wide)
-    recorded = render_scene(rig, name, shown, drawn, written=written, beside=other, names=names)
+    recorded = render_scene(rig, name, shown, drawn, written=written, beside=other, names=names, strip=strip)
     shot = Animation(name, recorded, drawn.events, len(shown.t))
     if path is None:
         return shot

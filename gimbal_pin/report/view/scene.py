@@ -16,6 +16,7 @@ from gimbal_pin.pointing.result import Pointing
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.report import VIEWS
 from gimbal_pin.report.elements import template
+from gimbal_pin.report.format import list_shown_joints
 from gimbal_pin.report.view import figure, gaze, stage, three
 from gimbal_pin.report.view.motion import Frames, Poses, motion, poses
 from gimbal_pin.report.view.solids import Solid, find_frame, stand_ins, visuals
@@ -189,6 +190,7 @@ def render_scene(
     written: bool = True,
     beside: Frames | None = None,
     names: Sequence[str] = (),
+    strip: three.Json | None = None,
 ) -> str:
     """Return the page of a scene, with pictures in its corner where there are any.
 
@@ -202,6 +204,7 @@ def render_scene(
         written: Whether title, legend, angles and time stand in the frames of a film.
         beside: A second run that is drawn, too.
         names: What stands above the rig of each run.
+        strip: What stands below the frames of a film, see `plot_strip`.
     """
     runs = [shown] if beside is None else [shown, beside]
     recorded = {
@@ -220,6 +223,7 @@ def render_scene(
         "joints": readings(rig, runs),
         "names": [{"name": name, "at": top.tolist()} for name, top in zip(names, drawn.tops)],
         "written": written,
+        "strip": strip,
     }
     return template(
         "gimbal_pin.report.view",
@@ -252,6 +256,29 @@ def readings(rig: Rig, runs: Sequence[Frames]) -> list[three.Json]:
         {"name": name, "unit": unit, "values": [np.round(scale * run.q[:, k], 1).tolist() for run in runs]}
         for k, (name, (unit, scale)) in enumerate(zip(rig.joints, looks, strict=True))
     ]
+
+
+def plot_strip(rig: Rig, runs: Sequence[Frames]) -> three.Json:
+    """Return what stands below a film: each joint's tracking error in each run; without references its position.
+
+    Units as `readings`; `low` and `high` are the ends of the axis, `share` how much of the film's height it takes.
+    """
+    tracked = all(run.q_ref is not None for run in runs)
+    joints = list_shown_joints(rig)
+    scales = np.array([joint.scale for joint in joints])
+    shown = [scales * (run.q if run.q_ref is None or not tracked else run.q_ref - run.q) for run in runs]
+    low, high = float(np.min(shown)), float(np.max(shown))
+    units = ", ".join(dict.fromkeys(joint.unit for joint in joints))
+    dashes = "" if len(runs) == 1 else "; dashed: right"
+    return {
+        "title": f"{'tracking error' if tracked else 'position'}, {units}{dashes}",
+        "names": [joint.name for joint in joints],
+        "colours": [joint.colour for joint in joints],
+        "curves": [[column.round(6).tolist() for column in values.T] for values in shown],
+        "low": low,
+        "high": max(high, low + 1e-6),
+        "share": 0.18,
+    }
 
 
 def legend(shown: Frames) -> list[tuple[str, str]]:
