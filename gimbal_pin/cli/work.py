@@ -18,7 +18,7 @@ COSTS = {
     "diagnosed log": (5.0, 0.0),  # fleet --workers 1, turret, 10 s
     "second of a joint in a demo": (0.06, 0.4),  # demo --rig turret, 30 and 60 s
     "frame of a joint": (3e-5, 6e-4),  # animate one, two and three joints to HTML, 30 and 240 frames a second
-    "rendered frame": (0.2, 0.0),  # animate to MP4, 240 frames in 37 and 50 s on busy cores, no graphics card
+    "rendered frame": (0.12, 0.0),  # animate to MP4, 361 frames in 40 s on busy cores, no graphics card
     "squared variable of a start": (4.7e-4, 0.0),  # excite, two and three joints, 5 to 50 harmonics
     "sample of a motion": (1.2e-4, 1.2e-3),  # excite turret, 60 and 600 s
     "sample of a repetition": (2e-6, 0.0),  # identify turret --bootstrap, 0 to 120
