@@ -423,13 +423,15 @@ def test_the_ghost_is_there_only_with_a_reference_and_only_if_asked(lumped: Rig)
         assert not any(command["path"].startswith(GHOST) for command in commands(page))
 
 
-def test_a_link_s_ghost_is_drawn_only_while_it_is_apart_from_the_link(lumped: Rig) -> None:
+def test_the_ghost_of_a_link_and_of_the_line_of_sight_is_drawn_only_while_it_is_apart(lumped: Rig) -> None:
     log = sweep(lumped)
     lag = np.where(log.t[:, None] < 4.0, 0.0, [0.0, 0.2, 0.0])
     tracks = keyframes(view.record(lumped, replace(log, q_ref=log.q + lag)))
     tip = f"{figure.list_scene_paths(lumped, GHOST)[3]}/solids"  # the only link that draws anything
-    times, shown = tracks[tip][".visible"]
-    assert np.array_equal(shown, times >= 1.0)
+    beam = next(path for path in tracks if path.startswith(GHOST) and path.endswith("line of sight"))
+    for path in (tip, beam):
+        times, shown = tracks[path][".visible"]
+        assert np.array_equal(shown, times >= 1.0)
 
 
 def test_the_same_log_gives_the_same_bytes_and_fewer_than_two_million() -> None:

@@ -95,14 +95,25 @@ def tracks(rig: Rig, poses: Poses, clock: Array, root: str) -> Tracks:
 
 
 def apart(
-    rig: Rig, solids: Sequence[Solid], poses: Poses, reference: Poses, clock: Array, root: str, least: float
+    rig: Rig,
+    solids: Sequence[Solid],
+    poses: Poses,
+    reference: Poses,
+    clock: Array,
+    root: str,
+    least: float,
+    reach: float,
 ) -> Tracks:
     """Return what shows each link's solids only while some of them may be `least`, m, or more from the reference.
 
+    The same of the line of sight and its end, `reach`, m, away.
     No point within r of a joint's frame is further away than ``|Δp| + ‖ΔR‖ r``, ‖ΔR‖ the spectral norm.
     """
-    found: Tracks = {}
-    for joint, path in enumerate(list_scene_paths(rig, root)[1:], start=1):
+    away = np.linalg.norm(tips(rig, poses, reach) - tips(rig, reference, reach), axis=1)
+    paths = list_scene_paths(rig, root)
+    beam_path = f"{paths[find_frame(rig, rig.camera_frame).parentJoint]}/line of sight"
+    found: Tracks = {beam_path: [three.animate_property(".visible", "bool", clock, away >= least)]}
+    for joint, path in enumerate(paths[1:], start=1):
         if corners := [solid.corners for solid in moved_by(solids, joint)]:
             change = poses.world[:, joint] - reference.world[:, joint]
             radius = np.linalg.norm(np.concatenate(corners), axis=1).max()

@@ -134,7 +134,7 @@ def one_run(
             figure.trail(f"{home}/reference", figure.tips(rig, reference, reach), figure.REFERENCE),
         ]
         clips |= figure.tracks(rig, reference, motion.clock, other)
-        clips |= figure.apart(rig, solids, shown, reference, motion.clock, other, APART * size)
+        clips |= figure.apart(rig, solids, shown, reference, motion.clock, other, APART * size, reach)
     return commands, clips
 
 
