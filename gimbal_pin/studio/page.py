@@ -161,7 +161,7 @@ class Window:
             with self.build_card("Log: drag to mark what judges"):
                 self.charts["log"] = ui.echart({}).classes("chart")
                 self.charts["log"].on("chart:brushEnd", self.brush, ["areas"])
-                with ui.element("div").classes("row"):
+                with ui.element("div").classes("judged"):
                     self.judged = ui.label("").classes("side")
                     ui.button("As proposed", on_click=partial(self.move, "judged", None)).props("flat dense no-caps")
             with self.build_card("Residual of the judged part"):

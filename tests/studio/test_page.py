@@ -118,7 +118,7 @@ TITLE = "document.querySelector('h1').textContent"
 BANDWIDTH = "document.querySelector('.table td')?.textContent"
 JITTER = "document.querySelector('[data-figure=jitter]')?.textContent"
 SETTLED = f"{JITTER} && {SAID} === ''"
-JUDGED = "document.querySelector('.row .side').textContent"
+JUDGED = "document.querySelector('.judged .side').textContent"
 
 
 FITS = "document.documentElement.scrollWidth <= innerWidth"
