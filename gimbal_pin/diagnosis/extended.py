@@ -63,8 +63,7 @@ def _collect_estimates(state: State, terms: Sequence[Term]) -> Estimated:
     """Return what the fit knows of base parameters and coefficients, in the order of the model's terms."""
     reduction, now = state.problem.reduction, state.fit
     rig, parts = state.problem.evidence.rig, state.problem.evidence.parts
-    turned = [state.places(c).start for c in state.causes if isinstance(c, RigEffect)]
-    kept = np.setdiff1d(np.arange(len(now.theta)), turned)
+    kept = find_estimated(state)
     symbols = [reduction.names[j].rsplit(".", 1)[1] for j in reduction.independent]
     pairs = [(term.effect, c) for term in terms for c in term.effect.coefficients]
     names = (*reduction.base_names, *(f"{e.joint}.{e.name}.{c.name}" for e, c in pairs))
@@ -72,6 +71,12 @@ def _collect_estimates(state: State, terms: Sequence[Term]) -> Estimated:
     dt = find_interval(part.dt / part.logged.step for part in parts if part.logged is not None)
     lags = tuple(np.broadcast_to(parts[0].late, (rig.n,)).tolist())
     return Estimated(names, measures, now.theta[kept], now.covariance[np.ix_(kept, kept)], dt, lags=lags)
+
+
+def find_estimated(state: State) -> Array:
+    """Return the places in a fit's theta of what `Estimated` holds: all but rig effects, which the rig has taken in."""
+    turned = [state.places(c).start for c in state.causes if isinstance(c, RigEffect)]
+    return np.setdiff1d(np.arange(len(state.fit.theta)), turned)
 
 
 def find_settled(state: State, cause: Cause) -> tuple[Cause, tuple[float, ...]]:

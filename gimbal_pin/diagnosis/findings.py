@@ -14,6 +14,7 @@ from scipy.special import softmax
 
 from gimbal_pin.checks import CheckedLog, collect_alterations
 from gimbal_pin.diagnosis.background import add_tables
+from gimbal_pin.diagnosis.covariance import widen_estimates
 from gimbal_pin.diagnosis.engine.criterion import (
     compare_models,
     compute_cause_torque,
@@ -81,7 +82,7 @@ def report_findings(
     found, findings = model.found, describe_findings(model, held)
     state, best, curves = add_tables(found, held, model.baseline, model.figures)
     residual = _list_residuals(found, curves)
-    after = _add_rest(build_extended_model(state), residual, best["torque_rmse"], held.band)
+    after = _add_rest(widen_estimates(build_extended_model(state), state), residual, best["torque_rmse"], held.band)
     return replace(
         said,
         notes=(*model.denied, *said.notes),

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from gimbal_pin.diagnosis.covariance import compute_misfit
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.extended import build_extended_model, settle_causes
 from gimbal_pin.diagnosis.gain import compare_errors, measure_errors
@@ -36,9 +37,6 @@ from gimbal_pin.regression import (
     FORM_ERROR,
     Filtering,
     MotionNoise,
-    build_discrepancy_columns,
-    fit_misfit,
-    propagate_misfit,
 )
 from gimbal_pin.rig.rig import Rig
 
@@ -53,19 +51,7 @@ def compute_base_difference(state: State) -> BaseDifference:
     spread = fit.covariance * len(fit.starts) / max(len(fit.starts) - 1, 1)
     change = fit.theta[:width] - given_beta(rig, reduction)
     found = BaseDifference(rig, reduction, change, spread[:width, :width], fit.information[:width, :width])
-    return found.widen(np.hstack([_compute_misfit(state, j)[:width] for j in range(rig.n)]))
-
-
-def _compute_misfit(state: State, joint: int) -> Array:
-    """By how much what a fit misses at a joint may move its coefficients, (k, f): see `propagate_misfit`."""
-    evidence, fit, rows = state.problem.evidence, state.fit, state.fit.rows(joint)
-    parts = [part.channels for part in evidence.parts]
-    q, v = (np.concatenate([getattr(part, name)[:, joint] for part in parts]) for name in "qv")
-    ends = np.cumsum([len(part.q) for part in parts])[:-1]
-    X, A = evidence.whiten(np.split(build_discrepancy_columns(q, v), ends), joint), fit.stack[rows]
-    X /= max(float(np.sqrt(np.mean(X**2))), 1e-300)  # `fit_misfit` knows columns of about unit size, as cosines are
-    one = fit_misfit(A[:, A.any(axis=0)], X, fit.target[rows], float(evidence.used[joint]) * len(X))
-    return propagate_misfit(fit.information, A, X, one)
+    return found.widen(np.hstack([compute_misfit(state, j)[:width] for j in range(rig.n)]))
 
 
 def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, type[Cause]]) -> Diagnosis:

@@ -26,18 +26,31 @@ def later_by(state: State) -> Array:
     ``argmin_a Σ_j ‖r - D a‖²/φ_j + Σ (a_j + a⁰_j)²/σ²``, D_j what the rest of the model leaves of dτ_j/dt, a⁰ the
     shifts it was given.
     """
-    evidence = state.problem.evidence
-    D, prior = np.stack([project_slope(state, j) for j in range(evidence.rig.n)], axis=1), 1.0 / LAG_DEVIATION**2
-    return np.asarray(
-        np.linalg.solve(D.T @ D + prior * np.eye(D.shape[1]), D.T @ state.fit.residual - prior * shifts(evidence))
-    )
+    D, P = _project_slopes(state)
+    return np.asarray(P @ (D.T @ state.fit.residual - shifts(state.problem.evidence) / LAG_DEVIATION**2))
+
+
+def compute_shift_covariance(state: State) -> Array:
+    """Return the covariance of the joints' shifts, ``(DᵀD + 1/σ²)⁻¹``, s², (n, n)."""
+    return _project_slopes(state)[1]
+
+
+def _project_slopes(state: State) -> tuple[Array, Array]:
+    """Return what the model leaves of each joint's ``dτ/dt``, D, weighted, (rows n, n), and the shifts' covariance."""
+    D = np.stack([project_slope(state, j) for j in range(state.problem.evidence.rig.n)], axis=1)
+    return D, np.linalg.inv(D.T @ D + np.eye(D.shape[1]) / LAG_DEVIATION**2)
 
 
 def project_slope(state: State, joint: int) -> Array:
     """Return what the model leaves of ``dτ/dt`` at a joint, weighted, (rows n,)."""
+    return project(state.fit, whiten_slope(state, joint)[:, None], joint)[:, 0]
+
+
+def whiten_slope(state: State, joint: int) -> Array:
+    """Return ``dτ/dt`` at a joint, whitened, (rows,)."""
     evidence = state.problem.evidence
     slope = [np.gradient(x[:, joint], part.dt) for part, x in zip(evidence.parts, state.torque)]
-    return project(state.fit, evidence.whiten(slope, joint)[:, None], joint)[:, 0]
+    return evidence.whiten(slope, joint)
 
 
 def shifts(evidence: Evidence) -> Array:
