@@ -140,8 +140,8 @@ def test_the_page_plays_the_log_beside_its_torque_by_both_models(rig: Rig, log: 
     page = pages.describe_diagnosis(found).to_html()
     tree = lxml.html.fromstring(page)
     assert len({one.get("data-clock") for one in tree.xpath("//iframe | //div[@class='charts']")}) == 1
-    torques, recorded = unpacked(page)
-    labels = re.findall(r'"label": "([^"]*)"', tree.xpath("//div[@class='charts']")[0].get("data-charts"))
+    _, torques, recorded = unpacked(page)
+    labels = re.findall(r'"label": "([^"]*)"', tree.xpath("//div[@class='charts']")[1].get("data-charts"))
     assert len(torques) == 2 * rig.n and len(recorded) == 2
     for j in range(rig.n):
         (_, _, _, measured, model, extended), (*_, before, after) = torques[2 * j : 2 * j + 2]
