@@ -23,6 +23,7 @@ from .pipeline import Auto as Auto
 from .pipeline import auto as auto
 from .pipeline import demo as demo
 from .pipeline import describe_outcome as describe_outcome
+from .rig_drawing import RigDrawing as RigDrawing
 from .sections.camera import show_camera as show_camera
 from .sections.control import show_controller as show_controller
 from .sections.control import show_judgement as show_judgement

@@ -36,9 +36,10 @@ INFLATE = Markup(
     "<script>{const frame = document.currentScript.previousElementSibling,"
     " bytes = Uint8Array.from(atob(frame.dataset.deflated), letter => letter.charCodeAt(0));"
     " new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream('deflate'))).text()"
-    ".then(page => { frame.srcdoc = page; });}</script>"
+    ".then(page => { frame.srcdoc = page; });"
+    " addEventListener('beforeprint', () => frame.closest('details')?.setAttribute('open', ''));}</script>"
 )
-"""Shows what lies compressed in the frame before it."""
+"""Shows what lies compressed in the frame before it; what that is folded into opens for paper, to give it its size."""
 
 
 @dataclass(frozen=True)
@@ -127,13 +128,15 @@ class Section:
         title: Heading, and entry of the table of contents.
         parts: The content: a `Element`, a `Table`, a picture, or plain `Markup`, which a terminal leaves out.
         lead: A sentence under the heading that says what is seen here.
-        is_detail: Whether only a page shows it, and a terminal where everything is asked for.
+        is_detail: Whether only a page shows it, folded, and a terminal where everything is asked for.
+        is_folded: Whether a page shows it folded.
     """
 
     title: str
     parts: Sequence[object]
     lead: str = ""
     is_detail: bool = False
+    is_folded: bool = False
 
     @property
     def html(self) -> Markup:
@@ -205,8 +208,8 @@ class Document:
     def _fill(self, name: str, sections: Sequence[Section]) -> str:
         """Return a template filled with sections."""
         bar = tqdm(sections, desc="report", unit="section", disable=None, leave=False)
-        drawn = [(one.title, one.lead, one.html) for one in bar if one.parts]
-        has_charts = any('<div class="charts"' in html for _, _, html in drawn)
+        drawn = [(one.title, one.lead, one.html, one.is_detail or one.is_folded) for one in bar if one.parts]
+        has_charts = any('<div class="charts"' in html for _, _, html, _ in drawn)
         values = {"title": self.title, "subtitle": self.subtitle, "sections": drawn, "origin": self.origin}
         return template("gimbal_pin.report", name, **values, has_charts=has_charts, load=load_file)
 
@@ -330,7 +333,7 @@ def cards(several: Sequence[Card], *, is_detail: bool = True) -> Element:
     inside = join(one.format(card.tone, card.label, card.value, card.note) for card in several)
     labels, values = (max(map(len, column)) for column in zip(*((card.label, card.value) for card in several)))
     lines = "\n".join(f"{one.label:<{labels}}  {one.value:<{values}}  {one.note}" for one in several)
-    columns = min(range(2, 5), key=lambda k: (-len(several) % k, -k))
+    columns = min(range(2, 6), key=lambda k: (-len(several) % k, -k))
     return Element(
         Markup('<div class="cards" style="--columns:{}">{}</div>').format(columns, inside), f"\n{lines}", is_detail
     )

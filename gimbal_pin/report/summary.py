@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isnan
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from gimbal_pin.diagnosis.result import MEASURED_CAUSE
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD
-from gimbal_pin.report.elements import Card, Section, bullets, cards, notice, paragraph
+from gimbal_pin.report.elements import Card, Section, bullets, cards, folded, notice, paragraph
 from gimbal_pin.report.format import (
     angle,
     controller_name,
@@ -30,6 +30,7 @@ from gimbal_pin.report.format import (
     to_sentence,
     torque_text,
 )
+from gimbal_pin.report.rig_drawing import RigDrawing
 from gimbal_pin.report.tables import FAIR, GOOD, TOGETHER, grade
 from gimbal_pin.rig.brief import brief
 
@@ -59,6 +60,7 @@ class Summary:
         doubts: What speaks against taking that at its word, in sentences.
         details: More of what was found, in sentences.
         numbers: The headline numbers.
+        drawing: The rig, what is in question, and how to balance it.
     """
 
     found: str
@@ -67,16 +69,25 @@ class Summary:
     doubts: tuple[str, ...]
     details: tuple[str, ...]
     numbers: tuple[Card, ...]
+    drawing: RigDrawing
 
     __repr__ = brief
 
     @property
     def section(self) -> Section:
         """The head of a page."""
-        parts = [paragraph(self.found, f"headline {self.tone}"), notice("What to do", bullets(self.to_do))]
-        parts += [notice("Take care", bullets(self.doubts))] if self.doubts else []
-        parts += [paragraph(" ".join(self.details), "verdict"), cards(self.numbers, is_detail=False)]
-        return Section("Summary", parts)
+        beside = [paragraph(self.found, f"headline {self.tone}"), notice("What to do", bullets(self.to_do))]
+        beside += [notice("Take care", bullets(self.doubts))] if self.doubts else []
+        heads, rest = ([one for one in self.numbers if one.is_headline == wanted] for wanted in (True, False))
+        more = [paragraph(" ".join(self.details), "verdict"), *([cards(rest, is_detail=False)] if rest else [])]
+        return Section(
+            "Summary",
+            [
+                replace(self.drawing, beside=beside),
+                cards(heads, is_detail=False),
+                folded("What it was identified from, and more figures", *more, is_detail=False),
+            ],
+        )
 
     def describe(self, most: int = 14) -> str:
         """Return the head in at most so many lines: what was found, what to do, what not to trust, headline numbers."""
@@ -126,7 +137,8 @@ def summary(
         details += [to_sentence(line) for line in (*payload.lines[:1], *place)]
     steps = to_do(wrong, tuning, payload if rig.aims else None)
     barred = tuning is not None and bool(tuning.doubts)
-    return Summary(verdict(fit, missing, barred), tone, steps, doubts, tuple(details), tuple(numbers))
+    drawing = RigDrawing(rig, list_questioned(wrong), payload.balance if payload and rig.aims else None, ())
+    return Summary(verdict(fit, missing, barred), tone, steps, doubts, tuple(details), tuple(numbers), drawing)
 
 
 def rate_model(rig: Rig, found: Identified) -> list[Card]:
@@ -180,6 +192,12 @@ def missed(wrong: Diagnosis | None) -> str:
     rest = structured(wrong)
     foreign = f"something at {listed(rest)} that no known cause explains" if rest else ""
     return f"The rigid model misses {', and '.join(part for part in (found, foreign) if part)}"
+
+
+def list_questioned(wrong: Diagnosis | None) -> list[str]:
+    """Return the joints at which a diagnosis found something, or left more than noise."""
+    found = [] if wrong is None else [*(one.joint for one in wrong.lacking), *structured(wrong)]
+    return [joint for joint in dict.fromkeys(found) if joint is not None]
 
 
 def structured(wrong: Diagnosis) -> list[str]:

@@ -127,7 +127,7 @@ def test_the_map_of_look_alikes_is_a_matrix_of_cosines(found: Diagnosis) -> None
 def test_the_page_holds_rivals_map_residual_and_gain(found: Diagnosis) -> None:
     page = lxml.html.fromstring(f"<div>{show_diagnosis(found).html}</div>")
     labels = [svg.get("aria-label") for svg in page.iter("svg")]
-    assert [label.split()[0] for label in labels] == ["Correlation", "Held-out"]
+    assert [label.split()[0] for label in labels] == ["Drawing", "Correlation", "Held-out"]
     (table,) = [t for t in page.iter("table") if "in the place of cogging" in t.getparent().get("aria-label")]
     shown = [row.findtext("th") for row in table.find("tbody")]
     assert "cogging" not in shown and len(set(shown)) == len(shown)
@@ -140,9 +140,11 @@ def test_the_page_plays_the_log_beside_its_torque_by_both_models(rig: Rig, log: 
     page = pages.describe_diagnosis(found).to_html()
     tree = lxml.html.fromstring(page)
     assert len({one.get("data-clock") for one in tree.xpath("//iframe | //div[@class='charts']")}) == 1
-    _, torques, recorded = unpacked(page)
+    left, torques, recorded = unpacked(page)
     labels = re.findall(r'"label": "([^"]*)"', tree.xpath("//div[@class='charts']")[1].get("data-charts"))
-    assert len(torques) == 2 * rig.n and len(recorded) == 2
+    assert len(left) == len(torques) == 2 * rig.n and len(recorded) == 2
+    for residual, amplitude in zip(left[::2], left[1::2]):
+        assert np.isnan(residual[-1]).any() and amplitude[0][-1] < 12 and np.all(amplitude[1:] > 0)
     for j in range(rig.n):
         (_, _, _, measured, model, extended), (*_, before, after) = torques[2 * j : 2 * j + 2]
         scale = 1e3 if "mN" in labels[2 * j + 1] else 1.0

@@ -31,6 +31,7 @@ from gimbal_pin.report import (
     Auto,
     Document,
     Origin,
+    RigDrawing,
     Section,
     Table,
     describe_outcome,
@@ -674,7 +675,7 @@ def test_a_diagnosis_plays_the_log_and_the_stretch_that_the_model_explains_least
     )
     tree = parsed(page)
     (frame,) = tree.xpath("//iframe")
-    clocks = tree.xpath("//section[h2='Animation']//*[@class='charts']/@data-clock")
+    clocks = tree.xpath("//section[.//h2='Animation']//*[@class='charts']/@data-clock")
     assert clocks == [frame.get("data-clock")] == [elements.hash_clock("b.csv")]
 
 
@@ -744,12 +745,43 @@ def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_
         assert re.fullmatch(r"\d\.\d\d / 0\.70 s", clock)
 
 
+FIRST = """(() => { const [first, ...rest] = document.querySelectorAll('section');
+  return [first.getBoundingClientRect().bottom, first.querySelector('.rig svg').checkVisibility(),
+    rest.filter(one => one.offsetHeight > 90).length]; })()"""
+"""Where the first section ends, pixels, whether it draws the rig, and how many of the others are not folded."""
+
+
+@needs_browser
+def test_a_screen_holds_the_decision_and_the_rig_and_the_rest_opens_by_its_name(page: str, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(page, encoding="utf-8")
+    last = "document.querySelector('nav li:last-child a').click()"
+    seen = visit(path.as_uri(), wide(1280), FIRST, last, pause(0.3), FIRST)
+    (bottom, is_drawn, unfolded), _, (_, _, opened) = seen.values
+    assert bottom <= 800 and is_drawn and (unfolded, opened) == (0, 1) and seen.complaints == []
+
+
+def test_a_drawing_names_the_joints_in_question_and_the_way_to_balance() -> None:
+    rig = Rig.load("thesis")
+    known = compare_payload(identify(rig, [bench(rig)], filtering=Filtering(8.0))).balance
+    assert known is not None and known.named
+    moved = replace(known, way=np.array([0.003, 0.0, -0.002]), std=np.full(3, 1e-4))
+    said = elements.paragraph("decided")
+    figure = parsed(str(Markup(RigDrawing(rig, ["roll"], moved, [said]))))
+    assert "decided" in figure.text_content()
+    assert figure.findtext(".//figcaption") == "in question: roll; to balance: 3 mm forward, 2 mm down"
+    names = [text.text_content() for text in figure.iter("text")]
+    assert names == ["roll"] and str(RigDrawing(rig, ["roll"], moved, [said])) == "decided"
+    unknown = replace(moved, std=np.full(3, 1.0))
+    assert "balance" not in str(Markup(RigDrawing(rig, [], unknown, [])))
+
+
 PRINTED = """(() => { const scene = document.querySelector('iframe').contentWindow;
   const c = document.createElement('canvas').getContext('2d'), count = () => {
     c.clearRect(0, 0, 300, 150); c.drawImage(scene.document.querySelector('canvas'), 0, 0, 300, 150);
     return new Set(new Uint32Array(c.getImageData(0, 0, 300, 150).data.buffer)).size; };
-  const before = count(); scene.dispatchEvent(new Event('beforeprint')); return [before, count()]; })()"""
-"""How many colours the scene's canvas holds before the page is printed, and while it is."""
+  for (const one of [window, scene]) one.dispatchEvent(new Event('beforeprint')); return count(); })()"""
+"""How many colours the scene's canvas holds while the page is printed."""
 
 
 @needs_browser
@@ -760,8 +792,8 @@ def test_paper_shows_the_scene_as_a_still(page: str, tmp_path: Path) -> None:
     shown = "['.scene', '.plot', '.charts', '.below', 'nav', 'details p, details li, details td'].map(one =>"
     shown += " [...document.querySelectorAll(one)].filter(x => x.checkVisibility()).length)"
     seen = visit(path.as_uri(), wide(700), pause(1.0), PRINTED, media("print"), shown, WIDER)
-    (before, printed), (scenes, figures, charts, hints, menus, folded), wider = seen.values
-    assert before == 1 and printed > 100
+    printed, (scenes, figures, charts, hints, menus, folded), wider = seen.values
+    assert printed > 100
     assert scenes == 1 and figures == page.count('class="plot"') and folded > 20
     assert charts == hints == menus == wider == 0 and seen.complaints == []
 

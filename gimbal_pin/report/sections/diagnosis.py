@@ -9,6 +9,7 @@ from functools import cache, partial
 from math import isfinite
 
 import numpy as np
+from markupsafe import Markup
 
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
@@ -29,7 +30,7 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags
 from gimbal_pin.report import plots, tables
 from gimbal_pin.report.charts import Chart, Charts, Trace, list_abscissae
-from gimbal_pin.report.elements import Content, Element, Section, bullets, folded, heading, paragraph, toned
+from gimbal_pin.report.elements import Content, Element, Section, bullets, folded, heading, paragraph
 from gimbal_pin.report.evaluation import find_worst
 from gimbal_pin.report.format import (
     ShownJoint,
@@ -40,6 +41,7 @@ from gimbal_pin.report.format import (
     to_sentence,
     torque_unit,
 )
+from gimbal_pin.report.rig_drawing import RigDrawing
 from gimbal_pin.report.sections.model import show_payload
 
 WRONG = "What the simulation gets wrong"
@@ -70,9 +72,14 @@ GAINS = (
 
 def show_diagnosis(found: Diagnosis) -> Section:
     """Return what a diagnosis says."""
-    parts: list[object] = [
-        paragraph(toned(state_verdict(found), "good" if found.verdict_without_platform == "nothing" else "fair"))
-    ]
+    tone = "good" if found.verdict_without_platform == "nothing" else "fair"
+    named = ((f"{one.joint or 'rig'}: {' or '.join(one.alike)}", one) for one in found.findings)
+    heads = [f"{name}; {tables.state_probability(one)}" for name, one in named]
+    odd = [joint for joint, rest in found.residual.items() if rest.state == "structured"]
+    questioned = list(dict.fromkeys([*(one.joint for one in found.findings if one.joint), *odd]))
+    balance = found.given.balance if found.after.rig.aims else None
+    decided = [paragraph(state_verdict(found), f"headline {tone}"), Markup(bullets(heads))]
+    parts: list[object] = [RigDrawing(found.after.rig, questioned, balance, decided)]
     if found.spoiling:
         faults = [f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling]
         parts.append(bullets([*faults, *(tables.state_size(p) for fault in found.spoiling for p in fault.answer)]))
