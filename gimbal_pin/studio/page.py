@@ -152,7 +152,7 @@ class Window:
         logs = self.desk.source.logs
         with self.build_card("Scene"):
             self.scene = ui.element("iframe").props('title="The rig"')
-            self.scene.on("load", js_handler="event => event.target.contentWindow.postMessage({seek: 0}, '*')")
+            self.scene.on("load", js_handler="event => event.target.contentWindow.seek?.(0)")
         with self.build_card("Figures"):
             self.table = ui.html("", sanitize=False)
             self.jitter = ui.html("", sanitize=False)

@@ -206,9 +206,12 @@ def test_the_scene_stands_until_it_is_played(folder: Path) -> None:
     with served("turret", "log.csv", folder=folder) as (_, url):
         seen = visit(
             url, wide(1280), until(SETTLED), until(clock), pause(1.0), clock, pause(0.5), clock, is_above,
+            f"{page}.defaultView.addEventListener('message', () => {{ window.heard = true; }})",
+            pause(0.5), "Boolean(window.heard)",
             f"{page}.getElementById('play').click()", until(f"!{clock}.startsWith('0.00')"),
         )  # fmt: skip
     assert seen.values[:3] == ["0.00 / 20.00 s", "0.00 / 20.00 s", True] and seen.complaints == []
+    assert seen.values[4] is False  # meshcat's window answers each message with another, for ever
 
 
 TIMED = """(() => {
