@@ -104,6 +104,8 @@ def export(
         result["live"] = live
     for folder, content in folders:
         write_run(folder, {name: partial(atomic_write, content=body) for name, body in content.items()}, asked)
+    if c is not None and not loaded.config.imus:
+        tell([f"{loaded.name} names no IMUs, by which the main loop holds the camera: run gimbal_tracking_step"])
     if odrive is not None and table is not None:
         atomic_write(odrive, table)
     if mjcf is not None:

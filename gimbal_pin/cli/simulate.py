@@ -13,6 +13,8 @@ from gimbal_pin.cli.work import check_cost
 if TYPE_CHECKING:
     from gimbal_pin.dynamics.model import Model
     from gimbal_pin.dynamics.simulation import Controller
+    from gimbal_pin.log.log import Log
+    from gimbal_pin.rig.rig import Rig
 
 
 def simulate(
@@ -25,7 +27,7 @@ def simulate(
     reference: opt.File = None,
     seconds: Annotated[float, opt.between("--seconds", 0.1, 86400, "s")] = 60.0,
     bandwidth_hz: Annotated[float, opt.HERTZ] = 8.0,
-    delay_samples: Annotated[int, opt.DELAY_SAMPLES] = 1,
+    delay_samples: Annotated[opt.Maybe[int], opt.DELAY_SAMPLES] = None,
     effect: opt.Effects = (),
     platform: Literal["none", "S"] = "none",
     platform_log: opt.File = None,
@@ -46,7 +48,7 @@ def simulate(
         reference: trajectory file (default: a quickly designed excitation, repeated)
         seconds: length where no trajectory is given
         bandwidth_hz: bandwidth of the tracking error
-        delay_samples: samples between measurement and torque
+        delay_samples: samples between measurement and torque (default: what the controller was tuned for, else 1)
         platform: what carries the rig: nothing that moves, or profile S, seeded
         platform_log: motion of the platform: gyro_ and accel_ of the base link, low-passed at 20 Hz
         encoder_bits: resolution of the encoders (default: the rig's own)
@@ -68,7 +70,8 @@ def simulate(
     motion = None if reference is None else read_motion(reference, loaded)
     length = seconds if motion is None else float(motion.t[-1] - motion.t[0])
     check_cost(yes, simulated_second_of_a_joint=length * loaded.n)
-    law = choose_law(controller, known, bandwidth_hz)
+    law, tuned = choose_law(controller, known, bandwidth_hz)
+    late = tuned if delay_samples is None else delay_samples
     carrier = read_platform(loaded, platform, platform_log, map)
     if platform == "S":
         times = law.dt / 2 * np.arange(2 * round(length / law.dt) + 1)
@@ -80,24 +83,38 @@ def simulate(
     plant, drive = plant_with(known, [parse_effect(cause, loaded) for cause in effect])
     log = bench_run(
         plant, law, rng=np.random.default_rng(seed), seconds=length, torque_noise=torque_noise,
-        encoder_bits=encoder_bits, delay=delay_samples, reference=motion, drive=drive, platform=carrier,
+        encoder_bits=encoder_bits, delay=late, reference=motion, drive=drive, platform=carrier,
         imus=loaded.config.imus if imus else (),
     )  # fmt: skip
     log = log if rates else replace(log, v=None)
     tell(log.events)
     if output is not None:
         write_log(log, output)
-        say(f"{len(log)} samples, {log.t[-1]:.1f} s → {output}")
+        say(f"{len(log)} samples, {log.t[-1]:.1f} s → {output}\n{describe_errors(loaded, log)}")
     if live:
         play(loaded, log)
 
 
-def choose_law(name: str, plant: Model, bandwidth_hz: float) -> Controller:
-    """Return the controller of a name, tuned for the plant, of a YAML, or of a compiled library."""
+def choose_law(name: str, plant: Model, bandwidth_hz: float) -> tuple[Controller, int]:
+    """Return the controller of a name, tuned for the plant, of a YAML, or of a compiled library, and its delay."""
     from gimbal_pin.control.laws.design import Wish
     from gimbal_pin.control.tuning import read_controller, tune
     from gimbal_pin.export import Library
 
     if name in ("computed-torque", "pid"):
-        return tune(plant, kind=name, bandwidth_hz=bandwidth_hz, dt=Wish.dt).controller
-    return Library.load(name, plant.rig).law if name.endswith(".so") else read_controller(name, plant.rig).law
+        return tune(plant, kind=name, bandwidth_hz=bandwidth_hz, dt=Wish.dt).controller, 1
+    if name.endswith(".so"):
+        return Library.load(name, plant.rig).law, 1
+    stored = read_controller(name, plant.rig)
+    return stored.law, stored.wish.samples
+
+
+def describe_errors(rig: Rig, log: Log) -> str:
+    """Say how far the measured angles are off the reference, rms."""
+    import numpy as np
+
+    from gimbal_pin.report.format import list_shown_joints
+
+    assert log.q_ref is not None
+    off = np.sqrt(np.mean((log.q_ref - log.q) ** 2, axis=0)).tolist()
+    return f"error, rms: {', '.join(f'{joint.name} {joint.text(x)}' for joint, x in zip(list_shown_joints(rig), off))}"

@@ -119,7 +119,7 @@ class PayloadDiscrepancy:
         closer = ""
         if np.isfinite(self.std_if_known) and (len(hidden) == 3 or shift.std.max() > DEVIATIONS * self.std_if_known):
             sharp = digits(NORMAL_95 * max(1e3 * self.std_if_known, 0.01), 1)
-            closer = f"; to ± {sharp} mm if the gimbal is known: --known, or 'inertia: trusted' in its YAML"
+            closer = f"; to ± {sharp} mm if the gimbal is known: --known, or 'inertia: trusted' where it was weighed"
         if len(hidden) == 3:
             return f"the log does not show where the payload sits{closer}"
         unseen = (f" ({' and '.join(hidden)} does not show)" if hidden else "") + closer

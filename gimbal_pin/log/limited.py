@@ -17,8 +17,8 @@ MOSTLY = 0.5
 PUSHED = "there a joint goes where it is pushed: jitter and ratios say little of the controllers"
 """What that means for a held camera."""
 THROUGH_STOPS = (
-    "past its stops, through which a simulation lets it pass: {} of the time; no rig writes such a log: plant a weaker "
-    "effect, or lower the controller's bandwidth"
+    "past its stops, through which a simulation lets it pass: {} of the time; no rig writes such a log: the loop is "
+    "lost, to a delay over its margin or to what was planted; state less of them, or lower the controller's bandwidth"
 )
 """Message on joints that a simulated loop has lost, and the mend."""
 

@@ -289,6 +289,8 @@ def hold_camera(
     """
     if reason := unable(rig, WANTED):
         return None, reason
+    if not rig.config.imus:
+        return None, "the rig names no IMUs, which holding takes: imus in its YAML"
     try:
         return verify(rig, plant=plant, known=model, law=law, log=log, seeds=1, seconds=HELD_FOR, delay=late), ""
     except UsageError as error:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from gimbal_pin.cli import VERBS
+from gimbal_pin.control import tune
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal, plant_with
 from gimbal_pin.effects import CAUSES, parse_effect
@@ -73,6 +74,24 @@ def test_a_log_without_rates_can_be_simulated(run: Run, tmp_path: Path) -> None:
         assert run("simulate", "turret", "--reference", motion, "-o", log, option)[0] == 0
         found = read_log(log, Rig.load("turret"))
         assert (found.v is not None) is rates and found.tau is not None and found.q_ref is not None
+
+
+def test_a_controllers_log_is_as_late_as_it_was_tuned_for_and_its_error_is_told(run: Run, tmp_path: Path) -> None:
+    rig, motion, law = Rig.load("turret"), tmp_path / "motion.csv", tmp_path / "law.yaml"
+    write_log(prescribed(nominal(rig), seconds=1.0), motion)
+    tune(nominal(rig), delay=0.004, dt=0.001).save(law)
+    told, logs = [], []
+    for late in ((), ("--delay-samples", 4), ("--delay-samples", 1)):
+        log = tmp_path / f"{len(logs)}.csv"
+        code, out, _ = run("simulate", "turret", "--controller", law, "--reference", motion, "-o", log, *late)
+        assert code == 0
+        logs.append(read_log(log, rig))
+        told.append(out.splitlines()[-1])
+    np.testing.assert_array_equal(logs[0].q, logs[1].q)
+    assert np.any(logs[0].q != logs[2].q) and told[0] == told[1]
+    assert logs[0].q_ref is not None
+    rms = np.degrees(np.sqrt(np.mean((logs[0].q_ref - logs[0].q) ** 2, axis=0)))
+    assert [float(x) for x in re.findall(r"([\d.]+)°", told[0])] == pytest.approx(rms.tolist(), rel=1e-2)
 
 
 def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path: Path) -> None:

@@ -281,7 +281,10 @@ def test_a_page_of_a_new_camera_says_when_torques_act() -> None:
     first, second = (Rig.load("turret", payload) for payload in ("mirrorless", "zoom-lens"))
     known = identify(first, [log_of(first, 0)], holdout="none").model
     found = identify_new(second, [log_of(second, 1, 10.0)], known)
-    assert "delay between a torque's time stamp and its effect (± 95 %): pan" in show_cameras(found).to_text()
+    assert (
+        "delay between a torque's time stamp and its effect, hold included (± 95 %): pan"
+        in show_cameras(found).to_text()
+    )
 
 
 @pytest.mark.parametrize("off", ["nothing", "friction", "parameters"])

@@ -255,7 +255,8 @@ def describe_lags(found: Identified) -> list[str]:
     each = [
         f"{joint} {' '.join(interval(1e3 * lag, 1e3 * NORMAL_95 * std))} ms" for joint, (lag, std) in found.lags.items()
     ]
-    return [f"delay between a torque's time stamp and its effect (± 95 %): {', '.join(each)}"] if each else []
+    said = f"delay between a torque's time stamp and its effect, hold included (± 95 %): {', '.join(each)}"
+    return [f"{said}; tune takes the latest of them, less half a sample for the hold"] if each else []
 
 
 def list_mountings(found: Identified) -> list[str]:
