@@ -34,7 +34,7 @@ from gimbal_pin.report import plots
 from gimbal_pin.report.format import PALETTE, joint_colours
 from gimbal_pin.report.sections.model import short
 from gimbal_pin.report.view import browser
-from gimbal_pin.rig import make_generator
+from gimbal_pin.rig import bundled_rigs, make_generator
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,6 +63,26 @@ def draw_thesis() -> None:
 def draw_drone() -> None:
     """The rig `drone` over the shoulder."""
     draw_film_still("drone", "--at 4 --camera over-the-shoulder")
+
+
+def draw_bundled() -> None:
+    """The five bundled rigs."""
+    tiles = list[Image.Image]()
+    for rig in sorted(bundled_rigs()):
+        draw_film_still(rig, "--preset thumbnail --at 5")
+        tiles.append(Image.open("shown.png").convert("RGB"))
+    wide, high = tiles[0].size
+    sheet = Image.new("RGB", (3 * wide, 2 * high), "white")
+    for k, tile in enumerate(tiles):
+        sheet.paste(tile, (k % 3 * wide + k // 3 * wide // 2, k // 3 * high))
+    sheet.save("shown.png")
+
+
+def draw_beside() -> None:
+    """Two runs of one rig, their errors magnified."""
+    run("simulate turret --seconds 12 -o log.csv")
+    run("simulate turret --seconds 12 --controller pid -o pid.csv")
+    run("animate turret log.csv --beside pid.csv --at 5 -o shown.png")
 
 
 def draw_my_gimbal() -> None:
