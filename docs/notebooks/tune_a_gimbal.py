@@ -31,14 +31,15 @@ tuning = gimbal_pin.tune(found.model, disk_margin=1.0, delay=0.001)
 tuning
 
 # %% [markdown]
-# Against a PID of the same disk margin: on plants that are off as the model may be, and in steps on the true one.
+# Against a PID of the same disk margin: on plants that are off as the model may be, and in steps on the true one; both
+# as late as the controller was tuned for, in seconds and in samples.
 
 # %%
 laws = pair_rivals(tuning.stored)
-judge_controllers(found.model, laws, rng=0, plants=10)
+judge_controllers(found.model, laws, rng=0, plants=10, delay=tuning.wish.delay)
 
 # %%
-gimbal_pin.track(plant, laws, rng=0, one_by_one=False)
+gimbal_pin.track(plant, laws, rng=0, one_by_one=False, delay=tuning.wish.samples)
 
 # %% [markdown]
 # The same numbers as a table; `tuning.report("tuning.html")` writes the page.

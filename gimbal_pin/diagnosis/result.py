@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from math import exp
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.identification import PayloadStatement
+from gimbal_pin.identification.model_file import write_extended
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.rig.brief import Record, brief
 
@@ -323,6 +325,10 @@ class Diagnosis(Record):
 
     ROWS: ClassVar[str] = "findings"
     __repr__ = brief
+
+    def save(self, path: str | Path) -> None:
+        """Write the extended model as ``gimbal-pin diagnose -o`` does: `read_model`, ``tune``, ``studio`` take it."""
+        write_extended(self.after, path)
 
     @property
     def spoiling(self) -> tuple[Fault, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -240,6 +241,12 @@ class Identified(Record):
             return {}
         pairs = zip(self.model.rig.joints, known.lags, known.lag_std)
         return {joint: (known.dt / 2 + lag, std) for joint, lag, std in pairs}
+
+    def save(self, path: str | Path) -> None:
+        """Write its model as ``gimbal-pin identify -o`` does: `read_model`, ``tune`` and ``studio`` take the file."""
+        from gimbal_pin.identification.model_file import write_model
+
+        write_model(self, path)
 
     def to_arviz(self, draws: int = 1000, rng: Rng = None) -> Any:
         """Return ``N(theta, covariance)`` as a posterior for ArviZ, in so many draws of every parameter.

@@ -57,6 +57,10 @@ class Record:
         """Write all that there is to say of it as one page of HTML, which needs nothing but a browser."""
         self._describe().write(path)
 
+    def __str__(self) -> str:
+        """Return what a terminal shows."""
+        return str(self._describe().to_text())
+
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the sections that a terminal prints, with their figures."""
         return str(self._describe().to_inline_html())

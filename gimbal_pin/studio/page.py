@@ -347,6 +347,10 @@ class Window:
                 self.boxes = {
                     name: ui.checkbox(name, value=True, on_change=self.tick).props("dense") for name in causes
                 }
+                if all(name.split()[0] in ("coulomb", "viscous") for name in causes):
+                    ui.label("Further causes are diagnose's to find: give its extended.yaml as --model.").classes(
+                        "side"
+                    )
         for name, box in self.boxes.items():
             self.set_value(box, name not in state.off)
 

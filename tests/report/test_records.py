@@ -21,6 +21,7 @@ from gimbal_pin.diagnosis import Diagnosis
 from gimbal_pin.dynamics import compute_base
 from gimbal_pin.excitation import predict_estimate
 from gimbal_pin.identification import Identified, identify_several
+from gimbal_pin.identification.model_file import read_model
 from gimbal_pin.log import to_json
 from gimbal_pin.report import describe_record
 from gimbal_pin.rig import Record
@@ -145,6 +146,24 @@ def test_a_record_draws_the_first_figure_of_its_page_or_says_that_there_is_none(
     else:
         with pytest.raises(GimbalPinError, match="plot: has nothing to draw of"):
             record.plot()
+
+
+def test_print_shows_what_a_terminal_shows_unless_a_record_has_a_text_of_its_own(record: Record) -> None:
+    if "__str__" not in vars(type(record)):
+        assert str(record) == describe_record(record).to_text() and "\n" not in repr(record)
+    assert str(record) and len(repr(record)) <= 400
+
+
+def test_results_of_logs_are_saved_as_their_verbs_write_them(tmp_path: Path) -> None:
+    rig = bundled("turret")
+    for name in ("Identified", "Diagnosis"):
+        found: Any = RECORDS[name](rig)
+        model = found.model if name == "Identified" else found.after
+        found.save(tmp_path / "model.yaml")
+        again = read_model(tmp_path / "model.yaml", rig)
+        assert again.estimated is not None and model.estimated is not None
+        np.testing.assert_allclose(again.estimated.theta, model.estimated.theta)
+        np.testing.assert_allclose(again.estimated.covariance, model.estimated.covariance)
 
 
 def test_a_scene_stands_in_a_frame_and_in_a_file(tmp_path: Path) -> None:

@@ -590,6 +590,9 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
         beam + "true; drawn.forEach(one => Object.assign(one.material, { onBeforeCompile() {}, needsUpdate: true }))",
         "pictures([0.5], 320, 180)[0]",
         "pictures([1.3, 0.5], 320, 180)",
+        "(window.heard = 0, addEventListener('message', () => window.heard++), postMessage({seek: 1}, '*'), 0)",
+        pause(0.3),
+        "window.heard",
     )
     values = seen.values
     (_, playing, loop, repetitions), later, first, at_first, second, at_second, tint = values[:7]
@@ -609,7 +612,7 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     own = np.array(next(solid.rgba[:3] for solid in figure.moved_by(visuals(rig)[0], 3)))
     assert np.allclose(tint, own + 1.3 / 2 * (np.array(figure.HOT) - own), atol=0.01)
     assert values[9] == [False, "5.00 / 5.00 s"] and np.allclose(values[10], figure.HOT, atol=0.01)
-    assert values[11] is True
+    assert values[11] is True and values[-1] == 1  # a message is not answered
     assert np.abs(pixels(values[13]) - one).max() > 60  # the line of sight is seen
     apart = np.abs(pixels(values[15]) - one).max(axis=2)  # from what three.js's own shaders draw
     assert apart.mean() < 0.3 and (apart > 24).mean() < 0.003
