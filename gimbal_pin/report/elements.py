@@ -355,7 +355,7 @@ def embed(page: str, title: str, kind: str, clock: str) -> Markup:
 
     Browsers inflate it once it is read. `clock`: name of the run that it plays, see `charts.Charts`.
     """
-    packed = base64.b64encode(zlib.compress((page + load_file("paper.html")).encode(), 9)).decode()
+    packed = base64.b64encode(zlib.compress(page.encode(), 9)).decode()
     frame = Markup('<iframe class="{}" title="{}" data-clock="{}" data-deflated="{}" allow="fullscreen"></iframe>')
     return frame.format(kind, title, hash_clock(clock), packed) + INFLATE
 

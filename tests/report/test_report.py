@@ -625,7 +625,7 @@ def test_the_whole_report_has_every_part_and_asks_for_nothing(page: str, animati
     assert titles[:-3] == ["Summary", "Animation", "Parameters", "Torque", "Controller", "Perturbed plants"]
     assert titles[-3:] == ["Tracking", "Data", "Rig"]
     assert [link.get("href") for link in tree.xpath("//nav//a")] == [f"#{s.get('id')}" for s in tree.iter("section")]
-    assert embedded(tree.xpath("//iframe")[0]) == animation + elements.load_file("paper.html")
+    assert embedded(tree.xpath("//iframe")[0]) == animation
     around = re.sub(r"<script>\n/\*\nThe MIT License.*?</script>", "", page.replace(elements.INFLATE, ""), flags=re.S)
     assert re.findall(r"(?:src|href|action|data)=[\"'](?!#|data:)[^\"']*", around) == []
     assert re.findall(r"@import|url\((?!#)|<script|<object|<embed", around) == []
