@@ -125,7 +125,8 @@ def audit(found: list[Any]) -> Step:
     async def done(tab: Any) -> None:
         await browser.evaluate(tab, f"var axeSource = {json.dumps(load_axe())}; 0")
         asked = {"expression": AUDIT, "awaitPromise": True, "returnByValue": True}
-        answer = await tab.send_command("Runtime.evaluate", asked)
+        # In a frame that is left for another page it never ends.
+        answer = await asyncio.wait_for(tab.send_command("Runtime.evaluate", asked), 240)
         found.extend(answer["result"]["result"]["value"])
 
     return done

@@ -118,6 +118,8 @@ TITLE = "document.querySelector('h1').textContent"
 BANDWIDTH = "document.querySelector('.table td')?.textContent"
 JITTER = "document.querySelector('[data-figure=jitter]')?.textContent"
 SETTLED = f"{JITTER} && {SAID} === ''"
+CLOCK = "document.querySelector('iframe')?.contentDocument?.getElementById('clock')?.value"
+"""What the scene's clock shows: before, its frame is another page."""
 JUDGED = "document.querySelector('.judged .side').textContent"
 
 
@@ -189,7 +191,7 @@ def test_the_page_is_accessible(folder: Path) -> None:
     with served("turret", "log.csv", folder=folder) as (_, url):
         light, dark = ([media("screen", scheme), audit(found)] for scheme in ("light", "dark"))
         seen = visit(
-            url, wide(1280), until(SETTLED), *light, *dark, wide(390), *light, enter(number, "500"),
+            url, wide(1280), until(SETTLED), until(CLOCK), *light, *dark, wide(390), *light, enter(number, "500"),
             until(f"{SAID}.startsWith('bandwidth: is 500; give 0.1 to 100 Hz')"), f"{number}.value", *dark, *light,
             act("swap-camera"), until(f"{dialog} && {dialog}.getBoundingClientRect().width > 50"), pause(0.5),
             *light, *dark,
@@ -200,15 +202,14 @@ def test_the_page_is_accessible(folder: Path) -> None:
 @needs_browser
 def test_the_scene_stands_until_it_is_played(folder: Path) -> None:
     """And the line of its angles is above the rig, not over it."""
-    page = "document.querySelector('iframe')?.contentDocument"
-    clock = f"{page}?.getElementById('clock')?.value"
+    page = "document.querySelector('iframe').contentDocument"
     is_above = f"{page}.getElementById('about').getBoundingClientRect().bottom < 60"
     with served("turret", "log.csv", folder=folder) as (_, url):
         seen = visit(
-            url, wide(1280), until(SETTLED), until(clock), pause(1.0), clock, pause(0.5), clock, is_above,
+            url, wide(1280), until(SETTLED), until(CLOCK), pause(1.0), CLOCK, pause(0.5), CLOCK, is_above,
             f"{page}.defaultView.addEventListener('message', () => {{ window.heard = true; }})",
             pause(0.5), "Boolean(window.heard)",
-            f"{page}.getElementById('play').click()", until(f"!{clock}.startsWith('0.00')"),
+            f"{page}.getElementById('play').click()", until(f"!{CLOCK}.startsWith('0.00')"),
         )  # fmt: skip
     assert seen.values[:3] == ["0.00 / 20.00 s", "0.00 / 20.00 s", True] and seen.complaints == []
     assert seen.values[4] is False  # meshcat's window answers each message with another, for ever
