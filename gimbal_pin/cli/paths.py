@@ -173,8 +173,8 @@ def list_read_files(verb: Callable[..., None], given: Mapping[str, Any]) -> list
     """Return the files that a verb reads with these arguments, each once."""
     marks = ((value, find_mark(several)) for _, value, several in list_options(verb, given))
     read = ((value, mark) for value, mark in marks if isinstance(mark, Reads) and isinstance(value, (str, Path, tuple)))
-    files = (Path(file).resolve() for value, mark in read for file in mark.files(value))
-    return [*dict.fromkeys(file for file in files if file.is_file())]
+    files = (os.path.realpath(file) for value, mark in read for file in mark.files(value))
+    return [Path(file) for file in dict.fromkeys(files) if os.path.isfile(file)]
 
 
 def spell_call(verb: Callable[..., None], given: Mapping[str, Any]) -> str:

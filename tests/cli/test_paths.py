@@ -300,3 +300,13 @@ def test_a_page_names_what_was_read_without_where_it_lies(folder: Path) -> None:
     call = parse(["diagnose", str(folder / "rig.urdf"), str(folder / "log.csv"), "-o", str(folder / "new")])
     assert paths.spell_call(*call) == "gimbal-pin diagnose rig.urdf log.csv -o new"
     assert {file.name for file in paths.list_read_files(*call)} >= {"rig.urdf", "log.csv"}
+
+
+@pytest.mark.parametrize(("target", "name"), [("log.csv", "log.csv"), ("/proc/self/mem", "mem")])
+def test_a_log_that_leads_nowhere_or_cannot_be_read_is_refused_by_name(
+    folder: Path, run: Run, target: str, name: str
+) -> None:
+    """A link to itself is no file, and a process's memory begins with what nobody may read: neither has a hash."""
+    (folder / "log.csv").unlink()
+    (folder / "log.csv").symlink_to(target)
+    refused(run("inspect", "log.csv"), 2, f"{name}: cannot be read (")

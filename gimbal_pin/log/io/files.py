@@ -20,7 +20,7 @@ import yaml
 
 from gimbal_pin import __version__
 from gimbal_pin.errors import UNSAFE, UsageError
-from gimbal_pin.rig.reading import LARGEST_TEXT, read_bytes
+from gimbal_pin.rig.reading import LARGEST_TEXT, read_bytes, wrap_read_errors
 
 STAGING_PREFIX = ".gimbal-pin-unfinished-"
 """How the names of the folders begin in which files are written before they take their places."""
@@ -130,10 +130,10 @@ def read_run(folder: Path) -> Mapping[str, str]:
 
 
 def hash_file(path: Path) -> str:
-    """Return a regular file's SHA-256 in hexadecimal, "" where there is none."""
-    if path.is_symlink() or not path.is_file():
+    """Return a regular file's SHA-256 in hexadecimal, "" where there is none; `UsageError` if it cannot be read."""
+    if path.is_symlink() or not os.path.isfile(path):
         return ""
-    with path.open("rb") as file:
+    with wrap_read_errors(path, UsageError), path.open("rb") as file:
         found = hashlib.sha256()
         while block := file.read(1 << 20):
             found.update(block)
