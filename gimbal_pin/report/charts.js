@@ -176,7 +176,7 @@ class Chart {
   }
   tell() {
     const values = this.curves.map(values => this.row === null || Number.isNaN(values[this.row]) ? null : values[this.row]);
-    this.values.forEach((place, k) => { place.textContent = read(values[k]); });
+    this.values.forEach((place, k) => { place.textContent = this.row === null ? "" : read(values[k]); });
     if (this.row === null) return;
     const x = this.abscissae[this.over][this.row];
     this.frame.setAttribute("aria-valuenow", x);
@@ -232,11 +232,7 @@ async function build(home) {
   add(tools, "button", { type: "button" }, "Show all").addEventListener("click", () => own.forEach(chart => chart.ask([-Infinity, Infinity])));
   const scene = own[0].run.frames.length ? ", a click or Enter moves the scene" : "";
   add(tools, "span", {}, `Drag or pinch to zoom; arrow keys move the cursor, + − 0 zoom${scene}.`);
-  for (const chart of own) {
-    chart.run.charts.push(chart);
-    chart.mark(chart.run.time ?? chart.t[0]);
-    chart.run.time ??= chart.t[0];
-  }
+  for (const chart of own) chart.run.charts.push(chart);
 }
 
 const built = Promise.all([...document.querySelectorAll(".charts:empty")].map(build));

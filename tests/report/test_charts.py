@@ -171,8 +171,8 @@ def test_the_cursors_of_a_run_move_together_and_read_the_data(address: str, grid
     assert seen.complaints == [] and seen.requests == [address]
     times, values, cursors = seen.values
     assert len(times) == len(values) == len(cursors) == 6  # joints × charts, one more of that run, one of another
-    assert len(set(times[:5])) == 1 and times[5] == 5.0
-    assert np.ptp(cursors[:4]) < 1e-6 and cursors[0] > 50 and cursors[5] == 0
+    assert len(set(times[:5])) == 1 and np.ptp(cursors[:4]) < 1e-6 and cursors[0] > 50
+    assert times[5] is None and values[5] == ["", ""]  # an untouched chart's legend has names alone
     assert times[0] == pytest.approx(5.0 + 0.4 * 0.02 * 399, abs=0.03)
     row = int(np.argmin(np.abs(grid[0][0].t - times[0])))
     for one, texts in zip([*grid[0], *grid[1]], values):
@@ -261,7 +261,7 @@ def test_two_fingers_zoom_all_of_a_run_and_one_moves_the_cursor(address: str) ->
     full, length = np.array([5.0, 5.0 + 0.02 * 399]), 0.02 * 399
     assert zoomed[:5] == pytest.approx(np.tile(5.0 + length * np.array([1, 2]) / 3, (5, 1)), abs=0.05)
     assert zoomed[5] == pytest.approx(full, abs=1e-3)
-    assert times[:5] == pytest.approx([5.0 + length * (1 + 0.75) / 3] * 5, abs=0.05) and times[5] == 5.0
+    assert times[:5] == pytest.approx([5.0 + length * (1 + 0.75) / 3] * 5, abs=0.05) and times[5] is None
     assert whole == pytest.approx(np.tile(full, (6, 1)), abs=1e-3) and wider == 0 and seen.complaints == []
 
 
@@ -319,7 +319,7 @@ def test_a_spectrum_has_a_cursor_of_its_own_and_logarithmic_axes(grid: list[list
     focus = "document.querySelectorAll('.frame-of-curves')[1].focus()"
     seen = visit(path.as_uri(), wide(1280), pause(0.5), middle, TIMES, READ, CURSORS, focus, *zoom, RANGES)
     times, values, cursors, _, ranges = seen.values
-    assert seen.complaints == [] and times[0] == 5.0 and cursors[0] == 0
+    assert seen.complaints == [] and times[0] is None
     assert times[1:] == pytest.approx([10**0.5] * 2, rel=0.04)  # halfway on a logarithmic axis
     assert [number(x) for x in values[1]] == pytest.approx([1 / times[1], 0.1 / times[1]], rel=1e-4)
     assert ranges[0] == pytest.approx([5.0, 5.0 + 0.02 * 399], abs=1e-3)
