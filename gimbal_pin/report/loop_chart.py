@@ -2,35 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gimbal_pin.control.laws.chart import LoopCurves, compute_disk
+from gimbal_pin.report import plots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-def draw_loop_chart(curves: Sequence[LoopCurves]) -> Figure:
-    """Return Bode's two diagrams, Nyquist's with the disk that the loops keep clear of, and a step's answer."""
+def draw_loop_chart(curves: Sequence[LoopCurves], colours: Mapping[str, str]) -> Figure:
+    """Return Bode's two diagrams, Nyquist's with the disk that the loops keep clear of, and a step's answer.
+
+    `colours`: joint → its colour.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 7), layout="constrained")
     gain, nyquist, phase, step = figure.subplots(2, 2).flat
-    for one in curves:
-        found, response = one.margins, one.response
+    for one, dashes in zip(curves, plots.nest_dashes(len(curves))):
+        found, response, look = one.margins, one.response, {"color": colours[one.joints[0]], "dashes": dashes}
         label = f"{', '.join(one.joints)}: {found.phase_margin_deg:.0f}°, disk {found.disk_margin:.2f}"
-        gain.loglog(one.frequency, np.abs(response), label=label)
+        gain.loglog(one.frequency, np.abs(response), label=label, **look)
         angle = np.degrees(np.unwrap(np.angle(response)))
-        phase.semilogx(one.frequency, angle - 360 * np.ceil(angle[0] / 360))
-        (line,) = nyquist.plot(response.real, response.imag)
+        phase.semilogx(one.frequency, angle - 360 * np.ceil(angle[0] / 360), **look)
+        nyquist.plot(response.real, response.imag, **look)
         for ratio in {*one.ratios} - {1.0}:
-            nyquist.plot(ratio * response.real, ratio * response.imag, color=line.get_color(), lw=0.6)
-        step.plot(1e3 * one.t, one.answer)
-    nyquist.fill(*compute_disk(min(one.margins.disk_margin for one in curves)).T, alpha=0.2)
+            nyquist.plot(ratio * response.real, ratio * response.imag, color=look["color"], lw=0.6)
+        step.plot(1e3 * one.t, one.answer, **look)
+    nyquist.fill(*compute_disk(min(one.margins.disk_margin for one in curves)).T, color=plots.PLAIN, alpha=0.3)
     dressed(gain, phase, nyquist, step)
     return figure
 

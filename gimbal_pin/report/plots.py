@@ -265,6 +265,11 @@ def dots(axes: Axes, x: Array, y: Array, colour: str) -> None:
     line.set_snap(False)
 
 
+def nest_dashes(count: int) -> list[tuple[float, ...]]:
+    """Return dashes, length and gap, by which curves that lie on each other are all seen in turn; none of the first."""
+    return [(5.0 * (count - k), 5.0 * k) if k else () for k in range(count)]
+
+
 def zero_line(axes: Axes) -> None:
     """Draw where y is zero."""
     axes.axhline(0.0, color=MUTED, lw=0.7, zorder=1)

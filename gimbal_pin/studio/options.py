@@ -13,7 +13,7 @@ from gimbal_pin.log.log import Array, Log
 from gimbal_pin.pointing.result import split
 from gimbal_pin.report.elements import Table
 from gimbal_pin.report.format import figures, list_shown_joints, torque_unit
-from gimbal_pin.report.plots import PLAIN, thinned
+from gimbal_pin.report.plots import PLAIN, nest_dashes, thinned
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.studio.figures import PointingFigure, ResidualFigure
 from gimbal_pin.studio.state import StudioState
@@ -59,7 +59,7 @@ def build_line(name: str, x: Array, y: Array, colour: str, points: int = 600, **
     """Return a curve of a chart, thinned to what can be seen where x increases."""
     if np.all(np.diff(x) > 0):
         x, y = thinned(x, y, points)
-    look = {"color": colour, "width": more.pop("width", 1.6)}
+    look = {"color": colour, "width": more.pop("width", 1.6), "type": more.pop("dashes", ()) or "solid"}
     return {
         "type": "line",
         "name": name,
@@ -79,15 +79,16 @@ def list_colours(rig: Rig) -> dict[str, str]:
 def build_nyquist_options(tuning: Tuning) -> Options:
     """Return Nyquist's diagram of every loop, with the disk that all keep clear of."""
     colours, lines = list_colours(tuning.model.rig), []
-    for curve in tuning.loop_curves:
+    for curve, dashes in zip(tuning.loop_curves, nest_dashes(len(tuning.loop_curves))):
         near = np.abs(curve.response) < 30
         name, colour = ", ".join(curve.joints), colours[curve.joints[0]]
         for ratio in sorted({*curve.ratios}):
             real, imaginary = ratio * curve.response.real[near], ratio * curve.response.imag[near]
             thin = ratio != 1.0
-            lines.append(build_line("" if thin else name, real, imaginary, colour, width=0.6 if thin else 1.6))
+            look: Options = {"width": 0.6} if thin else {"dashes": dashes}
+            lines.append(build_line("" if thin else name, real, imaginary, colour, **look))
     disk = compute_disk(min(curve.margins.disk_margin for curve in tuning.loop_curves))
-    look: Options = {"areaStyle": {"color": PLAIN, "opacity": 0.0}, "width": 1.2, "silent": True}
+    look = {"areaStyle": {"color": PLAIN, "opacity": 0.0}, "width": 1.2, "silent": True}
     lines.append(build_line("disk kept clear", disk[:, 0], disk[:, 1], PLAIN, **look))
     lines.append({"type": "scatter", "data": [[-1, 0]], "symbolSize": 7, "color": "#e23b2f", "silent": True})
     square: Options = {"tooltip": {"show": False}}
@@ -100,7 +101,8 @@ def build_step_options(tuning: Tuning) -> Options:
     """Return the angle of every loop after a step of 1 rad/s² of disturbing acceleration."""
     colours = list_colours(tuning.model.rig)
     lines = [
-        build_line(", ".join(one.joints), 1e3 * one.t, one.answer, colours[one.joints[0]]) for one in tuning.loop_curves
+        build_line(", ".join(one.joints), 1e3 * one.t, one.answer, colours[one.joints[0]], dashes=dashes)
+        for one, dashes in zip(tuning.loop_curves, nest_dashes(len(tuning.loop_curves)))
     ]
     return build_chart({"name": "time, ms", "min": 0, "max": "dataMax"}, {"name": "error, mrad"}, lines)
 

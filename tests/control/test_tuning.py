@@ -46,6 +46,7 @@ from gimbal_pin.dynamics import (
 from gimbal_pin.effects import ActuatorLag, Coulomb, Term, Viscous, parse_effect
 from gimbal_pin.errors import ModelError, UsageError
 from gimbal_pin.log import Array, Motion
+from gimbal_pin.report import list_shown_joints
 from gimbal_pin.rig import Limits, Motor, Rig
 
 KEYS = {"kp", "ki", "kd", "phase_margin_deg", "gain_margin_db", "disk_margin", "bandwidth_hz"}
@@ -370,10 +371,15 @@ def test_a_foreign_or_broken_file_is_refused(tuned: Tuning) -> None:
 
 
 def test_plot_shows_every_loop(tuned: Tuning) -> None:
+    """Each joint in its colour, between the dashes of the next, as loops may be alike."""
     figure = tuned.with_(bandwidth_hz={"yaw": 4, "roll": 6, "tilt": 8}).plot()
     gain, _nyquist, phase, step = figure.axes
     legend = gain.get_legend()
     assert legend is not None and len(legend.get_texts()) == 3
+    for axes in (gain, phase, step):
+        lines = axes.get_lines()[:3]
+        assert [line.get_color() for line in lines] == [one.colour for one in list_shown_joints(tuned.model.rig)]
+        assert [line.is_dashed() for line in lines] == [False, True, True]
     # The gain diagram crosses one where the margins say.
     for line, hz in zip(gain.get_lines(), (4, 6, 8)):
         f, magnitude = np.array(line.get_data(), dtype=float)

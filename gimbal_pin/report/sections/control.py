@@ -43,7 +43,7 @@ def show_controller(tuning: Tuning) -> Section:
         f"The loops of {controller_name(wish.kind)}, sampled and delayed as they will run: the further the "
         "Nyquist curves stay from −1, the safer."
     )
-    drawn = partial(draw_loop_chart, tuning.loop_curves)
+    drawn = partial(draw_loop_chart, tuning.loop_curves, dict(zip(rig.joints, joint_colours(rig.joints))))
     parts: list[object] = [
         *list_warnings((*tuning.warnings, *tuning.doubts)),
         paragraph(f"{timing}; damping {wish.damping:g}, disk margin of at least {wish.disk:g}."),
@@ -52,7 +52,7 @@ def show_controller(tuning: Tuning) -> Section:
         folded("Why these gains", bullets(usual)),
         folded("Gains for drives", tables.drive_gains(tuning), is_detail=False),
         *([paragraph(f"{listed(fast)}: {no_cascade}", "side")] if fast else []),
-        folded("The loops", plots.Drawing(drawn, alt, caption, joint_colours(rig.joints))),
+        folded("The loops", plots.Drawing(drawn, alt, caption)),
     ]
     lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
     return Section("Controller", parts, lead)
