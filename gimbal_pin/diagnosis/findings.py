@@ -92,6 +92,7 @@ def report_findings(
         untestable=list_untestable(found, findings),
         detection_limit=dict(zip(held.rig.joints, _compute_limits(found).tolist())),
         alignment=said.alignment + float(np.mean(found.alignment)),
+        stated=measure_errors(held, said.before),
         baseline=model.baseline,
         extended=best,
         before=before,
@@ -120,7 +121,7 @@ def report_unusable_logs(
     said = _report_logs(rig, checked, filtering)
     with contextlib.suppress(DataError):  # too short for the band: then there is no figure either
         figures = measure_errors(gather(rig, logs, filtering), said.before)
-        return replace(said, baseline=figures, extended=figures)
+        return replace(said, stated=figures, baseline=figures, extended=figures)
     return said
 
 

@@ -64,7 +64,8 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     """
     difference = compute_base_difference(state)
     hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
-    found = replace(found, notes=(*found.notes, *_describe_inertias(difference, state.problem, hidden)))
+    unlike = *_describe_inertias(difference, state.problem, hidden), *_describe_friction(found.before)
+    found = replace(found, notes=(*found.notes, *unlike))
     if difference.rig.config.inertia != "trusted" or found.held is None:
         return found
     case = _Case(state, GivenResponse(difference), find_given_causes(difference, causes), found.held)
@@ -127,6 +128,20 @@ def _describe_inertias(found: BaseDifference, problem: Problem, hidden: Sequence
             others = [one.cause for one in hidden if one.joint == joint]
             instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""
             yield f"{joint}: the inertia about its axis is {less} than the URDF's{instead}"
+
+
+def _describe_friction(refitted: Model) -> Iterator[str]:
+    """Yield what rubs at the joints of which the URDF states no friction, in one sentence."""
+    rig, known = refitted.rig, refitted.estimated
+    assert known is not None
+    rows = [*zip(known.names, known.theta.tolist(), known.std.tolist(), known.units)]
+    each = []
+    for joint in (joint for joint, stated in zip(rig.joints, rig.friction) if not np.any(stated)):
+        own = [row for row in rows if row[0].startswith(f"{joint}.")]
+        if any(value > DEVIATIONS * std for _, value, std, _ in own):
+            each.append(f"{joint} " + " and ".join(f"{digits(value, 2)} {unit}" for _, value, _, unit in own))
+    if each:
+        yield f"the URDF states no friction where there is some: {', '.join(each)}; identify --urdf writes it in"
 
 
 def _describe_attenuation(noise: MotionNoise, joint: int) -> str:

@@ -282,7 +282,8 @@ class Diagnosis(Record):
         immaterial: Significant and too small to matter.
         untestable: What the logs cannot show.
         detection_limit: Joint → torque that would have been found, N m rms.
-        baseline: "torque_rmse", "fit_percent", "rollout_rmse": joint → figure, held out, before.
+        stated: "torque_rmse", "fit_percent", "rollout_rmse": joint → figure, held out, of the rig as the URDF says.
+        baseline: The same of the refitted model.
         extended: The same after all findings.
         held: The held-out part, or None where the logs are spoilt.
         given: What the logs say of the payload once the found causes are known; nothing where the logs are spoilt.
@@ -310,6 +311,7 @@ class Diagnosis(Record):
     immaterial: tuple[Slight, ...] = ()
     untestable: tuple[Untestable, ...] = ()
     detection_limit: Mapping[str, float] = field(default_factory=dict)
+    stated: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     baseline: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     extended: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     held: Evidence | None = None
@@ -394,6 +396,7 @@ class Diagnosis(Record):
             "alignment_s": self.alignment,
             "untestable": [asdict(row) for row in self.untestable],
             "detection_limit": self.detection_limit,
+            "stated": self.stated,
             "baseline": self.baseline,
             "extended": self.extended,
             "next_experiment": None if self.planned is None else self.planned.to_dict(),

@@ -56,11 +56,13 @@ class Evaluated:
         joints: Joint names (n).
         parts: The trajectories.
         columns: Root mean square of the torque per unit of each parameter, N m per unit, (n, k).
+        stated: Root mean square error of the rig as its URDF states it, N m, (n,); nan where that says nothing of it.
     """
 
     joints: tuple[str, ...]
     parts: tuple[EvaluatedPart, ...]
     columns: Array
+    stated: Array
 
     def stacked(self, name: str) -> Array:
         """Return "v", "measured", "predicted", "error" or "share" of all trajectories, (rows, n)."""
@@ -103,9 +105,11 @@ def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
             error = np.concatenate([block.b - block.A @ theta for block in judged])
             share = np.concatenate([block.share for block in judged])
             parts.append(EvaluatedPart(log.name, t, q, v, measured, predicted, error, share))
+    given, count = found.stated, np.maximum(np.sum([np.sum(block.share**2, axis=0) for block in every], axis=0), 1e-300)
+    given[len(found.reduction.independent) :] = np.nan_to_num(given[len(found.reduction.independent) :])
     power = np.sum([np.sum(block.A**2, axis=0) for block in every], axis=0)
-    count = np.sum([np.sum(block.share**2, axis=0) for block in every], axis=0)
-    return Evaluated(rig.joints, tuple(parts), np.sqrt(power / np.maximum(count, 1e-300)[:, None]))
+    off = np.sum([np.sum((block.b - block.A @ given) ** 2, axis=0) for block in every], axis=0)
+    return Evaluated(rig.joints, tuple(parts), np.sqrt(power / count[:, None]), np.sqrt(off / count))
 
 
 def find_worst(t: Array, squares: Array, longest: float) -> tuple[float, slice]:

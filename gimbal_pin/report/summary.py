@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isnan
 from typing import TYPE_CHECKING
@@ -44,7 +44,10 @@ if TYPE_CHECKING:
     from gimbal_pin.pointing import Verified
     from gimbal_pin.rig.rig import Rig
 
-EXPORT = "Put the controller on the gimbal: 'gimbal-pin export controller.yaml --c DIR' writes it as C99."
+EXPORT = (
+    "Put the controller on the gimbal: in the report's folder, 'gimbal-pin export controller.yaml --c DIR' writes it "
+    "as C99."
+)
 SIMULATED = "The controllers were simulated, their steps on {}, and not run on the gimbal."
 """What holds of every figure of a controller; within it the plant."""
 
@@ -119,14 +122,18 @@ def summary(
     why no camera was held on a platform.
     """
     spoilt = wrong is not None and wrong.verdict == "data"
-    numbers = [*rate_model(rig, found), *rate_controller(tuning, judged, held)]
-    missing, tested = missed(wrong), found.held_out or found.train
+    model, missing, tested = rate_model(rig, found), missed(wrong), found.held_out or found.train
     fit = min(tested.fit_percent.values())
     tone = "poor" if spoilt else "fair" if missing else grade(fit)
-    if wrong is not None and wrong.is_extended and wrong.held is not None and not spoilt:
-        joint, fit = min(wrong.extended["fit_percent"].items(), key=lambda pair: pair[1])
-        note = f"fit to {wrong.held.band:g} Hz, worst joint: {joint}, held out"
-        numbers.insert(1, Card("With what was found", percent(fit), note, grade(fit)))
+    if wrong is not None and wrong.held is not None and not spoilt:
+        where, fits = f"to {wrong.held.band:g} Hz, held out", wrong.baseline["fit_percent"]
+        stated = f"the URDF's {percent(min(wrong.stated['fit_percent'].values()))}"
+        model[0] = rate_fit("Fit of the torque", fits, f"{where}; {stated}")
+        if wrong.is_extended:
+            fits = wrong.extended["fit_percent"]
+            model.insert(1, rate_fit("With what was found", fits, where))
+            fit = min(fits.values())
+    numbers = [*model, *rate_controller(tuning, judged, held)]
     unknown = [f"Not diagnosed: {undiagnosed}."] if undiagnosed else []
     unknown += [f"No camera was held on a platform that moves: {not_held}."] if not_held and rig.aims else []
     simulated = [] if result is None else [SIMULATED.format(plant)]
@@ -144,20 +151,25 @@ def summary(
 def rate_model(rig: Rig, found: Identified) -> list[Card]:
     """Return how well the model predicts the torque, at the joint where it does so worst, and how well it is known."""
     tested, band = found.held_out or found.train, f"to {found.filtering.cutoff:g} Hz"
-    joint, fit = min(tested.fit_percent.items(), key=lambda pair: pair[1])
     worst, rmse = max(tested.torque_rmse.items(), key=lambda pair: pair[1])
     force = next(one.force for one in list_shown_joints(rig) if one.name == worst)
-    where = f"worst joint: {joint}, {'held out' if found.held_out else 'training data'}"
-    where = "there is no fit where there is no torque" if isnan(fit) else where
     theta, std = np.abs(found.estimate.theta), found.estimate.std
     told, deviation = int(np.sum(theta > NORMAL_95 * std)), 100 * float(np.median(std / np.maximum(theta, 1e-300)))
     known = f"{told} of {len(theta)} differ{'s' * (told == 1)} significantly from zero"
+    how = f"{band}, {'held out' if found.held_out else 'training data'}"
     error, note = torque_text(rmse, force=force), f"rms {band}, largest: {worst}, {tested.how}"
     return [
-        Card("Fit of the torque", percent(fit), f"{band}, {where}", grade(fit)),
+        rate_fit("Fit of the torque", tested.fit_percent, how),
         Card("Torque error", error, note, is_headline=False),
         Card("Parameters", str(len(theta)), f"{known}; median deviation {figures(deviation, 2)} %", is_headline=False),
     ]
+
+
+def rate_fit(label: str, fits: Mapping[str, float], how: str) -> Card:
+    """Return the fit at the joint where it is worst."""
+    joint, fit = min(fits.items(), key=lambda pair: pair[1])
+    where = "there is no fit where there is no torque" if isnan(fit) else f"worst joint: {joint}"
+    return Card(label, percent(fit), f"{where}, {how}", grade(fit))
 
 
 def rate_controller(tuning: Tuning | None, judged: Judgement | None, held: Verified | None) -> list[Card]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import isfinite, isnan, nan
 from typing import TYPE_CHECKING
 
@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 
 TOGETHER = "all-axes"
 """The experiment in which all axes move."""
+STAGES = ("URDF", "refitted", "extended")
+"""The rig as its URDF states it, its bodies and friction fitted, and with what was found."""
 ALONE = "A finding's error before is without it and with all others; the table's is the refitted model's alone"
 """Why the errors before differ."""
 AWAY = "σ: standard deviation; ± is 1.96 σ; off by: the value less the URDF's"
@@ -153,7 +155,7 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
     scale, name = torque_unit(max(held.torque_rmse.values()), force)
     head = ["Joint", f"Error, {name} rms", "Fit", "What is left", "Samples judged"]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
-    head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}"] * (evaluated is not None)
+    head += [f"Torque, {force} rms", "Error of it", "The URDF's", f"Largest error, {name}"] * (evaluated is not None)
     rows: list[list[Content]] = []
     for j, joint in enumerate(joints):
         rmse, fit, opinion = held.torque_rmse[joint.name], held.fit_percent[joint.name], found.opinions.get(joint.name)
@@ -164,8 +166,9 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
             row += [figures(scale * train.torque_rmse[joint.name]), percent(train.fit_percent[joint.name])]
         if evaluated is not None:
             torque, largest = float(evaluated.torque_rms[j]), float(np.abs(evaluated.stacked("error")[:, j]).max())
-            share = f"{figures(100 * rmse / torque, 2)} %" if torque else DASH  # nothing drove this joint
-            row += [figures(torque), share, figures(scale * largest)]
+            errors = rmse, float(evaluated.stated[j])  # shares of nothing where nothing drove this joint
+            shares = [f"{figures(100 * x / torque, 2)} %" if torque and isfinite(x) else DASH for x in errors]
+            row += [figures(torque), *shares, figures(scale * largest)]
         rows.append(row)
     return Table(head, rows, label="Torque error")
 
@@ -181,12 +184,13 @@ def grade(fit: float) -> str:
 def residual(found: Diagnosis) -> Table:
     """What is left of each joint's torque where it was fitted, held out, and what a cause must make to be found.
 
-    The last is less than the noise that is left: over a whole log noise averages out, and a cause's form does not.
+    Held-out errors are shares of the torque's deviation from its mean. What can be found is less than the noise that is
+    left: over a whole log noise averages out, and a cause's form does not.
     """
     from gimbal_pin.identification import Opinion
 
-    parts = [part["torque_rmse"] for part in (found.baseline, found.extended)]
-    most = max((error for part in parts for error in part.values()), default=0.0)
+    parts = [found.stated, found.baseline, found.extended]
+    most = max(found.baseline.get("torque_rmse", {}).values(), default=0.0)
     joints = {} if found.held is None else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
     rows: list[list[Content | None]] = []
     for name, left in found.residual.items():
@@ -194,30 +198,36 @@ def residual(found: Diagnosis) -> Table:
         said = Opinion.of(left.state == "structured", found.extended.get("fit_percent", {}).get(name, nan)).value
         row: list[Content | None] = [joints[name].label if joints else name]
         row.append(toned(f"{said} {left.where}".strip(), OPINIONS[said]))
-        row += [torque_text(part[name], most, force) for part in parts]
+        row += [share_off(part, name) for part in parts]
+        row.append(torque_text(found.extended["torque_rmse"][name], most, force))
         rows.append([*row, torque_text(limit, most, force) if limit else None])
-    head = ["Joint", "Left where fitted", "Held-out error before", "After", "Detectable from"]
-    return Table(head, rows, texts=2, label="Torque error before and after")
+    head = ["Joint", "Left where fitted", *(f"Error, {model}" for model in STAGES), "That is", "Detectable from"]
+    return Table(head, rows, texts=2, label="Torque error held out")
+
+
+def share_off(errors: Mapping[str, Mapping[str, float]], joint: str) -> str:
+    """By what share of the torque's deviation from its mean a model is off at a joint."""
+    return f"{figures(100 - errors['fit_percent'][joint], 2)} %"
 
 
 def gain(found: Diagnosis, joints: Sequence[ShownJoint]) -> Table:
     """What a simulation from the torque, and a simulated controller, are off by without and with what was found."""
-    pairs = [("Simulated", found.baseline["rollout_rmse"], found.extended["rollout_rmse"], "cannot be simulated")]
-    if found.tracking:
-        before, after = ({name: x[key] for name, x in found.tracking.items()} for key in ("rms_before", "rms_after"))
-        pairs.append(("Tracking error", before, after, "not stable"))
+    simulated = [models["rollout_rmse"] for models in (found.stated, found.baseline, found.extended)]
+    tracked = [{name: x[f"rms_{when}"] for name, x in found.tracking.items()} for when in ("before", "after")]
+    sets: list[tuple[str, Sequence[str], Sequence[Mapping[str, float]], str]]
+    sets = [("Simulated", STAGES, simulated, "cannot be simulated")]
+    sets += [("Tracking error", STAGES[1:], tracked, "not stable")] if found.tracking else []
 
-    def cell(joint: ShownJoint, value: float, other: float, none: str) -> Content:
-        top = max((x for x in (value, other) if isfinite(x)), default=0.0) or 1.0
-        return bar(value / top, joint.text(value, digits=2)) if isfinite(value) else none
+    def cells(joint: ShownJoint, values: Sequence[float], none: str) -> Iterator[Content]:
+        top = max(filter(isfinite, values), default=0.0) or 1.0
+        yield from (bar(x / top, joint.text(x, digits=2)) if isfinite(x) else none for x in values)
 
-    head = ["Joint", *(f"{name}, {when}" for name, *_ in pairs for when in ("before", "after"))]
+    head = ["Joint", *(f"{name}, {model}" for name, models, *_ in sets for model in models)]
     rows = [
-        [joint.label, *(cell(joint, x[joint.name], y[joint.name], none)
-                        for _, a, b, none in pairs for x, y in ((a, b), (b, a)))]
+        [joint.label, *(x for *_, each, none in sets for x in cells(joint, [one[joint.name] for one in each], none))]
         for joint in joints
-    ]  # fmt: skip
-    return Table(head, rows, label="Errors of simulations before and after")
+    ]
+    return Table(head, rows, label="Errors of simulations by model")
 
 
 def list_curves(found: Diagnosis) -> list[str]:

@@ -64,10 +64,6 @@ SEGMENT = 8.0
 """Length of the stretches that a spectrum is averaged over, s."""
 OPEN = 0.5
 """Weight of a sample from which on it is drawn."""
-GAINS = (
-    "Before: the refitted model; after: the extended one. Simulated: error of the position, rms, after 0.2 s of "
-    "simulation from the held-out torque."
-)
 
 
 def show_diagnosis(found: Diagnosis) -> Section:
@@ -78,7 +74,7 @@ def show_diagnosis(found: Diagnosis) -> Section:
     odd = [joint for joint, rest in found.residual.items() if rest.state == "structured"]
     questioned = list(dict.fromkeys([*(one.joint for one in found.findings if one.joint), *odd]))
     balance = found.given.balance if found.after.rig.aims else None
-    decided = [paragraph(state_verdict(found), f"headline {tone}"), Markup(bullets(heads))]
+    decided = [paragraph(state_verdict(found), f"headline {tone}"), Markup(bullets(heads)), *state_model_errors(found)]
     parts: list[object] = [RigDrawing(found.after.rig, questioned, balance, decided)]
     if found.spoiling:
         faults = [f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling]
@@ -98,8 +94,9 @@ def show_diagnosis(found: Diagnosis) -> Section:
         parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
         left = picture_residuals(found, joints, found.held)
         parts.append(folded("What is left over angle, rate, time and frequency", left))
+    simulated = "Simulated: error of the position, rms, after 0.2 s of simulation from the held-out torque."
     if found.held is not None and (found.findings or found.is_extended):
-        parts += [heading("What knowing it gains"), tables.gain(found, joints), paragraph(GAINS, "side")]
+        parts += [heading("What knowing it gains"), tables.gain(found, joints), paragraph(simulated, "side")]
         if found.tracking:
             parts.append(paragraph(f"Tracking errors: {describe_motion(found.after.rig)}.", "side"))
         parts += [
@@ -125,6 +122,16 @@ def state_verdict(found: Diagnosis) -> str:
     more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
     moved = "" if found.lacking == found.findings else f" {BY_PLATFORM_ALONE}"
     return f"{VERDICTS[found.verdict_without_platform]}{more}{moved}"
+
+
+def state_model_errors(found: Diagnosis) -> list[Element]:
+    """Say by how much of its torque each model is off at the joint where the URDF is worst; of spoilt logs nothing."""
+    if found.held is None or found.spoiling:
+        return []
+    joint = min(found.residual, key=lambda name: found.stated["fit_percent"][name])
+    models = zip(tables.STAGES, (found.stated, found.baseline, found.extended))
+    each = (f"{name} {tables.share_off(figures_of, joint)}" for name, figures_of in models)
+    return [paragraph(f"Torque error at {joint}, where the URDF is worst, held out: {', '.join(each)}.")]
 
 
 def qualify_payload(found: Diagnosis) -> list[Element]:
