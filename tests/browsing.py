@@ -90,7 +90,8 @@ def unpacked(page: str) -> list[list[np.ndarray]]:
     for home in lxml.html.fromstring(page).xpath("//div[@class='charts']"):
         values = np.frombuffer(zlib.decompress(base64.b64decode(home.get("data-deflated"))), "<f4")
         charts = json.loads(home.get("data-charts"))
-        shapes = [(len(one["abscissae"]) + len(one["curves"]), one["rows"]) for one in charts]
+        curves = [len(one["curves"]) + 2 * sum(curve["is_banded"] for curve in one["curves"]) for one in charts]
+        shapes = [(len(one["abscissae"]) + count, one["rows"]) for one, count in zip(charts, curves)]
         ends = np.cumsum([columns * rows for columns, rows in shapes])
         found.append([part.reshape(shape) for part, shape in zip(np.split(values, ends[:-1]), shapes)])
         assert ends[-1] == len(values)

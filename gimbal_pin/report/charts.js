@@ -8,8 +8,9 @@ const colourOf = name => name.startsWith("--") ? getComputedStyle(ground).getPro
 const write = (value, digits) => (value && Math.abs(value) < 1e-3 ? value.toExponential(digits)
   : String(Number(value.toPrecision(5)))).replaceAll("-", "−");
 const read = value => value === null ? "–" : write(value, 4);
-// Numbers along an axis; the last of them has the unit.
-function label(splits, unit) {
+// Numbers along an axis; the last of them has the unit. Of a logarithmic one those of one digit.
+function label(all, unit, isLog) {
+  const splits = isLog ? all.map(value => value === Number(value?.toPrecision(1)) ? value : null) : all;
   const last = splits.findLastIndex(value => value !== null);
   return splits.map((value, k) => value === null ? "" : write(value) + (k === last ? unit : ""));
 }
@@ -50,6 +51,7 @@ class Chart {
     this.t = columns[0].map(since => since + what.start);
     this.abscissae = [this.t, ...columns.slice(1, what.abscissae.length)];
     this.curves = columns.slice(what.abscissae.length);
+    this.owners = [...what.curves.keys(), ...what.curves.flatMap((curve, k) => curve.is_banded ? [k, k] : [])];  // of a band's edges
     const box = add(home, "div", { class: "chart" }), top = add(box, "div", { class: "legend" });
     if (what.title) {
       const name = add(top, "b", { class: "joint" });
@@ -59,12 +61,12 @@ class Chart {
     add(top, "span", {}, what.label);
     this.values = what.curves.map((curve, k) => {
       const button = add(top, "button", { type: "button", "aria-pressed": "true" });
-      add(button, "i", { style: `border-color:${curve.colour.replace(/^--.*/, "var($&)")}` }).classList.toggle("dashed", curve.is_dashed);
+      add(button, "i", { style: `border-color:${curve.colour.replace(/^--.*/, "var($&)")}` }).classList.toggle("dashed", curve.dashes.length > 0);
       button.append(curve.name);
       button.addEventListener("click", () => {
         const show = button.getAttribute("aria-pressed") !== "true";
         button.setAttribute("aria-pressed", show);
-        this.plot.setSeries(k + 1, { show });
+        this.owners.forEach((owner, at) => { if (owner === k) this.plot.setSeries(at + 1, { show }); });
       });
       return add(button, "span");
     });
@@ -95,8 +97,8 @@ class Chart {
     const lines = { stroke: () => colourOf("--line"), width: 1 }, unit = ` ${this.what.abscissae[this.over].split(", ")[1]}`;
     const axis = { stroke: () => colourOf("--muted"), font: "12px system-ui, sans-serif", gap: 3, grid: lines, ticks: lines };
     const scale = which => this.what.log.includes(which) ? { distr: 3 } : {};
-    const drawn = this.what.curves.map((curve, k) => ({
-      label: curve.name, show: isShown(k), stroke: paint(curve), width: curve.width, dash: curve.is_dashed ? [5, 4] : undefined,
+    const count = this.what.curves.length, drawn = this.owners.map(k => this.what.curves[k]).map((curve, at) => ({
+      label: curve.name, show: isShown(at), stroke: paint(curve), width: at < count ? curve.width : 0, pxAlign: 0, dash: curve.dashes,
       ...(isTime ? { points: { show: false } } : { paths: () => null, points: { show: true, size: 3.5, width: 0, fill: paint(curve) } }),
     }));
     this.plot?.destroy();
@@ -105,8 +107,9 @@ class Chart {
       legend: { show: false },
       padding: [8, 16, 0, 0],
       scales: { x: { time: false, ...scale("x"), ...(x[0] < x[x.length - 1] && { range: (_, first, last) => [first, last] }) }, y: scale("y") },
-      axes: [{ ...axis, size: 26, values: (_, splits) => label(splits, unit) }, { ...axis, size: 56, space: 22, values: (_, splits) => label(splits, "") }],
+      axes: [{ ...axis, size: 26, values: (_, splits) => label(splits, unit, scale("x").distr) }, { ...axis, size: 56, space: 22, values: (_, splits) => label(splits, "") }],
       series: [{}, ...drawn],
+      bands: this.owners.slice(count).flatMap((k, at) => at % 2 ? [] : [{ series: [count + at + 2, count + at + 1], fill: () => colourOf(this.what.curves[k].colour) + "40" }]),
       cursor: {
         y: false,
         drag: { setScale: false, click: () => {} },
@@ -216,7 +219,7 @@ async function build(home) {
   const tools = add(home, "div", { class: "tools" }), grid = add(home, "div", { class: "grid" });
   let first = 0;
   const own = charts.map(what => {
-    const count = what.abscissae.length + what.curves.length, over = what.abscissae[0];
+    const count = what.abscissae.length + what.curves.reduce((sum, curve) => sum + (curve.is_banded ? 3 : 1), 0), over = what.abscissae[0];
     const columns = Array.from({ length: count }, () => Float64Array.from(values.subarray(first, first += what.rows)));
     return new Chart(grid, Run.of(home.dataset.clock + (over === "time, s" ? "" : over)), what, columns);
   });

@@ -35,14 +35,16 @@ class Trace:
         values: One per instant, nan where the curve is broken, (N,).
         colour: As in a figure: `plots.INK` and `plots.MUTED` are the page's own.
         width: Of its line, pixels.
-        is_dashed: Whether it is dashed.
+        dashes: Length and gap of its dashes, pixels; none: it is not dashed.
+        half: Half the width of the band about it, (N,); None: it has none.
     """
 
     name: str
     values: Array
     colour: str
     width: float = 1.4
-    is_dashed: bool = False
+    dashes: tuple[float, ...] = ()
+    half: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,14 +74,15 @@ class Chart:
     def draw(self, axes: Axes) -> None:
         """Draw the curves, a legend above them."""
         for x in self.curves:
-            looks = {"color": x.colour, "lw": 0.8 * x.width, "ls": "--" if x.is_dashed else "-"}
-            plots.curve(axes, self.t, x.values, **looks)
+            plots.curve(axes, self.t, x.values, color=x.colour, lw=0.8 * x.width, dashes=x.dashes)
+            if x.half is not None:
+                axes.fill_between(self.t, x.values - x.half, x.values + x.half, color=x.colour, alpha=0.25)
         plots.put_legend(axes, [(x.name, x.colour) for x in self.curves])
         axes.set(xlabel=self.over, ylabel="\n".join(filter(None, (self.title, self.label))), xlim=self.t[[0, -1]])
         axes.set(**{f"{axis}scale": "log" for axis in self.log})
 
     def tabulate(self, most: int = 3000) -> Array:
-        """Return time since its start, abscissae and curves, (columns, rows), as 32-bit floats.
+        """Return time since its start, abscissae, curves and bands' edges, (columns, rows), as 32-bit floats.
 
         Of more than `most` instants those stay where a curve is lowest or highest in a stretch, see `plots.thinned`.
         """
@@ -88,7 +91,8 @@ class Chart:
             order, each = rows.astype(float), most // len(self.curves)
             kept = [plots.thinned(order, curve.values, each)[0] for curve in self.curves]
             rows = np.unique(np.concatenate(kept)).astype(int)
-        columns = [self.t - self.t[0], *self.abscissae.values(), *(curve.values for curve in self.curves)]
+        bands = ((x.values - x.half, x.values + x.half) for x in self.curves if x.half is not None)
+        columns = [self.t - self.t[0], *self.abscissae.values(), *(x.values for x in self.curves), *chain(*bands)]
         return np.stack(columns)[:, rows].astype("<f4")
 
 
@@ -134,7 +138,8 @@ class Charts:
                 "abscissae": [chart.over, *chart.abscissae],
                 "log": chart.log,
                 "curves": [
-                    {"name": x.name, "colour": own.get(x.colour, x.colour), "width": x.width, "is_dashed": x.is_dashed}
+                    {"name": x.name, "colour": own.get(x.colour, x.colour), "width": x.width, "dashes": x.dashes}
+                    | {"is_banded": x.half is not None}
                     for x in chart.curves
                 ],
             }

@@ -29,7 +29,7 @@ def chart(seed: int, count: int = 400, name: str = "pan", colour: str = "#1a75f2
     rng, t = np.random.default_rng(seed), start + 0.02 * np.arange(count)
     first, second = np.sin(t + seed), np.sin(t + seed) + 0.1 * rng.standard_normal(count)
     second[count // 3 : count // 3 + 5] = np.nan
-    curves = [Trace("measured", first, plots.PLAIN, 4.0), Trace("model", second, colour)]
+    curves = [Trace("measured", first, plots.PLAIN, 4.0), Trace("model", second, colour, 2.0, half=0.1 + np.abs(first))]
     return Chart(name, colour, "torque, N m", t, curves, {"angle, °": 50 * np.cos(t), "rate, °/s": 30 * np.sin(2 * t)})
 
 
@@ -44,15 +44,20 @@ def test_the_library_is_the_one_that_was_recorded() -> None:
 
 @given(st.integers(1, 9000), st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1.7e9]))
 def test_what_a_page_carries_is_the_data_and_no_spike_is_lost(count: int, seed: int, start: float) -> None:
-    """Each row is an instant of the data in 32 bits; lowest and highest of each curve are among them."""
+    """Each row is an instant of the data in 32 bits; lowest and highest of each curve are among them.
+
+    A band's edges come after the curves.
+    """
     whole = chart(seed, max(count, 2), start=start)
     ((table,),) = unpacked(str(Charts("run", [[whole]]).__html__()))
     assert table.shape[1] <= max(3000, 2) and np.all(np.diff(table[0]) > 0)
     rows = np.searchsorted(whole.t - start, table[0].astype(float) - 0.01)
     columns = [whole.t - whole.t[0], *whole.abscissae.values(), *(curve.values for curve in whole.curves)]
-    for kept, column in zip(table, columns):
+    model = whole.curves[1]
+    columns += [model.values - model.half, model.values + model.half]
+    for kept, column in zip(table, columns, strict=True):
         assert np.array_equal(kept, column[rows].astype("f4"), equal_nan=True)
-    for kept, curve in zip(table[-2:], whole.curves):
+    for kept, curve in zip(table[-4:], whole.curves):
         for pick in (np.nanmin, np.nanmax) if not np.isnan(curve.values).all() else ():
             assert pick(kept) == pick(curve.values).astype("f4")
 
@@ -151,6 +156,9 @@ INK = """[...document.querySelectorAll('.chart canvas')].map(canvas => {
   return seen; })"""
 """How many pixels of each chart have which colour."""
 
+BANDED = INK.replace("data[k + 3] > 250", "data[k + 3] > 55 && data[k + 3] < 70")
+"""How many pixels of each chart have which colour of a band."""
+
 SHOWN = "['.plot', '.charts'].map(one => [...document.querySelectorAll(one)].filter(x => x.checkVisibility()).length)"
 """How many pictures, and how many figures of charts, are to be seen."""
 
@@ -213,11 +221,16 @@ def test_a_click_moves_the_scene_and_the_scene_moves_the_cursors(tmp_path: Path)
 
 
 @needs_browser
-def test_a_curve_that_is_switched_off_is_not_drawn(address: str) -> None:
-    blue = "26,117,242"
-    seen = visit(address, wide(1280), pause(0.5), INK, switch(0, 1), pause(0.3), INK, switch(0, 1), pause(0.3), INK)
-    before, _, without, _, again = seen.values
-    assert before[0][blue] > 100 and blue not in without[0] and again == before
+def test_a_curve_that_is_switched_off_is_not_drawn_nor_its_band(address: str) -> None:
+    blues = [f"26,{green},242" for green in (116, 117, 118)]  # under its band
+    looks = (INK, BANDED)
+    seen = visit(
+        address, wide(1280), pause(0.5), *looks, switch(0, 1), pause(0.3), *looks, switch(0, 1), pause(0.3), INK
+    )
+    before, banded, _, without, bare, _, again = seen.values
+    assert sum(banded[0].values()) > 1000 and sum(bare[0].values()) < 100 and bare[1:] == banded[1:]
+    assert sum(before[0].get(blue, 0) for blue in blues) > 100 and without[0].keys().isdisjoint(blues)
+    assert again == before
     assert without[1:] == before[1:] and seen.complaints == []
 
 

@@ -739,7 +739,7 @@ def test_a_browser_shows_the_report_without_complaint_or_network(page: str, tmp_
     looks = (EMPTY, OUTSIDE, WIDER, SCENE, "document.querySelectorAll('.chart canvas').length")
     seen = visit(path.as_uri(), OPEN, wide(1380), *looks, wide(420), *looks)
     assert (seen.complaints, seen.requests) == ([], [path.as_uri()])
-    charts = 2 * 2 + 2 * 3 + 2 + 3  # torque and residual, and three of the steps, of each joint; of both logs
+    charts = 2 * (2 + 3 + 1) + 2 + 3 + 3  # torque, residual, steps and friction of each joint; both logs, all loops
     for empty, outside, wider, (drawn, clock), canvases in (seen.values[1:6], seen.values[6:]):
         assert (empty, outside, wider, drawn, canvases) == ([], [], 0, True, charts)
         assert re.fullmatch(r"\d\.\d\d / 0\.70 s", clock)

@@ -19,7 +19,7 @@ from gimbal_pin.report import plots, tables
 from gimbal_pin.report.charts import Chart, Charts, Trace
 from gimbal_pin.report.elements import Section, Table, bullets, folded, list_warnings, notice, paragraph
 from gimbal_pin.report.format import controller_name, joint_colours, list_shown_joints, listed
-from gimbal_pin.report.loop_chart import draw_loop_chart
+from gimbal_pin.report.loop_chart import LoopPicture
 from gimbal_pin.report.tables import TOGETHER
 from gimbal_pin.rig.rig import Rig
 
@@ -38,12 +38,7 @@ def show_controller(tuning: Tuning) -> Section:
     own = zip(rig.joints, tuning.drive_gains)
     fast = [joint for joint, gains in own if gains.current is not None and gains.odrive is None]
     no_cascade = "no gains of ODrive's cascade integrate so fast; ask for a smaller --integral"
-    alt = f"Bode and Nyquist diagrams and disturbance answers of {', '.join(rig.joints)}"
-    caption = (
-        f"The loops of {controller_name(wish.kind)}, sampled and delayed as they will run: the further the "
-        "Nyquist curves stay from −1, the safer."
-    )
-    drawn = partial(draw_loop_chart, tuning.loop_curves, dict(zip(rig.joints, joint_colours(rig.joints))))
+    colours = dict(zip(rig.joints, joint_colours(rig.joints)))
     parts: list[object] = [
         *list_warnings((*tuning.warnings, *tuning.doubts)),
         paragraph(f"{timing}; damping {wish.damping:g}, disk margin of at least {wish.disk:g}."),
@@ -52,7 +47,7 @@ def show_controller(tuning: Tuning) -> Section:
         folded("Why these gains", bullets(usual)),
         folded("Gains for drives", tables.drive_gains(tuning), is_detail=False),
         *([paragraph(f"{listed(fast)}: {no_cascade}", "side")] if fast else []),
-        folded("The loops", plots.Drawing(drawn, alt, caption)),
+        folded("The loops", LoopPicture(tuning.loop_curves, colours, controller_name(wish.kind))),
     ]
     lead = "How fast the loops are, and how far from instability: with the delay, at the worst pose."
     return Section("Controller", parts, lead)
@@ -141,7 +136,7 @@ def chart_steps(rig: Rig, experiments: Sequence[Experiment]) -> Charts:
         }
         for row, (label, several) in zip(rows, shown.items()):
             curves = [Trace(*one) for one in zip(names, several, shades)]
-            curves += [Trace("reference", wanted, plots.INK, is_dashed=True)] if several is angles else []
+            curves += [Trace("reference", wanted, plots.INK, dashes=(5, 4))] if several is angles else []
             row.append(Chart(joint.name, joint.colour, label, first.t, curves, {}))
     return Charts("steps", rows)
 

@@ -195,9 +195,9 @@ def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
     joints, every = list_shown_joints(found.model.rig), [term for term in found.model.terms for _ in term.values]
     first = len(found.reduction.independent)
 
-    def draw() -> plots.Figure:
-        figure, panels = plots.panels(1, len(joints), 2.6, share=(False, True), gaps=(0.35, 0.35))
-        for axes, (j, joint) in zip(panels[0], enumerate(joints)):
+    def make() -> Charts:
+        row = list[Chart]()
+        for j, joint in enumerate(joints):
             reach = 1.05 * float(np.abs(evaluated.stacked("v")[:, j]).max()) or STILL_JOINT_RATE
             v = np.concatenate([np.linspace(-reach, 0, 100), np.linspace(0, reach, 100)])
             zero, slide = np.zeros_like(v), np.repeat([-1.0, 1.0], 100)
@@ -208,16 +208,13 @@ def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
             torque, covariance = A @ found.estimate.theta[places], found.estimate.covariance[np.ix_(places, places)]
             variance = np.einsum("mk,kl,ml->m", A, covariance, A)
             half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
-            axes.fill_between(joint.scale * v, torque - half, torque + half, color=joint.colour, alpha=0.25)
-            axes.plot(joint.scale * v, torque, color=joint.colour)
-            plots.zero_line(axes)
-            axes.set_title(joint.name, color=joint.colour)
-            axes.set(xlabel=f"rate, {joint.unit}/s", ylabel=f"torque, {forces(joints)}" if j == 0 else "")
-        return figure
+            curves, over = [Trace("torque", torque, joint.colour, half=half)], f"rate, {joint.unit}/s"
+            row.append(Chart(joint.name, joint.colour, f"torque, {joint.force}", joint.scale * v, curves, {}, over))
+        return Charts("friction", [row])
 
     alt = f"Friction torque over rate of {', '.join(found.model.rig.joints)}"
-    caption = "Torque of all effects over the joint's rate, to one scale: where the 95 % band is wide, it is guessed."
-    return plots.Drawing(draw, alt, caption)
+    caption = "Torque of all effects over the joint's rate: where the 95 % band is wide, it is guessed."
+    return plots.Drawing(lambda: make().draw(), alt, caption, charts=make)
 
 
 def describe_estimate(found: Identified, every: Sequence[KnownParameter]) -> str:
