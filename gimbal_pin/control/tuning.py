@@ -28,6 +28,7 @@ from gimbal_pin.control.laws.reasons import (
     about_sampling,
     doubts,
     group_reasons,
+    warn_of_haste,
 )
 from gimbal_pin.control.laws.uncertainty import DRAWN_MODELS, Ratios, draw_inertia_ratios, widened
 from gimbal_pin.dynamics.model import Model, read_model_data
@@ -113,8 +114,8 @@ class Tuning(Record):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What of the model does not hold for data that it was not fitted to, in sentences."""
-        return tuple(map(str, self.model.doubts))
+        """What of the model does not hold for data that it was not fitted to, and a delay that is not the logs'."""
+        return (*map(str, self.model.doubts), *warn_of_haste(self.model, self.wish))
 
     def with_(self, **changes: Any) -> Tuning:
         """Tune again with some wishes changed: ``tuning.with_(bandwidth_hz=12)``."""

@@ -343,6 +343,11 @@ class Diagnosis(Record):
         return tuple(finding for finding in self.findings if finding.cause != MEASURED_CAUSE)
 
     @property
+    def finds_payload(self) -> bool:
+        """Whether a finding says what the payload has other than its URDF: then `given` would say it twice."""
+        return any(one.cause.startswith("payload-") for one in self.findings)
+
+    @property
     def is_extended(self) -> bool:
         """Whether the extended model has more than `identify`'s: findings, or a table of what nothing explains."""
         return bool(self.lacking) or any(left.curve for left in self.residual.values())

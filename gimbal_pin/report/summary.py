@@ -141,7 +141,8 @@ def summary(
     details = [name_source(rig, found, logs)]
     if payload is not None and rig.aims:
         place = () if payload.beside is None else (payload.beside.sentence,)
-        details += [to_sentence(line) for line in (*payload.lines[:1], *place)]
+        sits = payload.lines[:1] if wrong is None or not wrong.finds_payload else ()
+        details += [to_sentence(line) for line in (*sits, *place)]
     steps = to_do(wrong, tuning, payload if rig.aims else None)
     barred = tuning is not None and bool(tuning.doubts)
     drawing = RigDrawing(rig, list_questioned(wrong), payload.balance if payload and rig.aims else None, ())

@@ -423,6 +423,9 @@ def test_a_drive_is_as_late_as_the_logs_show_unless_told(thesis: Model) -> None:
     (said,) = [why.sentence for why in found.reasons if "delay of 5 ms" in why.sentence]
     assert thesis.rig.joints[1] in said and not any("delay of" in why.sentence for why in told.reasons)
     assert tune(soon, disk_margin=1.0).wish.delay == 0.002
+    (warned,) = tune(late, delay=0.002).warnings
+    assert "2 ms was stated" in warned and f"{thesis.rig.joints[1]}'s torque to act 5 ms late" in warned
+    assert told.warnings == found.warnings == ()
 
 
 def test_a_tuning_saves_itself_as_the_verb_does(tmp_path: Path) -> None:

@@ -133,6 +133,17 @@ def about_delay(model: Model, wish: Wish) -> list[GainReason]:
     return [GainReason(text, ReasonKind.ASSUMED)]
 
 
+def warn_of_haste(model: Model, wish: Wish) -> list[str]:
+    """Say that a delay was stated that is shorter, by more than half a sample, than the logs show; else nothing."""
+    known = model.estimated
+    late = max(known.lags, default=0.0) if known is not None else 0.0
+    if known is None or wish.delay + wish.dt / 2 >= late:
+        return []
+    joint, stated = model.rig.joints[known.lags.index(late)], f"a delay of {digits(1e3 * wish.delay, 2)} ms was stated"
+    shown = f"the logs show {joint}'s torque to act {digits(1e3 * late, 2)} ms late"
+    return [f"{stated}, and {shown}: the loop may have less margin than stands here; leave --delay out, or measure it"]
+
+
 def about_gains(wish: Wish) -> GainReason:
     """Say what each gain is made of."""
     if wish.integral == 0:

@@ -13,6 +13,7 @@ from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.laws.reasons import ReasonKind
 from gimbal_pin.control.tracking import Experiment, Tracking
 from gimbal_pin.control.tuning import RIVAL, Tuning
+from gimbal_pin.errors import digits
 from gimbal_pin.export import Exported
 from gimbal_pin.log.limited import describe_limits
 from gimbal_pin.report import plots, tables
@@ -30,7 +31,7 @@ RIVAL_COLOURS = (plots.PLAIN, plots.MUTED, "#8a4fd0", "#0b96a8")
 def show_controller(tuning: Tuning) -> Section:
     """Return the gains and margins of a tuning, why they are not what was asked for, and its loops."""
     wish, rig = tuning.wish, tuning.model.rig
-    timing = f"Sampled every {1e3 * wish.dt:g} ms, {1e3 * wish.delay:g} ms from measurement to torque"
+    timing = f"Sampled every {1e3 * wish.dt:g} ms, {digits(1e3 * wish.delay, 3)} ms from measurement to torque"
     usual, other = (
         [one.sentence for one in tuning.reasons if (one.kind is ReasonKind.USUAL) == is_usual]
         for is_usual in (True, False)

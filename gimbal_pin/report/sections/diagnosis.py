@@ -102,8 +102,9 @@ def show_diagnosis(found: Diagnosis) -> Section:
         parts += [
             paragraph(f"{line}.") for line in describe_worse_errors(found.baseline, found.extended, found.tracking)
         ]
-    if found.given.lines and found.after.rig.aims:
-        parts += show_payload(found.given, *qualify_payload(found))
+    if found.after.rig.aims:
+        given = replace(found.given, apart=None) if found.finds_payload else found.given
+        parts += show_payload(given, *qualify_payload(found))
     notes = [*found.notes, *tables.list_unnamed(found), *list_altered(found.altered)]
     parts += [folded("Notes", bullets(notes), is_detail=False)] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
@@ -135,13 +136,10 @@ def state_model_errors(found: Diagnosis) -> list[Element]:
 
 
 def qualify_payload(found: Diagnosis) -> list[Element]:
-    """Why the payload's figures differ from those of a finding about it, and whether they are only rough."""
-    said = []
-    if any(one.cause.startswith("payload-") for one in found.findings):
-        said.append("Here the payload's inertias are left open, which those of the findings are not.")
-    if odd := [joint for joint, left in found.residual.items() if left.state == "structured"]:
-        said.append(f"These figures are rough: something unknown is left at {listed(odd)}.")
-    return [paragraph(one, "side") for one in said]
+    """Say whether the payload's figures are only rough."""
+    odd = [joint for joint, left in found.residual.items() if left.state == "structured"]
+    said = f"These figures are rough: something unknown is left at {listed(odd)}." if odd else ""
+    return [paragraph(said, "side")] if said else []
 
 
 def show_finding(
