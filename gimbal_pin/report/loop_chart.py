@@ -86,6 +86,7 @@ class LoopPicture:
                     ", ".join(one.joints),
                     np.interp(every, x, y, np.nan, np.nan),
                     self.colours[one.joints[0]],
+                    width=2.0,
                     dashes=how,
                 )
                 for one, how, (x, y) in zip(self.curves, dashes, drawn)
@@ -107,7 +108,7 @@ class LoopPicture:
             label = f"{names}: {found.phase_margin_deg:.0f}°, disk {found.disk_margin:.2f}"
             axes.plot(real, imaginary, color=colour, dashes=dashes, label=label)
             for ratio in {*one.ratios} - {1.0}:
-                axes.plot(ratio * real, ratio * imaginary, color=colour, lw=0.6)
+                axes.plot(ratio * real, ratio * imaginary, color=colour, lw=0.6, zorder=1.5)
         least = min(one.margins.disk_margin for one in self.curves)
         axes.fill(*compute_disk(least).T, color=plots.PLAIN, alpha=0.3)
         axes.plot(-1, 0, "+", color=plots.INK)

@@ -267,7 +267,7 @@ def dots(axes: Axes, x: Array, y: Array, colour: str) -> None:
 
 def nest_dashes(count: int) -> list[tuple[float, ...]]:
     """Return dashes, length and gap, by which curves that lie on each other are all seen in turn; none of the first."""
-    return [(5.0 * (count - k), 5.0 * k) if k else () for k in range(count)]
+    return [(9.0 * (count - k), 9.0 * k) if k else () for k in range(count)]
 
 
 def zero_line(axes: Axes) -> None:
