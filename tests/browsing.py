@@ -60,6 +60,7 @@ class Visit:
             self.requests.append(wanted)
 
     async def run(self, url: str, steps: Sequence[Step]) -> None:
+        """Open an address, a file without a network, and take the steps."""
         async with browser.opened("") as tab:
             session = tab.get_session()
             for event in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
@@ -67,6 +68,9 @@ class Visit:
             session.subscribe("Network.requestWillBeSent", self.ask)
             for domain in ("Runtime", "Log", "Network", "Page"):
                 await tab.send_command(f"{domain}.enable")
+            if url.startswith("file:"):
+                cut = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+                await tab.send_command("Network.emulateNetworkConditions", cut)
             loaded = session.subscribe_once("Page.loadEventFired")
             await tab.send_command("Page.navigate", {"url": url})
             await asyncio.wait_for(loaded, 240)

@@ -22,7 +22,7 @@ from gimbal_pin.report import list_shown_joints, pages, show_diagnosis, tables, 
 from gimbal_pin.report.summary import missed, to_do
 from gimbal_pin.rig import Rig
 from tests.bench_logs import prescribed
-from tests.browsing import OPEN, WIDER, needs_browser, unpacked, visit, wide
+from tests.browsing import unpacked
 from tests.command_line import Run
 from tests.control.test_compensation import with_causes
 
@@ -151,16 +151,6 @@ def test_the_page_plays_the_log_beside_its_torque_by_both_models(rig: Rig, log: 
         assert len(measured) > 400 and np.sqrt(np.nanmean(before**2)) >= np.sqrt(np.nanmean(after**2))
         assert np.nanmax(np.abs(measured - extended)) == pytest.approx(np.nanmax(np.abs(after)) / scale, rel=1e-3)
         assert np.nanmax(np.abs(measured - model)) == pytest.approx(np.nanmax(np.abs(before)) / scale, rel=1e-3)
-
-
-@needs_browser
-def test_a_browser_shows_the_page_without_complaint_or_network(found: Diagnosis, tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    path.write_text(pages.describe_diagnosis(found).to_html(), encoding="utf-8")
-    canvases = "document.querySelectorAll('.chart canvas').length"
-    seen = visit(path.as_uri(), OPEN, wide(390), canvases, WIDER)
-    assert (seen.complaints, seen.requests) == ([], [path.as_uri()])
-    assert seen.values[1:] == [2 * 2 * 2 + 2, 0]  # of each joint what is left and torques, two charts each; the log's
 
 
 def test_rivals_are_the_nearest_of_each_other_name_in_order(found: Diagnosis) -> None:

@@ -127,7 +127,7 @@ def test_a_run_is_resumed_without_computing_anything(
     shown = (Path(results) / "report.html").read_text()
     broken = next(one for one in fleet.units if one.unit == "broken")
     assert len(broken.errors[0]) > 72 and escape(broken.errors[0]) in shown
-    assert "thick" in shown and "http" not in shown.replace("http://www.w3.org", "")
+    assert "thick" in shown
     table = pd.read_parquet(f"{results}/results.parquet")
     assert table["value.tilt.Fv"].notna().sum() == 14 and table["error"].notna().sum() == 1
     refused(run(*call, "--seed", 1), 2, "holds another run's results: `seed` differs")
