@@ -23,7 +23,7 @@ def compute_misfit(state: State, joint: int) -> Array:
     X, A = evidence.whiten(np.split(build_discrepancy_columns(q, v), ends), joint), fit.stack[rows]
     X /= max(float(np.sqrt(np.mean(X**2))), 1e-300)  # `fit_misfit` knows columns of about unit size, as cosines are
     one = fit_misfit(A[:, A.any(axis=0)], X, fit.target[rows], float(evidence.used[joint]) * len(X))
-    return propagate_misfit(fit.information, A, X, one)
+    return propagate_misfit(fit.information, A.T @ X, one)
 
 
 def compute_fit_covariance(state: State) -> tuple[Array, Array]:

@@ -167,18 +167,17 @@ def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
     return Misfit(size, rest, noise * means[GROUPS], rest)
 
 
-def propagate_misfit(gain: Array, A: Array, X: Array, missed: Misfit) -> Array:
+def propagate_misfit(gain: Array, through: Array, missed: Misfit) -> Array:
     """``G AᵀX √S``, (k, f): by how much the parameters of ``θ = G Aᵀb`` are off for what a model misses at one joint.
 
     Times its transpose it is what that adds to their covariance.
 
     Args:
         gain: G, (k, k).
-        A: Columns at the joint, (m, k).
-        X: δ's there, (m, f).
+        through: AᵀX, the joint's columns on δ's there, (k, f).
         missed: What the model misses there.
     """
-    return np.asarray(gain @ (A.T @ X * np.sqrt(missed.variance)))
+    return np.asarray(gain @ (through * np.sqrt(missed.variance)))
 
 
 def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) -> tuple[Estimate, tuple[Misfit, ...]]:
@@ -254,10 +253,7 @@ def _add_spread(
     `through` is ``AᵀX`` at each joint, (k, f).
     """
     gain, scale = compute_gain(blocks, estimate)
-    moved = np.zeros((len(found), len(gain), len(GROUPS)))
-    for j, one in enumerate(found):
-        if one.size > 0:
-            moved[j] = scale[j] ** 2 * gain @ (through[j] * np.sqrt(one.variance))
+    moved = np.stack([s**2 * propagate_misfit(gain, x, one) for s, x, one in zip(scale, through, found)])
     shared = moved.reshape(cameras, -1, *moved.shape[1:]).sum(axis=0)
     spreads = [np.einsum("jkf,jlf->kl", each, each) for each in ((moved, shared) if cameras > 1 else (moved,))]
     return replace(estimate, covariance=estimate.covariance + sum(spreads))

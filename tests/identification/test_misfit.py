@@ -143,7 +143,7 @@ def test_a_spring_that_passes_for_gravity_is_held_by_its_deviations() -> None:
         A, X = np.column_stack([np.sin(q), np.cos(q), np.sign(v), v]), build_discrepancy_columns(q, v)
         b = np.tanh(3 * (q - q.mean())) + 0.01 * rng.standard_normal(len(q))
         gain = np.linalg.inv(A.T @ A)
-        root = propagate_misfit(gain, A, X, fit_misfit(A, X, b, 1000.0))
+        root = propagate_misfit(gain, A.T @ X, fit_misfit(A, X, b, 1000.0))
         std = np.sqrt(np.sum(root**2, axis=1) + 0.01**2 * np.diag(gain))
         held += (np.abs(gain @ A.T @ b) < 1.96 * std)[:2].tolist()
     assert np.mean(held) > 0.85
