@@ -66,6 +66,12 @@ PLAYING = """[...document.querySelectorAll('iframe')].map(one => one.contentDocu
       && one.documentElement.scrollWidth <= one.documentElement.clientWidth)"""
 """Whether each scene draws, tells its time and keeps to its frame."""
 
+CLEAR = """[window, ...[...document.querySelectorAll('iframe')].map(one => one.contentWindow)]
+  .filter(one => one.document.getElementById('about')).map(one => one.eval(`(() => {
+    const half = 0.44 * innerWidth / recorded.aspect, middle = innerHeight / 2, box = id => at(id).getBoundingClientRect();
+    return box("about").bottom < middle - half && box("bar").top > middle + half; })()`))"""
+"""Whether words and bar of each scene lie above and below what its views hold, in a window higher than wide."""
+
 
 @needs_browser
 @pytest.mark.parametrize("name", PAGES)
@@ -74,10 +80,17 @@ def test_a_browser_shows_every_page_without_complaint_or_network(name: str, tmp_
     path.write_text(page, encoding="utf-8")
     looks = (EMPTY, OUTSIDE, WIDER, "document.querySelectorAll('.chart canvas').length", PLAYING)
     seen = visit(
-        path.as_uri(), "document.querySelector('h1').textContent.trim()", OPEN, wide(1380), *looks, wide(390), *looks
+        path.as_uri(),
+        "document.querySelector('h1').textContent.trim()",
+        OPEN,
+        wide(1380),
+        *looks,
+        wide(390),
+        *looks,
+        CLEAR,
     )
-    heading, _, *values = seen.values
-    assert (seen.complaints, seen.requests) == ([], [path.as_uri()]) and heading
+    heading, _, *values, clear = seen.values
+    assert (seen.complaints, seen.requests) == ([], [path.as_uri()]) and heading and all(clear)
     charts = sum(map(len, unpacked(page)))
     for empty, outside, wider, drawn, playing in (values[:5], values[5:]):
         assert (empty, outside, wider, drawn) == ([], [], 0, charts) and all(playing)
