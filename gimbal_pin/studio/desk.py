@@ -32,7 +32,6 @@ class Desk:
         about: What `run.json` says beside them.
         history: What was chosen.
         subjects: Payload and judged part → what was prepared for them.
-        cameras: Payloads that were mounted, the latest first.
         kept: Name → what writes each file that was saved.
     """
 
@@ -41,7 +40,6 @@ class Desk:
     about: Mapping[str, Any]
     history: History = field(default_factory=History)
     subjects: dict[tuple[str | None, tuple[float, float] | None], Subject] = field(default_factory=dict)
-    cameras: list[str] = field(default_factory=list)
     kept: dict[str, Writer] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -70,8 +68,9 @@ class Desk:
         return record(rig, log).replace("</head>", f"<style>{look}</style></head>")
 
     def list_cameras(self) -> list[str]:
-        """Return the payloads to choose from: those that were mounted, then the bundled ones."""
-        return list(dict.fromkeys([*self.cameras, *bundled_payloads()]))
+        """Return the payloads to choose from: those that were mounted, the latest first, then the bundled ones."""
+        mounted = [payload or self.source.rig.payload for payload, _ in reversed(self.subjects)]
+        return list(dict.fromkeys([*filter(None, mounted), *bundled_payloads()]))
 
     def save_file(self, name: str, writer: Writer) -> Path:
         """Write a file and all that were saved before into the folder."""

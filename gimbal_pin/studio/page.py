@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -11,9 +11,10 @@ from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 from markupsafe import Markup
-from nicegui import run, ui
+from nicegui import background_tasks, run, ui
 
 from gimbal_pin.control.laws.design import Wish
+from gimbal_pin.control.laws.reasons import ReasonKind
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.effects.rig_effect import get_payload
 from gimbal_pin.errors import GimbalPinError, UsageError
@@ -55,11 +56,17 @@ def build_handles(subject: Subject) -> dict[str, Handle]:
     return {**loops, **dict.fromkeys("xyz", Handle(-50, 50, 0.5)), "mass": heavy}
 
 
+async def open_window(desk: Desk, seconds: float = 1.0) -> None:
+    """Build a window, and draw it before it is served; figures that take more than some seconds come later."""
+    drawing = background_tasks.create(Window(desk).redraw())
+    await asyncio.wait([drawing], timeout=seconds)
+
+
 class Window:
     """One window: what it shows, and what happens when something in it is moved."""
 
     def __init__(self, desk: Desk) -> None:
-        """Build the elements; figures follow at once."""
+        """Build the elements, without values."""
         self.desk, self.wanted = desk, desk.history.present
         self.subject = desk.find_subject(StudioState())
         self.tuning: Tuning | None = None
@@ -71,6 +78,7 @@ class Window:
         self.sliders: dict[str, Any] = {}
         self.numbers: dict[str, Any] = {}
         self.labels: dict[str, Any] = {}
+        self.notes: dict[str, Any] = {}
         self.charts: dict[str, Any] = {}
         ui.add_css(files("gimbal_pin.studio").joinpath("page.css").read_text(encoding="utf-8"))
         ui.add_head_html('<meta name="referrer" content="no-referrer">')
@@ -81,7 +89,6 @@ class Window:
             with ui.element("div").classes("panels"):
                 self.build_panels()
         ui.keyboard(self.press_key)
-        ui.timer(0.01, self.redraw, once=True)
 
     # -- elements ------------------------------------------------------------------------------------------------------
 
@@ -90,8 +97,8 @@ class Window:
         with ui.element("header"):
             self.title = ui.html("", tag="h1", sanitize=False)
             self.build_cameras()
-            self.back = self.build_button("Undo", partial(self.change, History.undone))
-            self.forth = self.build_button("Redo", partial(self.change, History.redone))
+            self.back = self.build_button("Undo", self.undo)
+            self.forth = self.build_button("Redo", self.redo)
             controller, report = list_studio_files()
             self.build_button("Save controller", partial(self.save, controller, keep_controller))
             self.build_button("Save report", partial(self.save, report, lambda tuning, folder: keep_report(tuning)))
@@ -134,16 +141,17 @@ class Window:
         handle, choice = self.handles[name], self.choices[name]
         with ui.element("div").classes("choice"):
             self.labels[name] = ui.label(", ".join(filter(None, (choice.label, choice.unit))))
-            number = ui.number(value=handle.low, format="%.4g")
+            number = ui.number(format="%.4g")
             number.props(f'dense borderless aria-label="{choice.label}" data-number="{name}"')
             ui.button(icon="restart_alt", on_click=partial(self.move, name, None)).props(
                 f'flat dense round size=sm aria-label="{choice.label}: as proposed" title="as proposed"'
             )
-            slider = ui.slider(min=handle.low, max=handle.high, step=handle.step, value=handle.low)
+            slider = ui.slider(min=handle.low, max=handle.high, step=handle.step)
             slider.props(f'dense aria-label="{choice.label}" data-slider="{name}"')
+            self.notes[name] = ui.label("").classes("note").props(f'role="alert" data-note="{name}"')
         self.sliders[name], self.numbers[name] = slider, number
         slider.on_value_change(lambda event: self.slide(name, event.value))
-        slider.on("change", lambda: self.move(name, round(slider.value, 6) / choice.factor))
+        slider.on("change", lambda event: self.move(name, round(event.args, 6) / choice.factor))
         for event in ("blur", "keydown.enter"):
             number.on(event, lambda: self.enter_number(name))
 
@@ -158,7 +166,7 @@ class Window:
             self.jitter = ui.html("", sanitize=False)
             self.reasons = ui.html("", sanitize=False).classes("side")
         if logs:
-            with self.build_card("Log: drag to mark what judges"):
+            with self.build_card("Log: drag to mark what judges") as self.log_card:
                 self.charts["log"] = ui.echart({}).classes("chart")
                 self.charts["log"].on("chart:brushEnd", self.brush, ["areas"])
                 with ui.element("div").classes("judged"):
@@ -192,22 +200,37 @@ class Window:
         if not self.is_setting:
             shown = round(position, 6)
             self.set_value(self.numbers[name], shown)
-            await self.show(lambda: self.desk.history.present.moved(name, shown / self.choices[name].factor))
+            await self.show(self.desk.history.present.moved(name, shown / self.choices[name].factor))
 
     async def enter_number(self, name: str) -> None:
-        """Choose the number that was typed."""
+        """Choose the number that was typed; without one the field says again what is chosen."""
         value = self.numbers[name].value
-        if value is not None and not self.is_setting and value != self.read_shown(name):
+        if value is None:
+            self.set_values()
+        elif not self.is_setting and value != self.read_shown(name):
             await self.move(name, value / self.choices[name].factor)
 
     async def move(self, name: str, value: Any) -> None:
-        """Choose a value."""
-        await self.change(lambda history: history.moved(name, value))
+        """Choose a value, or say beside its field why it cannot be."""
+        try:
+            history = self.desk.history.moved(name, value)
+        except GimbalPinError as error:
+            self.set_values({name: str(error)})
+            return
+        await self.change(history)
+
+    async def undo(self) -> None:
+        """Go back to what was chosen before."""
+        await self.change(self.desk.history.undone())
+
+    async def redo(self) -> None:
+        """Choose again what was undone."""
+        await self.change(self.desk.history.redone())
 
     async def press_key(self, event: Any) -> None:
         """Undo with Ctrl-Z, redo with Ctrl-Y."""
         if event.action.keydown and event.modifiers.ctrl and event.key in ("z", "y"):
-            await self.change(History.undone if event.key == "z" else History.redone)
+            await (self.undo() if event.key == "z" else self.redo())
 
     async def brush(self, event: Any) -> None:
         """Let the marked part of the log judge, and the rest train."""
@@ -231,8 +254,6 @@ class Window:
         if payload is not None:
             is_own = payload == self.desk.source.rig.payload
             await self.move("payload", None if is_own else payload)
-            if self.tuning is not None:
-                self.desk.cameras = [payload, *(one for one in self.desk.cameras if one != payload)]
 
     async def save(self, name: str, keep: Callable[[Tuning, Path], Writer]) -> None:
         """Write a file of what is chosen, once that is tuned, and say where it lies."""
@@ -249,61 +270,71 @@ class Window:
         except GimbalPinError as error:
             self.say(str(error), is_bad=True)
 
-    async def change(self, act: Callable[[History], History]) -> None:
-        """Change what is chosen, and show it."""
-        try:
-            self.desk.history = act(self.desk.history)
-        except GimbalPinError as error:
-            self.say(str(error), is_bad=True)
-            self.set_values()
-            return
+    async def change(self, history: History) -> None:
+        """Take other choices, and show them."""
+        self.desk.history = history
         self.set_buttons()
-        await self.show(lambda: self.desk.history.present)
+        await self.show(history.present)
 
-    async def show(self, find: Callable[[], StudioState]) -> None:
+    async def show(self, state: StudioState) -> None:
         """Show a state as soon as the one before is drawn; of several that wait the last."""
-        try:
-            self.wanted = find()
-        except GimbalPinError as error:
-            self.say(str(error), is_bad=True)
-            return
+        self.wanted = state
         await self.redraw()
 
     async def redraw(self) -> None:
-        """Draw the wanted state: first the loops, then what a simulation of the held camera gives."""
+        """Draw the wanted state; one that cannot be leaves the history, and the one before it is chosen again."""
         if self.is_drawing:
             return
-        self.is_drawing = True
+        self.is_drawing, refused = True, {}
         try:
             while self.drawn != self.wanted:
                 state = self.wanted
-                await self.draw(state)
-                self.drawn = state
+                try:
+                    await self.draw(state)
+                except GimbalPinError as error:
+                    refused = self.refuse(state, str(error))
+                    if self.wanted == state:
+                        break
+            self.set_values(refused)
         finally:
             self.is_drawing = False
 
+    def refuse(self, state: StudioState, why: str) -> dict[str, str]:
+        """Go back from a state that cannot be; return why beside each number that it asked for, or say it."""
+        self.desk.history = self.desk.history.refused(state)
+        if self.wanted == state:
+            self.wanted = self.desk.history.present
+        asked = [name for name in self.numbers if getattr(state, name) != getattr(self.wanted, name)]
+        self.say("" if asked else why, is_bad=True)
+        self.list_boxes(self.wanted)
+        return dict.fromkeys(asked, why)
+
     async def draw(self, state: StudioState) -> None:
-        """Draw one state; what is wrong with it is said, and its figures are not saved."""
-        self.tuning = None
+        """Draw one state: first the loops, then what a simulation of the held camera gives.
+
+        Raises:
+            GimbalPinError: It cannot be; what was shown before still is.
+        """
+        if (state.payload, state.judged) not in self.desk.subjects:
+            self.say("preparing …")
+        found = await run.io_bound(self.desk.tune_loops, state)
+        self.drawn = state
+        if found is None:  # the server ends
+            return
+        self.subject, self.tuning, residual = found
+        self.draw_loops(state, self.tuning, residual)
+        if self.wanted != state:  # the slider has gone on: the loops follow it, the camera waits
+            self.drawn = None
+            return
         try:
-            if (state.payload, state.judged) not in self.desk.subjects:
-                self.say("preparing …")
-            found = await run.io_bound(self.desk.tune_loops, state)
-            if found is None:  # the server ends
-                return
-            self.subject, tuning, residual = found
-            self.tuning = tuning
-            self.draw_loops(state, tuning, residual)
-            if self.wanted != state:  # the slider has gone on: the loops follow it, the camera waits
-                return
-            pointing = await run.io_bound(simulate_pointing, self.subject, state, tuning)
-            if pointing is not None:
-                self.put("pointing", options.build_pointing_options(pointing))
-                said = Markup('<p>jitter <b data-figure="jitter">{}</b></p>')
-                self.jitter.set_content(said.format(options.describe_jitter(pointing)))
-            self.say("")
+            pointing = await run.io_bound(simulate_pointing, self.subject, state, self.tuning)
+            shown = {} if pointing is None else options.build_pointing_options(pointing)
+            said = "" if pointing is None else options.describe_jitter(pointing)
         except GimbalPinError as error:
-            self.say(str(error), is_bad=True)
+            shown, said = {}, str(error)
+        self.put("pointing", shown)
+        self.jitter.set_content(Markup('<p>jitter <b data-figure="jitter">{}</b></p>').format(said) if said else "")
+        self.say("")
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
@@ -322,14 +353,17 @@ class Window:
             if is_new:
                 pen = {"type": "takeGlobalCursor", "key": "brush"}
                 pen["brushOption"] = {"brushType": "lineX", "brushMode": "single"}  # type: ignore[assignment]
-                ui.timer(0.3, lambda: self.charts["log"].run_chart_method("dispatchAction", pen), once=True)
+                with self.log_card:
+                    ui.timer(0.3, lambda: self.charts["log"].run_chart_method("dispatchAction", pen), once=True)
             self.judged.set_text(options.describe_judged(source, state))
         self.table.set_content(options.build_table(tuning, residual).__html__())
-        said = [*tuning.warnings, *tuning.doubts, *map(str, tuning.reasons)]
+        reasons = [one for one in tuning.reasons if one.kind is not ReasonKind.LOWERED]  # those stand beside the field
+        said = [*tuning.warnings, *tuning.doubts, *map(str, reasons)]
         self.reasons.set_content(Markup("").join(Markup("<p>{}</p>").format(one) for one in said[:4]))
         self.scene.props(f'src="scene?{urlencode({"payload": state.payload} if state.payload else {})}"')
-        self.list_boxes(state)
-        self.set_values()
+        if self.wanted == state:
+            self.list_boxes(state)
+            self.set_values()
 
     def put(self, name: str, shown: options.Options) -> None:
         """Show a chart's figures."""
@@ -359,25 +393,30 @@ class Window:
         if not self.is_setting:
             await self.move("off", tuple(name for name, box in self.boxes.items() if not box.value))
 
-    def read_shown(self, name: str) -> float:
-        """Return what a number says of the wanted state: its choice, or what stands for it."""
-        chosen = getattr(self.wanted, name)
-        if chosen is None and name == "mass":
-            chosen = weigh_payload(self.subject)
-        if chosen is None and self.tuning is not None:
+    def read_shown(self, name: str) -> float | None:
+        """Return the value that holds, which may be less than was chosen; None: nothing is drawn yet."""
+        value = getattr(self.wanted, name)
+        if self.tuning is not None and name not in ("x", "y", "z", "mass"):
             wish, hertz = self.tuning.wish, max(self.tuning.bandwidth_hz)
-            chosen = {"bandwidth_hz": hertz, "disk_margin": wish.disk, "delay": wish.delay}[name]
-        return float(f"{self.choices[name].factor * (chosen or 0.0):.4g}")
+            value = {"bandwidth_hz": hertz, "disk_margin": wish.disk, "delay": wish.delay}[name]
+        elif name == "mass" and value is None:
+            value = weigh_payload(self.subject)
+        return None if value is None else float(f"{self.choices[name].factor * value:.4g}")
 
-    def set_values(self) -> None:
-        """Let sliders and numbers say what is chosen."""
+    def set_values(self, refused: Mapping[str, str] | None = None) -> None:
+        """Let sliders and numbers say what holds, and beside a number why it was refused, or is less than chosen."""
         for name, handle in self.handles.items():
             shown = self.read_shown(name)
             self.set_value(self.numbers[name], shown)
-            self.set_value(self.sliders[name], min(max(shown, handle.low), handle.high))
+            self.set_value(self.sliders[name], None if shown is None else min(max(shown, handle.low), handle.high))
+        notes = dict(refused or {})
         if self.tuning is not None:
-            late = self.read_shown("delay") / (1e3 * self.tuning.wish.dt)
+            late = self.tuning.wish.delay / self.tuning.wish.dt
             self.labels["delay"].set_text(f"delay, ms ({late:.3g} sample{'s' * (late != 1)})")
+            lowered = [str(one) for one in self.tuning.reasons if one.kind is ReasonKind.LOWERED]
+            notes.setdefault("bandwidth_hz", "; ".join(lowered))
+        for name, note in self.notes.items():
+            note.set_text(notes.get(name, ""))
         self.set_buttons()
 
     def set_buttons(self) -> None:

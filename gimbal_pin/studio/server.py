@@ -70,13 +70,13 @@ def serve_desk(desk: Desk, announce: Callable[[str], object]) -> None:
     from fastapi.responses import HTMLResponse
     from nicegui import ui
 
-    from gimbal_pin.studio.page import Window
+    from gimbal_pin.studio.page import open_window
 
     token, app = secrets.token_urlsafe(), FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     app.get(f"/{token}/scene", response_class=HTMLResponse)(desk.draw_scene)
     ui.run_with(
         app,
-        root=lambda: Window(desk),
+        root=lambda: open_window(desk),
         title=f"{desk.source.rig.name} – gimbal-pin studio",
         mount_path=f"/{token}",
         language="en-US",

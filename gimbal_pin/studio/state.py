@@ -124,3 +124,12 @@ class History:
     def redone(self) -> History:
         """Return it one change later; at the last state the same."""
         return History(self.future[0], (*self.past, self.present), self.future[1:]) if self.future else self
+
+    def refused(self, state: StudioState) -> History:
+        """Return it without a state that cannot be: shown is then the one before it, or the one after; if any is."""
+        past, future = (tuple(one for one in side if one != state) for side in (self.past, self.future))
+        if self.present != state:
+            return History(self.present, past, future)
+        if past:
+            return History(past[-1], past[:-1], future)
+        return History(future[0], (), future[1:]) if future else self

@@ -121,6 +121,9 @@ SETTLED = f"{JITTER} && {SAID} === ''"
 CLOCK = "document.querySelector('iframe')?.contentDocument?.getElementById('clock')?.value"
 """What the scene's clock shows: before, its frame is another page."""
 JUDGED = "document.querySelector('.judged .side').textContent"
+NOTE = "document.querySelector('[data-note=bandwidth_hz]').textContent"
+NUMBERS = "[...document.querySelectorAll('[data-number]')].map(one => one.value)"
+POSITIONS = "[...document.querySelectorAll('[data-slider]')].map(one => one.ariaValueNow)"
 
 
 FITS = "document.documentElement.scrollWidth <= innerWidth"
@@ -180,6 +183,55 @@ def test_a_rig_without_a_payload_has_no_sliders_for_one(folder: Path) -> None:
     assert seen.values == [True, "8.00 Hz", True] and seen.complaints == []
 
 
+def load_without_connection() -> Step:
+    """Load the page again, and let it never hear of its server."""
+
+    async def loaded(tab: Any) -> None:
+        source = {"source": "window.WebSocket = function () {};"}
+        await tab.send_command("Page.addScriptToEvaluateOnNewDocument", source)
+        loaded = tab.get_session().subscribe_once("Page.loadEventFired")
+        await tab.send_command("Page.reload")
+        await asyncio.wait_for(loaded, 60)
+
+    return loaded
+
+
+@needs_browser
+def test_the_page_is_served_with_the_values_that_hold(folder: Path) -> None:
+    number, mass = (f"document.querySelector('[data-number={name}]')" for name in ("bandwidth_hz", "mass"))
+    with served("turret", "log.csv", folder=folder) as (_, url):
+        seen = visit(
+            url, wide(1280), until(SETTLED), enter(number, "6.5"), until(f"{BANDWIDTH} === '6.50 Hz' && {SETTLED}"),
+            NUMBERS, POSITIONS, load_without_connection(), until(f"{mass}?.value"), NUMBERS, POSITIONS, BANDWIDTH,
+        )  # fmt: skip
+    numbers, positions, first_numbers, first_positions, bandwidth = seen.values
+    assert numbers[0] == "6.5" and bandwidth == "6.50 Hz" and seen.complaints == []
+    assert (first_numbers, first_positions) == (numbers, positions)
+
+
+@needs_browser
+def test_a_wish_that_cannot_be_is_put_back_and_the_reason_stands_beside_it(folder: Path) -> None:
+    """One that is refused leaves no trace; of one that is lowered the field says what was granted."""
+    hertz, disk = (f"document.querySelector('[data-number={name}]')" for name in ("bandwidth_hz", "disk_margin"))
+    said = "document.querySelector('[data-note=disk_margin]').textContent"
+    slider = "document.querySelector('[data-slider=bandwidth_hz]').ariaValueNow"
+    with served("turret", folder=folder) as (_, url):
+        seen = visit(
+            url, wide(1280), until(SETTLED), enter(disk, "1.9"), until(f"{said} && {SETTLED}"), said, NUMBERS, BANDWIDTH,
+            "document.querySelector('[data-act=undo]').disabled",
+            enter(hertz, ""), until(f"{hertz}.value === '8'"),
+            enter(hertz, "90"), until(f"{NOTE} && {SETTLED}"), NOTE, f"{hertz}.value", slider, BANDWIDTH, said,
+            enter(hertz, "90"), until(f"{hertz}.value !== '90'"), f"{hertz}.value",
+            enter(hertz, "5"), until(f"{BANDWIDTH} === '5.00 Hz'"), NOTE,
+        )  # fmt: skip
+    why, numbers, kept, is_first, lowered, shown, position, granted, gone, again, quiet = seen.values
+    assert why.startswith("disk_margin: is 1.9, and the most that any bandwidth keeps")
+    assert numbers[:2] == ["8", "0.5"] and kept == "8.00 Hz" and is_first and seen.complaints == []
+    assert lowered.startswith(f"pan, tilt: bandwidth lowered to {granted.removesuffix(' Hz')} Hz, as 90 Hz would leave")
+    assert float(shown) == pytest.approx(float(granted.split()[0]), rel=0.01) and float(position) == float(shown) < 40
+    assert again == shown and gone == quiet == ""
+
+
 @needs_browser
 def test_the_page_is_accessible(folder: Path) -> None:
     """By axe-core, light and dark, on a phone, too, with a line that refuses a number, and with the list of cameras."""
@@ -192,7 +244,7 @@ def test_the_page_is_accessible(folder: Path) -> None:
         light, dark = ([media("screen", scheme), audit(found)] for scheme in ("light", "dark"))
         seen = visit(
             url, wide(1280), until(SETTLED), until(CLOCK), *light, *dark, wide(390), *light, enter(number, "500"),
-            until(f"{SAID}.startsWith('bandwidth: is 500; give 0.1 to 100 Hz')"), f"{number}.value", *dark, *light,
+            until(f"{NOTE} === 'bandwidth: is 500; give 0.1 to 100 Hz'"), f"{number}.value", *dark, *light,
             act("swap-camera"), until(f"{dialog} && {dialog}.getBoundingClientRect().width > 50"), pause(0.5),
             *light, *dark,
         )  # fmt: skip

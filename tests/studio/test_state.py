@@ -88,6 +88,15 @@ def test_what_was_moved_and_undone_is_as_it_was(moves: list[tuple[str, Any]]) ->
     assert back == history[-1]
 
 
+def test_what_cannot_be_is_nowhere_in_the_history() -> None:
+    """The choice before it is shown, by whichever way it was come to; a first one that cannot be stays."""
+    good, bad, later = (StudioState(bandwidth_hz=hz) for hz in (1.0, 2.0, 3.0))
+    assert History(bad, (good, bad), (later,)).refused(bad) == History(good, (), (later,))
+    assert History(bad, (), (bad, later)).refused(bad) == History(later)
+    assert History(later, (good, bad)).refused(bad) == History(later, (good,))
+    assert History(bad).refused(bad) == History(bad)
+
+
 @pytest.mark.parametrize("name", list_sliders())
 def test_a_value_out_of_bounds_is_refused_with_the_bounds(name: str) -> None:
     slider = list_sliders()[name]
