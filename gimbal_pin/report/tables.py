@@ -207,7 +207,8 @@ def residual(found: Diagnosis) -> Table:
 
 def share_off(errors: Mapping[str, Mapping[str, float]], joint: str) -> str:
     """By what share of the torque's deviation from its mean a model is off at a joint."""
-    return f"{figures(100 - errors['fit_percent'][joint], 2)} %"
+    share = 100 - errors["fit_percent"][joint]
+    return f"{figures(share, 2)} %" if share < 1000 else "> 999 %"  # of a torque that hardly changes
 
 
 def gain(found: Diagnosis, joints: Sequence[ShownJoint]) -> Table:

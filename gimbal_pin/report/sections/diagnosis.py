@@ -14,6 +14,7 @@ from markupsafe import Markup
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
 from gimbal_pin.diagnosis.counterfactual import COMPENSATION
+from gimbal_pin.diagnosis.diagnose import LIVELY
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.gain import (
     TorqueTrace,
@@ -126,10 +127,15 @@ def state_verdict(found: Diagnosis) -> str:
 
 
 def state_model_errors(found: Diagnosis) -> list[Element]:
-    """Say by how much of its torque each model is off at the joint where the URDF is worst; of spoilt logs nothing."""
-    if found.held is None or found.spoiling:
+    """Say by how much of its torque each model is off at the joint where the URDF is worst, of those that moved.
+
+    Of spoilt logs nothing.
+    """
+    judged = [] if found.held is None or found.spoiling else zip(found.residual, found.held.used.tolist())
+    moved = [joint for joint, used in judged if used > LIVELY]
+    if not moved:
         return []
-    joint = min(found.residual, key=lambda name: found.stated["fit_percent"][name])
+    joint = min(moved, key=lambda name: found.stated["fit_percent"][name])
     models = zip(tables.STAGES, (found.stated, found.baseline, found.extended))
     each = (f"{name} {tables.share_off(figures_of, joint)}" for name, figures_of in models)
     return [paragraph(f"Torque error at {joint}, where the URDF is worst, held out: {', '.join(each)}.")]
