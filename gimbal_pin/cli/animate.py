@@ -65,7 +65,7 @@ def animate(
         ghost: show the reference as a ghost
         at: time of a picture, by the log (default: where the reference is farthest)
         residual: turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on
-        beside: a second log, played to the right of the first; the ghosts of both show their errors magnified
+        beside: a second log, played beside the first or below it; the ghosts of both show their errors magnified
         camera: where it is looked at from
         preset: size and frame rate for a post, a paper or an overview
     """

@@ -68,7 +68,8 @@ PLAYING = """[...document.querySelectorAll('iframe')].map(one => one.contentDocu
 
 CLEAR = """[window, ...[...document.querySelectorAll('iframe')].map(one => one.contentWindow)]
   .filter(one => one.document.getElementById('about')).map(one => one.eval(`(() => {
-    const half = 0.44 * innerWidth / recorded.aspect, middle = innerHeight / 2, box = id => at(id).getBoundingClientRect();
+    const box = id => at(id).getBoundingClientRect(), middle = innerHeight / 2;
+    const half = 0.44 * innerWidth / recorded.aspect;
     return box("about").bottom < middle - half && box("bar").top > middle + half; })()`))"""
 """Whether words and bar of each scene lie above and below what its views hold, in a window higher than wide."""
 

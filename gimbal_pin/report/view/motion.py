@@ -98,7 +98,7 @@ def magnify(rig: Rig, left: Frames, right: Frames) -> tuple[Frames, Frames]:
     """Return two runs whose ghosts are k times as far from the rig as their references are, k the same for both.
 
     k is the largest of 1, 2, 5, …, 1000 at which no ghost's joint is over 0.25 rad away. Where a run has no reference
-    the left run is the ghost of the right one.
+    the first run is the ghost of the second one.
     """
     runs = (left, right)
     both = left.q_ref is not None and right.q_ref is not None
@@ -107,7 +107,7 @@ def magnify(rig: Rig, left: Frames, right: Frames) -> tuple[Frames, Frames]:
     turning = [not slides for slides in rig.slides]
     most = max(float(np.abs(one[:, turning]).max(initial=0.0)) for one in away if one is not None)
     factor = max(k for k in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if k == 1 or k * most <= 0.25)
-    name = f"{'reference, error' if both else 'left run, difference'} × {factor}"
+    name = f"{'reference, error' if both else 'first run, difference'} × {factor}"
     first, second = (
         replace(run, q_ref=None if one is None else run.q + factor * one, ghost_name=name)
         for run, one in zip(runs, away, strict=True)

@@ -97,8 +97,8 @@ def animate(
         at: Time of a picture, s of the log; None: where the rig is farthest from its reference, or from its mean pose.
         camera: Where it is looked at from, a name of `view.stage.VIEWS`; None: three-quarter.
         written: Whether title, time, legend and joint angles stand in pictures and films, and below films a plot.
-        beside: A second log of the rig, played to the right of the first for as long as both last; the ghosts of both
-            show their errors magnified.
+        beside: A second log of the rig, played beside or below the first, whichever shows both larger, for as long as
+            both last; the ghosts of both show their errors magnified.
         scale: What the colours mean, for the legend.
 
     Raises:

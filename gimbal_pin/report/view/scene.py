@@ -47,6 +47,7 @@ class Scene:
         views: Name → the commands that place the camera there; first what is shown.
         aspect: The width over the height of the picture that the views fill.
         tops: Where the name of each run stands, above its rig, m, (3,).
+        corner: Where words stand: the corner of the picture with the least behind them.
     """
 
     commands: tuple[three.Json, ...]
@@ -54,6 +55,7 @@ class Scene:
     views: Mapping[str, Sequence[three.Json]]
     aspect: float
     tops: tuple[Array, ...]
+    corner: str
 
 
 def scene(
@@ -71,7 +73,7 @@ def scene(
         motion: How it moves.
         room: How many times as far away.
         camera: One of `VIEWS`; None: the usual one, with a target over the camera's shoulder.
-        beside: How it moves in a second run, which is shown to the right of the first; None: there is none.
+        beside: How it moves in a second run, shown to the right of the first, or below where both are larger so.
         aspect: The picture's width over its height.
     """
     solids, events, missing = visuals(rig)
@@ -93,8 +95,9 @@ def scene(
         marks, around = stage.marks(rig, solids, moved[0], motion.wanted, size)
     seen, heading = np.vstack([points, tips, around]), figure.compute_heading(rig, moved[0])
     camera = camera or (stage.USUAL if motion.wanted is None else stage.AIMING)
-    shift = stage.to_the_right(seen, heading, camera) if len(runs) > 1 else np.zeros(3)
     top = np.append(np.mean([points.min(axis=0), points.max(axis=0)], axis=0)[:2], points[:, 2].max() + 0.1 * size)
+    named = np.vstack([seen, top])
+    shift = stage.place_second(named, heading, camera, aspect) if len(runs) > 1 else np.zeros(3)
     tops = tuple(top + k * shift for k in range(len(runs)))
     seen, points = (np.vstack([p + k * shift for k in range(len(runs))]) for p in (seen, points))
     seen = np.vstack([seen, tops]) if len(runs) > 1 else seen
@@ -108,7 +111,8 @@ def scene(
     if len(motion.t) > 1:
         commands.append(three.play_tracks(clips, MOTION_PATH))
     placed = {name: stage.look(views[name]) for name in (camera, *views)}
-    return Scene(tuple(commands), events, placed, aspect, tops)
+    corner = views[camera].find_free_corner(seen, aspect) if motion.wanted is None else "upper left"
+    return Scene(tuple(commands), events, placed, aspect, tops, corner)
 
 
 def one_run(
@@ -223,6 +227,7 @@ def render_scene(
         "joints": readings(rig, runs),
         "names": [{"name": name, "at": top.tolist()} for name, top in zip(names, drawn.tops)],
         "written": written,
+        "corner": drawn.corner,
         "strip": strip,
     }
     return template(
@@ -269,7 +274,7 @@ def plot_strip(rig: Rig, runs: Sequence[Frames]) -> three.Json:
     shown = [scales * (run.q if run.q_ref is None or not tracked else run.q_ref - run.q) for run in runs]
     low, high = float(np.min(shown)), float(np.max(shown))
     units = ", ".join(dict.fromkeys(joint.unit for joint in joints))
-    dashes = "" if len(runs) == 1 else "; dashed: right"
+    dashes = "" if len(runs) == 1 else "; dashed: second"
     return {
         "title": f"{'tracking error' if tracked else 'position'}, {units}{dashes}",
         "names": [joint.name for joint in joints],

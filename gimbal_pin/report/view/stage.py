@@ -55,6 +55,19 @@ class Camera:
         x, y = self.offset[:2] / np.linalg.norm(self.offset[:2])
         return np.array([[x, y, 0.0], [y, -x, 0.0]])
 
+    def find_free_corner(self, points: Array, aspect: float) -> str:
+        """Return the first corner of a picture in which the fewest of the points, m, (K, 3), are seen."""
+        back, away = self.offset / np.linalg.norm(self.offset), points - self.target
+        right = np.array([-back[1], back[0], 0.0]) / np.hypot(back[0], back[1])
+        reach = (np.linalg.norm(self.offset) - away @ back) * np.tan(np.deg2rad(FOV) / 2)
+        across, up = away @ right / reach / aspect, away @ np.cross(back, right) / reach
+        sides = [
+            (f"{high} {wide}", y, x)
+            for high, y in (("upper", 1), ("lower", -1))
+            for wide, x in (("left", -1), ("right", 1))
+        ]
+        return min(sides, key=lambda side: np.sum((side[1] * up > 0.55) & (side[2] * across > 0.5)))[0]
+
     @property
     def key_light(self) -> Array:
         """Where the light that casts the shadows comes from, (3,)."""
@@ -72,12 +85,7 @@ def camera(
     `heading`: where the line of sight points, rad; `aspect`: the picture's width over its height; `aside`: whether some
     views leave room for pictures at the right.
     """
-    around, elevation, free = VIEWS[view]
-    azimuth = heading + np.deg2rad(around)
-    level, high = np.cos(np.deg2rad(elevation)), np.sin(np.deg2rad(elevation))
-    back = np.array([level * np.cos(azimuth), level * np.sin(azimuth), high])
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    axes = np.array([right, np.cross(back, right), back])
+    axes, free = find_axes(heading, view), VIEWS[view][2]
     across, depth = np.split(points @ axes.T, [2], axis=1)
     half = np.tan(np.deg2rad(FOV) / 2) * np.array([aspect, 1.0])
     left = free * aside
@@ -86,14 +94,27 @@ def camera(
     distance = float(np.max((least - most) / (2 * reach)))
     centre = float(np.mean([depth.min(), depth.max()]))
     target = np.append((least + most) / 2 - middle * distance, centre)
-    return Camera(target=target @ axes, offset=room * (distance - centre) * back)
+    return Camera(target=target @ axes, offset=room * (distance - centre) * axes[2])
 
 
-def to_the_right(points: Array, heading: float, view: str) -> Array:
-    """Return the shift, m, (3,), that puts the same points to the viewer's right of themselves, with a gap."""
-    azimuth = heading + np.deg2rad(VIEWS[view][0])
+def find_axes(heading: float, view: str) -> Array:
+    """Return the directions to the viewer's right, up in the picture, and toward the viewer, (3, 3)."""
+    azimuth, elevation = heading + np.deg2rad(VIEWS[view][0]), np.deg2rad(VIEWS[view][1])
+    level, high = np.cos(elevation), np.sin(elevation)
+    back = np.array([level * np.cos(azimuth), level * np.sin(azimuth), high])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    return np.asarray(1.1 * float(np.ptp(points @ right)) * right)
+    return np.array([right, np.cross(back, right), back])
+
+
+def place_second(points: Array, heading: float, view: str, aspect: float) -> Array:
+    """Return the shift, m, (3,), that puts the same points to the right of themselves or below, with a gap.
+
+    What is w wide and h high is seen the smaller, the larger ``max(2 w / aspect, h)`` is side by side, and
+    ``max(w / aspect, 2 h)`` one above the other: so below where ``w > aspect h``.
+    """
+    right, up, _ = find_axes(heading, view)
+    wide, high = float(np.ptp(points @ right)), float(np.ptp(points @ up))
+    return 1.1 * wide * right if wide <= aspect * high else -1.1 * high * up
 
 
 def commands(view: Camera, views: Iterable[Camera], points: Array, size: float) -> list[three.Json]:
