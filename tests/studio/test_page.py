@@ -217,7 +217,8 @@ def test_a_wish_that_cannot_be_is_put_back_and_the_reason_stands_beside_it(folde
     slider = "document.querySelector('[data-slider=bandwidth_hz]').ariaValueNow"
     with served("turret", folder=folder) as (_, url):
         seen = visit(
-            url, wide(1280), until(SETTLED), enter(disk, "1.9"), until(f"{said} && {SETTLED}"), said, NUMBERS, BANDWIDTH,
+            url, wide(1280), until(SETTLED),
+            enter(disk, "1.9"), until(f"{said} && {SETTLED}"), said, NUMBERS, BANDWIDTH,
             "document.querySelector('[data-act=undo]').disabled",
             enter(hertz, ""), until(f"{hertz}.value === '8'"),
             enter(hertz, "90"), until(f"{NOTE} && {SETTLED}"), NOTE, f"{hertz}.value", slider, BANDWIDTH, said,
