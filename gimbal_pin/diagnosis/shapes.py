@@ -14,8 +14,6 @@ REFINING_ROUNDS = 8
 """Rounds of refinement of the shape parameters, each with half the step."""
 COARSE_FACTOR = 2.0
 """Factor by which a shape parameter is moved first."""
-FINE_FACTOR = 2.0 ** (1 / 64)
-"""The same where a parameter is to be told as closely as the log shows it: ends at 6e-5."""
 NEAR_FACTOR = 2.0 ** (1 / 32)
 """The same where the best of many that stand close is moved on."""
 

@@ -18,8 +18,6 @@ from gimbal_pin.rig.rig import Rig
 
 OFFSET_STEP = 1e-3
 """Angle by which a search turns it to see what torque it costs, rad."""
-WIDEST_GAP = 0.5
-"""Widest gap between a motor and its link, rad."""
 
 
 @dataclass(frozen=True)
