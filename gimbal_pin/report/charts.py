@@ -77,7 +77,7 @@ class Chart:
             plots.curve(axes, self.t, x.values, color=x.colour, lw=0.8 * x.width, dashes=x.dashes)
             if x.half is not None:
                 axes.fill_between(self.t, x.values - x.half, x.values + x.half, color=x.colour, alpha=0.25)
-        plots.put_legend(axes, [(x.name, x.colour) for x in self.curves])
+        plots.put_legend(axes, [(x.name, x.colour) for x in self.curves], [x.name for x in self.curves if x.dashes])
         axes.set(xlabel=self.over, ylabel="\n".join(filter(None, (self.title, self.label))), xlim=self.t[[0, -1]])
         axes.set(**{f"{axis}scale": "log" for axis in self.log})
 

@@ -77,19 +77,16 @@ SUBS: Mapping[float, Sequence[float]] = {
 
 
 @contextmanager
-def style(
-    colours: Sequence[str] = PALETTE, name: str = "", shades: Mapping[str, str] = MappingProxyType({})
-) -> Iterator[None]:
+def style(name: str = "", shades: Mapping[str, str] = MappingProxyType({})) -> Iterator[None]:
     """Draw in the report's style within the block.
 
-    `colours`: those of curves that ask for none; `name`: what the figure's identifiers in a page are made of; `shades`:
-    stand-in → the colour that is drawn instead of it.
+    `name`: what the figure's identifiers in a page are made of; `shades`: stand-in → the colour that is drawn instead.
     """
     import matplotlib
     from cycler import cycler
 
     settings: Any = {key: shades.get(str(value), value) for key, value in STYLE.items()}
-    settings |= {"axes.prop_cycle": cycler(color=list(colours)), "svg.hashsalt": name}
+    settings |= {"axes.prop_cycle": cycler(color=list(PALETTE)), "svg.hashsalt": name}
     settings |= {"figure.facecolor": shades.get(PAPER, "none")}
     with matplotlib.rc_context(settings):
         yield
@@ -103,20 +100,18 @@ class Drawing:
         make: Draws it.
         alt: For those who cannot see it.
         caption: Below it.
-        colours: Of curves that ask for none.
         charts: The same for a page's script to draw, which a screen then shows; paper has the figure.
     """
 
     make: Callable[[], Figure]
     alt: str
     caption: str
-    colours: Sequence[str] = PALETTE
     charts: Callable[[], Charts] | None = None
 
     def __html__(self) -> str:
         """Return it as an element of a page."""
         charts = "" if self.charts is None else self.charts()
-        return elements.figure(drawn(self.make, self.alt, self.colours), self.caption, charts)
+        return elements.figure(drawn(self.make, self.alt), self.caption, charts)
 
     def __str__(self) -> str:
         """Return no lines."""
@@ -124,14 +119,14 @@ class Drawing:
 
     def draw(self) -> Figure:
         """Return it as a figure of its own, in the colours of a page in daylight, for a file of any format."""
-        with style(self.colours, self.alt, DAYLIGHT):
+        with style(self.alt, DAYLIGHT):
             figure = self.make()
             plain_powers(figure)
             paint(figure)
         return figure
 
 
-def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE) -> Markup:
+def drawn(make: Callable[[], Figure], alt: str) -> Markup:
     """Return the figure that `make` draws in the report's style as an SVG element of a page.
 
     Of its identifiers only those stay that something points to, made from `alt`; coordinates keep a tenth of a point,
@@ -141,7 +136,7 @@ def drawn(make: Callable[[], Figure], alt: str, colours: Sequence[str] = PALETTE
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     out = StringIO()
-    with style(colours, alt):
+    with style(alt):
         figure = make()
         plain_powers(figure)
         FigureCanvasSVG(figure).print_svg(out, metadata={"Date": None, "Creator": None})

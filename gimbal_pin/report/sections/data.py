@@ -170,8 +170,11 @@ def show_logs(rig: Rig | None, logs: Sequence[Log]) -> Section:
 def picture_log(joints: Sequence[ShownJoint], log: Log, caption: str) -> plots.Drawing:
     """Return angles and torques over time."""
     alt = f"Angle and torque of {', '.join(log.joints)} over time in {file_name(log.name)}"
-    draw, charts = partial(draw_overview, joints, log), partial(chart_log, joints, log)
-    return plots.Drawing(draw, alt, caption, [joint.colour for joint in joints], charts)
+
+    def draw() -> plots.Figure:
+        return Charts(log.name, [[chart] for chart in chart_log(joints, log).rows[0]]).draw()
+
+    return plots.Drawing(draw, alt, caption, partial(chart_log, joints, log))
 
 
 def chart_log(joints: Sequence[ShownJoint], log: Log) -> Charts:
@@ -187,21 +190,6 @@ def chart_log(joints: Sequence[ShownJoint], log: Log) -> Charts:
         for label, values in shown.items()
     ]
     return Charts(log.name, [charts])
-
-
-def draw_overview(looks: Sequence[ShownJoint], log: Log) -> plots.Figure:
-    """Draw angles above torques."""
-    figure, panels = plots.panels(2, 1, 3.7, gaps=(0, 0.2), share=(True, False))
-    angle, torque = panels[:, 0]
-    for j, joint in enumerate(looks):
-        plots.curve(angle, log.t, joint.scale * log.q[:, j], lw=1.2)
-        if log.tau is not None:
-            plots.curve(torque, log.t, log.tau[:, j], lw=0.8)
-    plots.put_legend(angle, [(joint.name, joint.colour) for joint in looks])
-    angle.set(ylabel=f"position, {units(looks)}", xlim=(log.t[0], log.t[-1]))
-    torque.set(ylabel=f"torque, {forces(looks)}", xlabel="time, s")
-    figure.align_ylabels()
-    return figure
 
 
 def show_file(found: Inspected, altered: Sequence[Alteration] = ()) -> Section:
