@@ -147,6 +147,7 @@ def drawn(make: Callable[[], Figure], alt: str) -> Markup:
     body = re.sub(r"<[^>]*>", lambda tag: re.sub(r"\d+\.\d{3,}", lambda x: f"{float(x[0]):.1f}", tag[0]), body)
     body = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(?<=[MLCQ]) | ?\n|\.0(?=[ \n])", "", path[0]), body)
     body = re.sub(r"M([\d.-]+ [\d.-]+)L\1(?=[M\"])", r"M\1h0", body)  # a dot
+    body = re.sub(r'(<path id="[^>]*?) style="[^"]*"', r"\1", body)  # of `use`, whose style a page's sheet reaches
     (box,) = re.findall(r'viewBox="[^"]*"', head)
     return Markup(f'<svg {box} role="img" aria-label="{escape(alt)}">{body}')
 

@@ -634,6 +634,7 @@ def test_the_whole_report_has_every_part(page: str, animation: str) -> None:
     assert set(pointed) <= set(identifiers)
     for drawing in tree.iter("svg"):
         curves = sum(path.get("d").count("L") > 20 for path in drawing.iter("path"))
+        assert drawing.xpath(".//defs//*[@style]") == []  # no rule of a page reaches into what is used
         assert drawing.get("aria-label") and curves + len(list(drawing.iter("use"))) > 1
 
 
