@@ -76,7 +76,8 @@ class Sight:
         J = frame_jacobian(self.fixed, self.own, self.there, LOCAL).reshape(6, -1)[self.commanded]  # n = 1: (6,)
         inverse, steep = inverted(J)
         if self.rows.start:
-            inverse = np.hstack([np.zeros((len(inverse), self.rows.start)), inverse])
+            inverse, own = np.zeros((len(inverse), 3)), inverse
+            inverse[:, self.rows] = own
         return View(R, J, inverse, -inverse, steep)
 
     def attitude(self, q: Array) -> Array:
@@ -173,6 +174,8 @@ def inverted(J: Array) -> tuple[Array, bool]:
     m, n = J.shape
     if m == n == 3:
         exact = cofactors(J.tolist())
+    elif m == 2:
+        exact = invert_two_rows(*J.tolist())
     else:
         own = J @ J.T
         exact = J.T @ np.linalg.inv(own) if np.linalg.det(own) > STEEP ** (-2 * m) else None
@@ -191,6 +194,16 @@ def cofactors(J: list[list[float]]) -> Array | None:
     if max(max(flat), -min(flat)) >= STEEP * abs(size) or abs(size) < 1e-9:
         return None
     return np.array([entry / size for entry in flat]).reshape(3, 3)
+
+
+def invert_two_rows(x: list[float], y: list[float]) -> Array | None:
+    """``Jᵀ(J Jᵀ)⁻¹`` of J with the rows x and y, on floats as that is faster; None where it is a `STEEP` one."""
+    a, b, d = sum([p * p for p in x]), sum([p * q for p, q in zip(x, y)]), sum([q * q for q in y])
+    size = a * d - b * b
+    if size <= STEEP**-4:
+        return None
+    exact = [[(d * p - b * q) / size, (a * q - b * p) / size] for p, q in zip(x, y)]
+    return np.array(exact) if max([abs(entry) for row in exact for entry in row]) < STEEP else None
 
 
 def unable(rig: Rig, wanted: Array) -> str | None:

@@ -87,7 +87,7 @@ def compute_direction(v: Array, a: Array, dt: float) -> Array:
     sign itself would put every turn on a sample: up to half an interval of twice the dry friction too much. A rate
     under 1e-9 rad/s that does not change is rounding, and no direction.
     """
-    return np.clip(v / np.maximum(np.abs(a) * (dt / 2), 1e-9), -1.0, 1.0)
+    return np.minimum(np.maximum(v / np.maximum(np.abs(a) * (dt / 2), 1e-9), -1.0), 1.0)
 
 
 def build_mask(still: Flags, taper: int) -> Array:
