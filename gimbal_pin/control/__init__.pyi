@@ -45,6 +45,7 @@ from .tracking import track as track
 from .tuning import RIVAL as RIVAL
 from .tuning import StoredController as StoredController
 from .tuning import Tuning as Tuning
+from .tuning import TuningBasis as TuningBasis
 from .tuning import pair_rivals as pair_rivals
 from .tuning import read_controller as read_controller
 from .tuning import stored as stored

@@ -180,6 +180,46 @@ def write_controller(tuning: Tuning, path: str | Path, folder: str | Path) -> No
     write_yaml({**named, **tuning.to_dict()}, path)
 
 
+@dataclass(frozen=True, eq=False)
+class TuningBasis:
+    """What tuning needs to know of a model, whatever is wished: worked out once, it serves many wishes.
+
+    Attributes:
+        model: The model.
+        kind: "computed-torque" or "pid".
+    """
+
+    model: Model
+    kind: str = "computed-torque"
+
+    __repr__ = brief
+
+    @cached_property
+    def inertia(self) -> tuple[tuple[float, ...], Ratios]:
+        """See `seen_inertia`."""
+        return seen_inertia(self.model, self.kind)
+
+    @cached_property
+    def drawn(self) -> Ratios | None:
+        """See `draw_inertia_ratios`."""
+        return draw_inertia_ratios(self.model, self.kind, np.random.default_rng(0))
+
+    @cached_property
+    def ratios(self) -> Ratios:
+        """Gains of the plant over what the law believes, at all poses and of all draws, one tuple per joint."""
+        return widened(self.inertia[1], self.drawn)
+
+    @cached_property
+    def bounds(self) -> ModelErrorBounds | None:
+        """How far the model may be off; None for a PID, which does without."""
+        return bounds(self.model, np.random.default_rng(0)) if self.kind == "computed-torque" else None
+
+    @cached_property
+    def braking(self) -> tuple[float, ...]:
+        """See `braking`."""
+        return braking(self.model)
+
+
 @limit_to_one_thread()
 def tune(
     model: Model,
@@ -192,6 +232,7 @@ def tune(
     integral: float = 0.2,
     disk_margin: float | None = None,
     robust: bool = False,
+    basis: TuningBasis | None = None,
 ) -> Tuning:
     """Place the error's poles, ``(s² + 2 ζ ω s + ω²)(s + γ ω)``, and check the margins of the sampled, delayed loop.
 
@@ -216,6 +257,7 @@ def tune(
         disk_margin: Balanced disk margin (0 … 2) that every joint's loop keeps. None: 0.5, and for the believed model
             alone where no bandwidth keeps that for all drawn ones.
         robust: True adds Lyapunov redesign, its boundary layer as thin as the disk margin lets it be.
+        basis: What is known of this model and kind, where it serves several wishes; None: it is worked out.
 
     Raises:
         UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
@@ -236,13 +278,15 @@ def tune(
         disk_margin=disk_margin,
         robust=robust,
     )
-    rig, (nominal, believed) = model.rig, seen_inertia(model, kind)
-    over = draw_inertia_ratios(model, kind, np.random.default_rng(0))
-    ratios, drives = widened(believed, over), model.drives
+    basis = basis or TuningBasis(model, kind)
+    if basis.model is not model or basis.kind != kind:
+        raise UsageError("basis", "is of another model or kind", "give that of this one, or none")
+    rig, (nominal, believed), over = model.rig, basis.inertia, basis.drawn
+    ratios, drives = basis.ratios, model.drives
     rows = list(zip(wish.per_joint(model.rig), believed, ratios, drives))
     hertz, kept = zip(*granted(wish, rows))
     gains = tuple(wish.gains(hz) for hz in hertz)
-    known = bounds(model, np.random.default_rng(0)) if kind == "computed-torque" else None
+    known = basis.bounds
     law = layered(gains, known, wish, kept, drives) if robust and known is not None else None
     found, least = (tuple(map(wish.margins, small_error_gains(gains, law), of, drives)) for of in (believed, ratios))
     reasons = [] if dt else [about_sampling(wish, logged)]
@@ -253,7 +297,7 @@ def tune(
         reasons += group_reasons(rig.joints, [about_inertia(*row) for row in zip(nominal, believed, inertias)])
     else:
         reasons += [about_model(known, rig.force)] + ([about_layer(law)] if robust else [])
-    draws, brakes = 0 if over is None else DRAWN_MODELS, braking(model)
+    draws, brakes = 0 if over is None else DRAWN_MODELS, basis.braking
     unsure = () if over is None else doubts(model.rig.joints, over, least)
     unseen = group_reasons([one.joint for one in model.doubts if one.unsafe], [UNSEEN] * len(model.doubts))
     unsure += tuple(map(str, unseen))
@@ -286,20 +330,17 @@ def pair_rivals(tuned: StoredController) -> dict[str, TunedLaw]:
     worst of the models drawn from the covariance; the controller's bandwidth where none keeps it.
     """
     law, model, wish = tuned.law, tuned.model, tuned.wish
-    known = [
-        widened(seen_inertia(model, kind)[1], draw_inertia_ratios(model, kind, np.random.default_rng(0)))
-        for kind in (wish.kind, "pid")
-    ]
+    own, rival = TuningBasis(model, wish.kind), TuningBasis(model, "pid")
     loops = small_error_gains(law.gains, law.robust if isinstance(law, ComputedTorque) else None)
     gains = []
-    for pid, loop, own, ratios, drive in zip(law.gains, loops, *known, model.drives):
-        disk = min(max(wish.smallest(loop, own, drive), 0.01), 1.99)
+    for pid, loop, known, ratios, drive in zip(law.gains, loops, own.ratios, rival.ratios, model.drives):
+        disk = min(max(wish.smallest(loop, known, drive), 0.01), 1.99)
         hz = lowered(inf, replace(wish, disk_margin=disk, robust=False), ratios, drive)
         gains.append(pid if hz is None else wish.gains(hz))
-    moments = tuple((np.array(seen_inertia(model, "pid")[0]) - model.armature).tolist())
+    moments = tuple((np.array(rival.inertia[0]) - model.armature).tolist())
     lead = wish.delay + wish.dt / 2
-    rival = CompensatedPid(model, tuple(gains), wish.dt, lead=lead, braking=braking(model), inertia=moments)
-    return {wish.kind: law, RIVAL: rival}
+    pid_law = CompensatedPid(model, tuple(gains), wish.dt, lead=lead, braking=rival.braking, inertia=moments)
+    return {wish.kind: law, RIVAL: pid_law}
 
 
 @dataclass(frozen=True)

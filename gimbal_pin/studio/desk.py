@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.control.laws.uncertainty import home
-from gimbal_pin.control.tuning import Tuning
+from gimbal_pin.control.tuning import Tuning, TuningBasis
 from gimbal_pin.log.io.files import write_run
 from gimbal_pin.log.log import Log
 from gimbal_pin.report.view import record
@@ -19,7 +19,7 @@ from gimbal_pin.rig.files import bundled_payloads
 from gimbal_pin.studio.figures import ResidualFigure, compute_residual
 from gimbal_pin.studio.saving import Writer, keep_earlier_files
 from gimbal_pin.studio.state import History, StudioState
-from gimbal_pin.studio.subject import StudioSource, Subject, mount_payload, prepare_subject, tune_state
+from gimbal_pin.studio.subject import StudioSource, Subject, build_model, mount_payload, prepare_subject, tune_state
 
 
 @dataclass
@@ -32,6 +32,7 @@ class Desk:
         about: What `run.json` says beside them.
         history: What was chosen.
         subjects: Payload and judged part → what was prepared for them.
+        gimbal: The state that was tuned last without its wishes, and what is known of its model, see `tune_loops`.
         kept: Name → what writes each file that was saved.
     """
 
@@ -40,6 +41,7 @@ class Desk:
     about: Mapping[str, Any]
     history: History = field(default_factory=History)
     subjects: dict[tuple[str | None, tuple[float, float] | None], Subject] = field(default_factory=dict)
+    gimbal: tuple[StudioState, TuningBasis, ResidualFigure | None] | None = None
     kept: dict[str, Writer] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -54,11 +56,18 @@ class Desk:
         return self.subjects[wanted]
 
     def tune_loops(self, state: StudioState) -> tuple[Subject, Tuning, ResidualFigure | None]:
-        """Return what is shown first: the loops, and what the controller's model leaves of the torque."""
-        subject = self.find_subject(state)
-        tuning = tune_state(subject, state)
+        """Return what is shown first: the loops, and what the controller's model leaves of the torque.
+
+        What depends on the model alone is worked out once for all wishes; the residual is then the same object.
+        """
+        subject, gimbal = self.find_subject(state), self.gimbal
+        unwished = replace(state, bandwidth_hz=None, disk_margin=None, delay=None)
+        if gimbal is None or gimbal[0] != unwished:
+            basis = TuningBasis(build_model(subject, state))
+            self.gimbal = gimbal = unwished, basis, compute_residual(subject, basis.model)
+        tuning = tune_state(subject, state, gimbal[1])
         assert tuning.loop_curves
-        return subject, tuning, compute_residual(subject, tuning)
+        return subject, tuning, gimbal[2]
 
     def draw_scene(self, payload: str | None = None) -> str:
         """Return the page of the rig with a payload, small: it plays the first log, or stands at home."""

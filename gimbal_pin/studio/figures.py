@@ -9,6 +9,7 @@ import numpy as np
 from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.diagnosis.gain import compute_filtered_error, torque_rmse
+from gimbal_pin.dynamics.model import Model
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing import Pointing, simulate_holding
 from gimbal_pin.rig.brief import brief
@@ -48,14 +49,14 @@ class PointingFigure:
     __repr__ = brief
 
 
-def compute_residual(subject: Subject, tuning: Tuning) -> ResidualFigure | None:
-    """Return what the controller's model leaves of the logged torque; None where there is no log."""
+def compute_residual(subject: Subject, model: Model) -> ResidualFigure | None:
+    """Return what a controller's model leaves of the logged torque; None where there is no log."""
     evidence = subject.evidence
     if evidence is None:
         return None
     t = np.concatenate([part.channels.t for part in evidence.parts])
-    error = compute_filtered_error(evidence, tuning.model)
-    return ResidualFigure(t, error, torque_rmse(evidence, tuning.model))
+    error = compute_filtered_error(evidence, model)
+    return ResidualFigure(t, error, torque_rmse(evidence, model))
 
 
 def simulate_pointing(subject: Subject, state: StudioState, tuning: Tuning) -> PointingFigure | None:

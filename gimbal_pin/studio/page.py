@@ -71,6 +71,7 @@ class Window:
         self.subject = desk.find_subject(StudioState())
         self.tuning: Tuning | None = None
         self.drawn: StudioState | None = None
+        self.residual: ResidualFigure | None = None
         self.marked: tuple[float, float] | None = None
         self.is_drawing = self.is_setting = False
         self.handles = build_handles(self.subject)
@@ -328,10 +329,10 @@ class Window:
             return
         try:
             pointing = await run.io_bound(simulate_pointing, self.subject, state, self.tuning)
-            shown = {} if pointing is None else options.build_pointing_options(pointing)
+            shown = {"series": []} if pointing is None else options.build_pointing_options(pointing)
             said = "" if pointing is None else options.describe_jitter(pointing)
         except GimbalPinError as error:
-            shown, said = {}, str(error)
+            shown, said = {"series": []}, str(error)
         self.put("pointing", shown)
         self.jitter.set_content(Markup('<p>jitter <b data-figure="jitter">{}</b></p>').format(said) if said else "")
         self.say("")
@@ -345,7 +346,9 @@ class Window:
         self.put("nyquist", options.build_nyquist_options(tuning))
         self.put("step", options.build_step_options(tuning))
         if residual is not None:
-            self.put("residual", options.build_residual_options(residual, rig))
+            if residual is not self.residual:
+                self.put("residual", options.build_residual_options(residual, rig))
+            self.residual = residual
             is_new, marked = "series" not in self.charts["log"].options, options.find_judged(source, state)
             if is_new or marked != self.marked:
                 self.put("log", options.build_log_options(source.logs, rig, marked))
@@ -366,11 +369,18 @@ class Window:
             self.set_values()
 
     def put(self, name: str, shown: options.Options) -> None:
-        """Show a chart's figures."""
-        if name in self.charts:
-            self.charts[name].options.clear()
-            self.charts[name].options.update(shown)
-            self.charts[name].update()
+        """Show a chart's figures; after the first ECharts takes them directly: Vue would watch and draw every point."""
+        if name not in self.charts:
+            return
+        chart = self.charts[name]
+        before = chart.options.get("series")
+        chart.options.clear()
+        chart.options.update(shown)
+        if before is None:
+            chart.update()
+        else:
+            is_other = len(before) != len(shown["series"])
+            chart.run_chart_method("setOption", shown, {"notMerge": is_other})
 
     def list_boxes(self, state: StudioState) -> None:
         """Show a box for each cause of the model."""

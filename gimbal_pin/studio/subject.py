@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from gimbal_pin.control.tuning import Tuning, tune
+from gimbal_pin.control.tuning import Tuning, TuningBasis, tune
 from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
 from gimbal_pin.diagnosis.evidence import Evidence, gather_for_judgement
 from gimbal_pin.dynamics.model import Estimated, Model, is_inertia_positive, nominal
@@ -195,10 +195,14 @@ def _select_terms(known: Estimated, terms: Sequence[Term], kept: Sequence[Term])
     return replace(known, names=names, units=units, theta=known.theta[at], covariance=known.covariance[np.ix_(at, at)])
 
 
-def tune_state(subject: Subject, state: StudioState) -> Tuning:
-    """Return the controller of a state: what `tune` returns for the same model and wishes."""
-    model = build_model(subject, state)
-    return tune(model, bandwidth_hz=state.bandwidth_hz, disk_margin=state.disk_margin, delay=state.delay)
+def tune_state(subject: Subject, state: StudioState, basis: TuningBasis | None = None) -> Tuning:
+    """Return the controller of a state: what `tune` returns for the same model and wishes.
+
+    `basis`: what is known of the state's model; None: it is worked out.
+    """
+    basis = basis or TuningBasis(build_model(subject, state))
+    hertz, margin, delay = state.bandwidth_hz, state.disk_margin, state.delay
+    return tune(basis.model, bandwidth_hz=hertz, disk_margin=margin, delay=delay, basis=basis)
 
 
 def replace_bodies(model: Model, given: Rig, other: Rig) -> Model:

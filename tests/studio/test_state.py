@@ -138,11 +138,11 @@ def test_curves_are_those_of_the_records_margins() -> None:
 
 def test_the_residual_is_noise_until_a_cause_is_off_or_the_payload_moves() -> None:
     subject = identified()
-    at_rest = compute_residual(subject, tune_state(subject, StudioState()))
+    at_rest = compute_residual(subject, build_model(subject, StudioState()))
     assert at_rest is not None and at_rest.error.shape == (len(at_rest.t), subject.rig.n)
     joint = subject.rig.joints[0]
-    without = compute_residual(subject, tune_state(subject, StudioState(off=(f"coulomb at {joint}",))))
-    moved = compute_residual(subject, tune_state(subject, StudioState(z=0.02)))
+    without = compute_residual(subject, build_model(subject, StudioState(off=(f"coulomb at {joint}",))))
+    moved = compute_residual(subject, build_model(subject, StudioState(z=0.02)))
     assert without is not None and moved is not None
     (dry,) = (term.values[0] for term in subject.model.terms if term.effect == Coulomb(joint))
     assert without.rms[0] == pytest.approx(dry, rel=0.25)
@@ -179,6 +179,19 @@ def test_untouched_it_saves_what_tune_writes(tmp_path: Path, run: Run) -> None:
     saved = desk.save_file("controller.yaml", keep_controller(tuning, desk.folder))
     assert saved.read_bytes() == (tmp_path / "tuned.yaml").read_bytes()
     assert tuning.wish.delay == pytest.approx(0.0024, abs=0.0002)
+
+
+def test_other_wishes_work_out_nothing_of_the_model_again(tmp_path: Path) -> None:
+    """And they get what `tune` gives."""
+    subject, desk = identified(), Desk(StudioSource(bundled(RIG)), tmp_path, {})
+    desk.subjects[None, None] = subject
+    (_, _, one), (_, tuning, other), (_, _, moved) = (
+        desk.tune_loops(state)
+        for state in (StudioState(), StudioState(bandwidth_hz=11.0, delay=0.002), StudioState(delay=0.002, x=0.01))
+    )
+    assert one is other is not moved
+    asked = tune(subject.model, bandwidth_hz=11.0, delay=0.002)
+    assert to_plain(tuning.to_dict()) == to_plain(asked.to_dict())
 
 
 def test_a_saved_controller_is_tuned_again_from_its_own_model(tmp_path: Path) -> None:
@@ -238,7 +251,7 @@ def test_what_judges_does_not_train() -> None:
     wrong = replace(log, tau=np.asarray(log.tau) + 0.3 * late)
     one, other = (prepare_subject(StudioSource(rig, (each,)), judged=(20.0, 31.0)) for each in (log, wrong))
     np.testing.assert_array_equal(one.model.rig.phi, other.model.rig.phi)
-    small, large = (compute_residual(each, tune_state(each, StudioState())) for each in (one, other))
+    small, large = (compute_residual(each, build_model(each, StudioState())) for each in (one, other))
     assert small is not None and large is not None and np.all(large.rms > 3 * small.rms)
 
 
@@ -250,7 +263,7 @@ def test_of_several_logs_any_part_judges() -> None:
     marked = prepare_subject(StudioSource(rig, logs), judged=(30.0, 41.0))
     alone = prepare_subject(StudioSource(rig, (logs[1].part(~late), logs[0], logs[1].part(late))))
     np.testing.assert_allclose(marked.model.rig.phi, alone.model.rig.phi, rtol=1e-6, atol=1e-9)
-    found, asked = (compute_residual(each, tune_state(each, StudioState())) for each in (marked, alone))
+    found, asked = (compute_residual(each, build_model(each, StudioState())) for each in (marked, alone))
     assert found is not None and asked is not None
     np.testing.assert_allclose(found.rms, asked.rms, rtol=1e-6)
 
