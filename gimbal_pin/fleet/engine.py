@@ -23,6 +23,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
 from io import BytesIO
+from pathlib import Path
 from shutil import get_terminal_size
 from tempfile import TemporaryDirectory
 from time import monotonic
@@ -93,14 +94,14 @@ def compute_table(
     work: Work,
     units: Sequence[Any],
     settings: Mapping[str, object],
-    folder: str | None,
+    folder: str | Path | None,
     executor: ExecutorFactory | None,
     workers: int | Capacity,
     quiet: bool,
 ) -> DataFrame:
     """Return all rows of a `Run` after `run_units`; its folder is None where nothing is kept."""
     with TemporaryDirectory(prefix="gimbal-pin-") as temporary:
-        run = Run(work, units, temporary if folder is None else folder, settings)
+        run = Run(work, units, temporary if folder is None else str(folder), settings)
         run_units(run, executor, workers=workers, quiet=quiet)
         return read_table(run.folder)
 

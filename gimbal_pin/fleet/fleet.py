@@ -241,7 +241,7 @@ def compare_fleet(
     *,
     rig: str | Path | Rig | None = None,
     payload: str | None = None,
-    folder: str | None = None,
+    folder: str | Path | None = None,
     reference: str | None = None,
     quick: bool = False,
     seed: int = 0,

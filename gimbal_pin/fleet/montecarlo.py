@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -97,7 +98,7 @@ def monte_carlo(
     model: Model | None = None,
     *,
     count: int = 100,
-    folder: str | None = None,
+    folder: str | Path | None = None,
     vary: Vary | None = None,
     spec: Sequence[str] = (),
     controller: StoredController | Tuning | None = None,

@@ -76,7 +76,7 @@ def test_the_table_is_the_same_to_the_bit_whatever_runs_it(
 ) -> None:
     makers = {"threads": lambda: ThreadPoolExecutor(2), "last first": LastFirst, "processes": lambda: process_pool(2)}
     other = monte_carlo(
-        rig, count=8, vary=LATE, seconds=SHORT, workers=1, executor=makers[kind], folder=str(tmp_path / "out")
+        rig, count=8, vary=LATE, seconds=SHORT, workers=1, executor=makers[kind], folder=tmp_path / "out"
     )
     pd.testing.assert_frame_equal(late.table, other.table, check_exact=True)
     again = monte_carlo(rig, count=8, vary=LATE, seconds=SHORT, executor=Executor, folder=str(tmp_path / "out"))
