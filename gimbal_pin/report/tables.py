@@ -322,16 +322,24 @@ def safe(value: float, enough: float) -> str:
     return "good" if value >= enough * (1 - 1e-6) else "fair" if value >= enough / 2 else "poor"
 
 
+def bandwidths(found: Tuning) -> list[Content]:
+    """Return each joint's bandwidth, and of which it was lowered."""
+    rows = zip(found.bandwidth_hz, found.wish.per_joint(found.model.rig))
+    return [
+        toned(f"{figures(hertz)} of {figures(wanted)} Hz", "fair")
+        if isfinite(wanted) and hertz < wanted * (1 - 1e-9)
+        else f"{figures(hertz)} Hz"
+        for hertz, wanted in rows
+    ]
+
+
 def loops(found: Tuning) -> Table:
     """Bandwidth, margins and gains of each joint; where models were drawn from the covariance, their worst margin."""
     wish, drawn = found.wish, f"Disk margin, worst of {found.draws} draws"
     head: list[Content] = ["Joint", "Bandwidth", *MARGINS, *([drawn] if found.draws else [])]
     head += [Markup("K<sub>{}</sub>, {}").format(*pair) for pair in (("P", "1/s²"), ("I", "1/s³"), ("D", "1/s"))]
     rows: list[list[Content]] = []
-    each = zip(list_shown_joints(found.model.rig), found.bandwidth_hz, wish.per_joint(found.model.rig), found.gains)
-    for j, (joint, hertz, wanted, pid) in enumerate(each):
-        less = isfinite(wanted) and hertz < wanted * (1 - 1e-9)
-        shown = toned(f"{figures(hertz)} of {figures(wanted)} Hz", "fair") if less else f"{figures(hertz)} Hz"
+    for j, (joint, shown, pid) in enumerate(zip(list_shown_joints(found.model.rig), bandwidths(found), found.gains)):
         worst = [found.worst[j].disk_margin] if found.draws else []
         rows.append([joint.label, shown, *margins(found.margins[j], wish.disk)])
         rows[-1] += [*(toned(figures(x), safe(x, wish.disk)) for x in worst), *map(figures, (pid.kp, pid.ki, pid.kd))]

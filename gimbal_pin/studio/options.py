@@ -11,7 +11,8 @@ from gimbal_pin.control.laws.chart import compute_disk
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.pointing.result import split
-from gimbal_pin.report.elements import Table
+from gimbal_pin.report import tables
+from gimbal_pin.report.elements import Content, Table
 from gimbal_pin.report.format import figures, list_shown_joints, torque_unit
 from gimbal_pin.report.plots import PLAIN, nest_dashes, thinned
 from gimbal_pin.rig.rig import Rig
@@ -148,12 +149,13 @@ def build_log_options(logs: Sequence[Log], rig: Rig, judged: tuple[float, float]
 
 def build_table(tuning: Tuning, residual: ResidualFigure | None) -> Table:
     """Return the bandwidth and margins of every joint, and its residual where there is a log."""
-    rig, head, rows = tuning.model.rig, ["Joint", "bandwidth", "phase margin", "disk margin", "delay margin"], []
-    for joint, hz, least in zip(rig.joints, tuning.bandwidth_hz, tuning.worst):
-        margins = f"{figures(least.phase_margin_deg)}°", figures(least.disk_margin)
-        rows.append([joint, f"{figures(hz)} Hz", *margins, f"{figures(1e3 * least.delay_margin)} ms"])
+    rig, shown = tuning.model.rig, [name for name in tables.MARGINS if name not in ("Crossover", "Gain margin")]
+    head, rows = ["Joint", "Bandwidth", *shown], list[list[Content]]()
+    for joint, bandwidth, least in zip(rig.joints, tables.bandwidths(tuning), tuning.worst):
+        margins = dict(zip(tables.MARGINS, tables.margins(least, tuning.wish.disk)))
+        rows.append([joint, bandwidth, *(margins[name] for name in shown)])
     if residual is not None:
-        head.append("residual")
+        head.append("Residual")
         for joint, row, rms in zip(rig.joints, rows, residual.rms.tolist()):
             factor, unit = torque_unit(rms, rig.in_units(joint, "N m"))
             row.append(f"{figures(factor * rms)} {unit}")

@@ -228,7 +228,8 @@ def test_a_wish_that_cannot_be_is_put_back_and_the_reason_stands_beside_it(folde
     why, numbers, kept, is_first, lowered, shown, position, granted, gone, again, quiet = seen.values
     assert why.startswith("disk_margin: is 1.9, and the most that any bandwidth keeps")
     assert numbers[:2] == ["8", "0.5"] and kept == "8.00 Hz" and is_first and seen.complaints == []
-    assert lowered.startswith(f"pan, tilt: bandwidth lowered to {granted.removesuffix(' Hz')} Hz, as 90 Hz would leave")
+    assert granted == f"{granted.split()[0]} of 90.0 Hz"
+    assert lowered.startswith(f"pan, tilt: bandwidth lowered to {granted.split()[0]} Hz, as 90 Hz would leave")
     assert float(shown) == pytest.approx(float(granted.split()[0]), rel=0.01) and float(position) == float(shown) < 40
     assert again == shown and gone == quiet == ""
 
