@@ -93,6 +93,7 @@ def report_findings(
         detection_limit=dict(zip(held.rig.joints, _compute_limits(found).tolist())),
         alignment=said.alignment + float(np.mean(found.alignment)),
         stated=measure_errors(held, said.before),
+        rubbing=measure_errors(held, replace(before, rig=held.rig)),
         baseline=model.baseline,
         extended=best,
         before=before,
@@ -121,7 +122,7 @@ def report_unusable_logs(
     said = _report_logs(rig, checked, filtering)
     with contextlib.suppress(DataError):  # too short for the band: then there is no figure either
         figures = measure_errors(gather(rig, logs, filtering), said.before)
-        return replace(said, stated=figures, baseline=figures, extended=figures)
+        return replace(said, stated=figures, rubbing=figures, baseline=figures, extended=figures)
     return said
 
 

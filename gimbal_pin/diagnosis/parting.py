@@ -72,14 +72,19 @@ def describe_partings(partings: Sequence[Parting]) -> str:
     first = partings[0]
     who, rivals = first.joint or "rig", ", ".join(one.rival for one in partings)
     instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
-    after = ", ".join(str(int(compute_odds(one.expected))) for one in partings if one.expected is not None)
+    after = join_odds([str(int(compute_odds(one.expected))) for one in partings if one.expected is not None])
     if not after:
         same = f"{who}: {first.cause} and {rivals} can be the same torque in every motion that was tried"
         return f"{same}; what else may part them: {instead}"
-    now = ", ".join(digits(compute_odds(one.now), 2) for one in partings)
+    now = join_odds([digits(compute_odds(one.now), 2) for one in partings])
     said = f"{who}: {first.cause} is {now} times as likely as {rivals} so far and, if it is there, at least "
     said += f"{after} times with the next experiment, in 19 of 20 logs"
     return said if first.outcome == "named" else f"{said}: too little to name it; try also {instead}"
+
+
+def join_odds(each: Sequence[str]) -> str:
+    """One figure where all are the same, else each rival's."""
+    return each[0] if len(set(each)) == 1 else ", ".join(each)
 
 
 def compute_odds(apart: Apart) -> float:

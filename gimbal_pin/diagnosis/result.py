@@ -283,6 +283,7 @@ class Diagnosis(Record):
         untestable: What the logs cannot show.
         detection_limit: Joint → torque that would have been found, N m rms.
         stated: "torque_rmse", "fit_percent", "rollout_rmse": joint → figure, held out, of the rig as the URDF says.
+        rubbing: The same of the URDF's bodies with the friction that was fitted.
         baseline: The same of the refitted model.
         extended: The same after all findings.
         held: The held-out part, or None where the logs are spoilt.
@@ -312,6 +313,7 @@ class Diagnosis(Record):
     untestable: tuple[Untestable, ...] = ()
     detection_limit: Mapping[str, float] = field(default_factory=dict)
     stated: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    rubbing: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     baseline: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     extended: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     held: Evidence | None = None
@@ -402,6 +404,7 @@ class Diagnosis(Record):
             "untestable": [asdict(row) for row in self.untestable],
             "detection_limit": self.detection_limit,
             "stated": self.stated,
+            "rubbing": self.rubbing,
             "baseline": self.baseline,
             "extended": self.extended,
             "next_experiment": None if self.planned is None else self.planned.to_dict(),

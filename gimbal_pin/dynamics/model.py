@@ -133,6 +133,15 @@ class Model(Record):
             "changes": [change.to_dict() for change in self.changes],
         }
 
+    @property
+    def lags(self) -> dict[str, tuple[float, float]]:
+        """Joint → time from its torque's stamp to its acting, and the deviation, s; empty where that is stated."""
+        known = self.estimated
+        if known is None or known.dt is None:
+            return {}
+        pairs = zip(self.rig.joints, known.lags, known.lag_std)
+        return {joint: (known.dt / 2 + lag, std) for joint, lag, std in pairs}
+
     @cached_property
     def tau_max(self) -> Array:
         """Largest torque of each motor, N m, (n,): the rig's own, or less where a drive gives no more."""

@@ -233,15 +233,6 @@ class Identified(Record):
         std = self.estimate.std
         return (self.estimate.theta - self.stated) / np.where(std > 0, std, np.nan)
 
-    @property
-    def lags(self) -> dict[str, tuple[float, float]]:
-        """Joint → time from its torque's stamp to its acting, and the deviation, s; empty where that is stated."""
-        known = self.model.estimated
-        if known is None or known.dt is None:
-            return {}
-        pairs = zip(self.model.rig.joints, known.lags, known.lag_std)
-        return {joint: (known.dt / 2 + lag, std) for joint, lag, std in pairs}
-
     def save(self, path: str | Path) -> None:
         """Write its model as ``gimbal-pin identify -o`` does: `read_model`, ``tune`` and ``studio`` take the file."""
         from gimbal_pin.identification.model_file import write_model
@@ -285,7 +276,7 @@ class Identified(Record):
             "condition_number": self.estimate.condition_number,
             "base_motion": self.reduction.base,
             "cutoff_hz": self.filtering.cutoff,
-            "lag_s": {joint: {"value": lag, "std": std} for joint, (lag, std) in self.lags.items()},
+            "lag_s": {joint: {"value": lag, "std": std} for joint, (lag, std) in self.model.lags.items()},
             "imus": {
                 log: {link: mounting.to_dict() for link, mounting in links.items()}
                 for log, links in self.mountings.items()

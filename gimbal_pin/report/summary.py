@@ -127,8 +127,8 @@ def summary(
     tone = "poor" if spoilt else "fair" if missing else grade(fit)
     if wrong is not None and wrong.held is not None and not spoilt:
         where, fits = f"to {wrong.held.band:g} Hz, held out", wrong.baseline["fit_percent"]
-        stated = f"the URDF's {percent(min(wrong.stated['fit_percent'].values()))}"
-        model[0] = rate_fit("Fit of the torque", fits, f"{where}; {stated}")
+        worst, stated = min(wrong.stated["fit_percent"].items(), key=lambda pair: pair[1])
+        model[0] = rate_fit("Fit of the torque", fits, f"{where}; the URDF's {percent(stated)}, at {worst}")
         if wrong.is_extended:
             fits = wrong.extended["fit_percent"]
             model.insert(1, rate_fit("With what was found", fits, where))

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 
 TOGETHER = "all-axes"
 """The experiment in which all axes move."""
-STAGES = ("URDF", "refitted", "extended")
-"""The rig as its URDF states it, its bodies and friction fitted, and with what was found."""
+STAGES = ("URDF", "its bodies", "refitted", "extended")
+"""The rig as its URDF states it, its bodies with the friction that was fitted, both fitted, and with what was found."""
 ALONE = "A finding's error before is without it and with all others; the table's is the refitted model's alone"
 """Why the errors before differ."""
 AWAY = "σ: standard deviation; ± is 1.96 σ; off by: the value less the URDF's"
@@ -155,7 +155,7 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
     scale, name = torque_unit(max(held.torque_rmse.values()), force)
     head = ["Joint", f"Error, {name} rms", "Fit", "What is left", "Samples judged"]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
-    head += [f"Torque, {force} rms", "Error of it", "The URDF's", f"Largest error, {name}"] * (evaluated is not None)
+    head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}", "URDF's fit"] * (evaluated is not None)
     rows: list[list[Content]] = []
     for j, joint in enumerate(joints):
         rmse, fit, opinion = held.torque_rmse[joint.name], held.fit_percent[joint.name], found.opinions.get(joint.name)
@@ -166,9 +166,9 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
             row += [figures(scale * train.torque_rmse[joint.name]), percent(train.fit_percent[joint.name])]
         if evaluated is not None:
             torque, largest = float(evaluated.torque_rms[j]), float(np.abs(evaluated.stacked("error")[:, j]).max())
-            errors = rmse, float(evaluated.stated[j])  # shares of nothing where nothing drove this joint
-            shares = [f"{figures(100 * x / torque, 2)} %" if torque and isfinite(x) else DASH for x in errors]
-            row += [figures(torque), *shares, figures(scale * largest)]
+            share = f"{figures(100 * rmse / torque, 2)} %" if torque else DASH  # nothing drove this joint
+            stated = evaluated.stated.fit_percent[joint.name]
+            row += [figures(torque), share, figures(scale * largest), percent(stated)]
         rows.append(row)
     return Table(head, rows, label="Torque error")
 
@@ -189,7 +189,7 @@ def residual(found: Diagnosis) -> Table:
     """
     from gimbal_pin.identification import Opinion
 
-    parts = [found.stated, found.baseline, found.extended]
+    parts = [found.stated, found.rubbing, found.baseline, found.extended]
     most = max(found.baseline.get("torque_rmse", {}).values(), default=0.0)
     joints = {} if found.held is None else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
     rows: list[list[Content | None]] = []
@@ -213,11 +213,11 @@ def share_off(errors: Mapping[str, Mapping[str, float]], joint: str) -> str:
 
 def gain(found: Diagnosis, joints: Sequence[ShownJoint]) -> Table:
     """What a simulation from the torque, and a simulated controller, are off by without and with what was found."""
-    simulated = [models["rollout_rmse"] for models in (found.stated, found.baseline, found.extended)]
+    simulated = [models["rollout_rmse"] for models in (found.stated, found.rubbing, found.baseline, found.extended)]
     tracked = [{name: x[f"rms_{when}"] for name, x in found.tracking.items()} for when in ("before", "after")]
     sets: list[tuple[str, Sequence[str], Sequence[Mapping[str, float]], str]]
     sets = [("Simulated", STAGES, simulated, "cannot be simulated")]
-    sets += [("Tracking error", STAGES[1:], tracked, "not stable")] if found.tracking else []
+    sets += [("Tracking error", STAGES[2:], tracked, "not stable")] if found.tracking else []
 
     def cells(joint: ShownJoint, values: Sequence[float], none: str) -> Iterator[Content]:
         top = max(filter(isfinite, values), default=0.0) or 1.0

@@ -198,9 +198,18 @@ def test_what_is_left_is_praised_nowhere(found: Diagnosis) -> None:
 def test_the_table_of_gains_holds_the_figures_of_the_json(rig: Rig, found: Diagnosis) -> None:
     pan, tilt = list_shown_joints(rig)
     rows, told = tables.gain(found, (pan, tilt)).rows, found.to_dict()
-    for column, model in enumerate(("stated", "baseline", "extended"), start=1):
+    for column, model in enumerate(("stated", "rubbing", "baseline", "extended"), start=1):
         assert tilt.text(told[model]["rollout_rmse"]["tilt"], digits=2) in str(rows[1][column])
-    assert pan.text(told["tracking"]["pan"]["rms_after"], digits=2) in str(rows[0][5])
+    assert pan.text(told["tracking"]["pan"]["rms_after"], digits=2) in str(rows[0][6])
+
+
+def test_a_payload_that_a_finding_is_about_is_said_once(found: Diagnosis) -> None:
+    """Its place by the stated mass would be a second answer to the same question; how to balance it is none."""
+    about = replace(found, findings=(replace(found.findings[0], cause="payload-shift"),))
+    place, *_ = found.given.lines
+    apart, once = str(show_diagnosis(found)), str(show_diagnosis(about))
+    assert place in apart and place not in once
+    assert found.given.advice and all(said in apart and said in once for said in found.given.advice)
 
 
 def test_the_urdf_is_judged_beside_the_models(found: Diagnosis) -> None:

@@ -192,8 +192,8 @@ def test_rivals_that_fare_alike_are_told_together() -> None:
     rivals = [("a", near, far), ("b", near, far), ("d", near, near), ("e", near, None)]
     lines = NextExperiment(("pan",), None, tuple(parted(*row) for row in rivals)).lines
     assert all(line.count("slow sweeps") <= 1 for line in lines)
-    assert lines[0] == "pan: cogging is 1.1, 1.1 times as likely as a, b so far and, if it is there, " + (
-        "at least 100, 100 times with the next experiment, in 19 of 20 logs"
+    assert lines[0] == "pan: cogging is 1.1 times as likely as a, b so far and, if it is there, " + (
+        "at least 100 times with the next experiment, in 19 of 20 logs"
     )
     assert "likely as d" in lines[1] and "too little to name it; try also slow sweeps; or what shows d" in lines[1]
     assert "cogging and e can be the same" in lines[2] and len(lines) == 3

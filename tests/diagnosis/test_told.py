@@ -98,10 +98,3 @@ def test_what_may_hide_in_the_noise_is_told_where_that_is_much_of_the_torque(
     shown.after = SimpleNamespace(rig=Rig.load("turret"))
     said = Diagnosis.__dict__["hidden"].fget(shown)
     assert said.startswith("the noise may hide up to 0.02 N m at pan") if told else not said
-
-
-@pytest.mark.parametrize(("cause", "told"), [("payload-shift", True), ("cogging", False)])
-def test_two_deviations_of_one_shift_are_said_to_be_two(cause: str, told: bool) -> None:
-    """The payload's figures beside a finding about it are taken with its inertias open."""
-    found = SimpleNamespace(findings=[SimpleNamespace(cause=cause)], residual={})
-    assert bool(sections.qualify_payload(cast(Diagnosis, found))) == told

@@ -26,17 +26,15 @@ def later_by(state: State) -> Array:
     ``argmin_a Σ_j ‖r - D a‖²/φ_j + Σ (a_j + a⁰_j)²/σ²``, D_j what the rest of the model leaves of dτ_j/dt, a⁰ the
     shifts it was given.
     """
-    D, P = _project_slopes(state)
+    D, P = project_slopes(state)
     return np.asarray(P @ (D.T @ state.fit.residual - shifts(state.problem.evidence) / LAG_DEVIATION**2))
 
 
-def compute_shift_covariance(state: State) -> Array:
-    """Return the covariance of the joints' shifts, ``(DᵀD + 1/σ²)⁻¹``, s², (n, n)."""
-    return _project_slopes(state)[1]
+def project_slopes(state: State) -> tuple[Array, Array]:
+    """Return what the model leaves of each joint's ``dτ/dt``, D, weighted, (rows n, n), and ``(DᵀD + 1/σ²)⁻¹``, s².
 
-
-def _project_slopes(state: State) -> tuple[Array, Array]:
-    """Return what the model leaves of each joint's ``dτ/dt``, D, weighted, (rows n, n), and the shifts' covariance."""
+    The latter is the shifts' covariance where noise is all that is left, (n, n).
+    """
     D = np.stack([project_slope(state, j) for j in range(state.problem.evidence.rig.n)], axis=1)
     return D, np.linalg.inv(D.T @ D + np.eye(D.shape[1]) / LAG_DEVIATION**2)
 

@@ -43,7 +43,7 @@ from gimbal_pin.report.format import (
     torque_unit,
 )
 from gimbal_pin.report.rig_drawing import RigDrawing
-from gimbal_pin.report.sections.model import show_payload
+from gimbal_pin.report.sections.model import describe_lags, show_payload
 
 WRONG = "What the simulation gets wrong"
 VERDICTS = {
@@ -106,7 +106,8 @@ def show_diagnosis(found: Diagnosis) -> Section:
     if found.after.rig.aims:
         given = replace(found.given, apart=None) if found.finds_payload else found.given
         parts += show_payload(given, *qualify_payload(found))
-    notes = [*found.notes, *tables.list_unnamed(found), *list_altered(found.altered)]
+    late = describe_lags(found.after) if found.held is not None else []
+    notes = [*found.notes, *late, *tables.list_unnamed(found), *list_altered(found.altered)]
     parts += [folded("Notes", bullets(notes), is_detail=False)] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
     lead = f"Held-out errors are of the part of the log that no choice has seen{band}."
@@ -136,7 +137,8 @@ def state_model_errors(found: Diagnosis) -> list[Element]:
     if not moved:
         return []
     joint = min(moved, key=lambda name: found.stated["fit_percent"][name])
-    models = zip(tables.STAGES, (found.stated, found.baseline, found.extended))
+    stages = "URDF", "with the friction found", "its bodies refitted, too,", "and extended"
+    models = zip(stages, (found.stated, found.rubbing, found.baseline, found.extended))
     each = (f"{name} {tables.share_off(figures_of, joint)}" for name, figures_of in models)
     return [paragraph(f"Torque error at {joint}, where the URDF is worst, held out: {', '.join(each)}.")]
 

@@ -118,7 +118,7 @@ def show_cameras(found: Several) -> Section:
 
 def list_notes(found: Identified) -> list[Folded]:
     """Return what of the logs was not used or was altered, how IMUs sit, and when torques act."""
-    notes = [*found.notes, *list_altered(found.altered), *list_mountings(found), *describe_lags(found)]
+    notes = [*found.notes, *list_altered(found.altered), *list_mountings(found), *describe_lags(found.model)]
     return [folded("Notes", bullets(notes), is_detail=False)] if notes else []
 
 
@@ -247,7 +247,7 @@ def describe_bound(found: Identified) -> list[Element]:
     return [paragraph(text, "side")]
 
 
-def describe_lags(found: Identified) -> list[str]:
+def describe_lags(found: Model) -> list[str]:
     """Say when each joint's torque acts, in one line; nothing where that was stated."""
     each = [
         f"{joint} {' '.join(interval(1e3 * lag, 1e3 * NORMAL_95 * std))} ms" for joint, (lag, std) in found.lags.items()
