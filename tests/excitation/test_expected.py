@@ -10,9 +10,9 @@ import pytest
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import LogError
-from gimbal_pin.excitation import ExpectedEstimate, Series, excite, predict_estimate, record_log
+from gimbal_pin.excitation import ExpectedEstimate, excite, predict_estimate, record_log
 from gimbal_pin.identification import Identified, identify
-from gimbal_pin.log import Array, Motion
+from gimbal_pin.log import Motion
 from gimbal_pin.regression import LAG_DEVIATION, Filtering
 from gimbal_pin.rig import Rig
 from tests.excitation.designs import RIGS, designed
@@ -121,20 +121,25 @@ def test_a_joint_held_still_shows_none_of_its_friction() -> None:
     assert any("tilt.Fs" in one for one in found.warnings)
 
 
+def predict_swing(hz: float, rate: float) -> ExpectedEstimate:
+    """What is to be expected of 20 s of two swings of each joint, the slower of the first at `hz`."""
+    t, w = np.arange(0, 20, 1 / rate), 2 * np.pi * hz * np.array([1.0, 1.3])
+    swings = [(0.3, w, np.outer(t, w)), (0.15, 2.6 * w, 1 + np.outer(t, 2.6 * w))]
+    q, v, a = (
+        sum(size * u**order * way(angle) for size, u, angle in swings)
+        for order, way in enumerate((np.sin, np.cos, lambda x: -np.sin(x)))
+    )
+    return predict_estimate(nominal(Rig.load("turret")), Motion(t, q, v, a), rng=0)
+
+
 def test_a_rate_too_slow_for_the_motion_is_told() -> None:
-    """The sampling alone leaves something at 10 Hz; a motion eight times as fast leaves no trace at 20."""
-    rig, found = Rig.load("turret"), designed("turret", 0)
-    quick, coefficients = Series(found.series.seconds / 8, found.series.harmonics), found.coefficients.copy()
-    coefficients[1:] *= 8
-
-    def warned(series: Series, x: Array, rate: float) -> tuple[str, ...]:
-        motion = series.motion(x, np.arange(0, 20, 1 / rate))
-        return predict_estimate(nominal(rig), motion, rng=0).warnings
-
-    assert any("10 samples per second are too few" in one for one in warned(found.series, found.coefficients, 10))
-    assert not warned(found.series, found.coefficients, 20)
-    assert any("leaves no trace" in one for one in warned(quick, coefficients, 20))
-    assert not warned(quick, coefficients, 160)
+    """Twice the rate leaves less than a fifth; what it leaves is told from the error of a model's form on."""
+    slow, quick = (predict_swing(0.3, rate) for rate in (10, 20))
+    assert all(5 * quick.sampling[joint] < share for joint, share in slow.sampling.items()) and not quick.warnings
+    (said,) = replace(slow, sampling={"pan": 0.02, "tilt": 0.004}).warnings
+    assert "10 samples per second are too few" in said and "2 % of pan's" in said and "tilt" not in said
+    assert any("leaves no trace" in one for one in predict_swing(1.5, 20).warnings)
+    assert not predict_swing(1.5, 160).warnings
 
 
 def test_the_deviations_hold_a_lag_as_the_log_will_tell_it() -> None:
