@@ -50,7 +50,7 @@ NAMELESS = ("identification", "dynamics/apply", "dynamics/drive", "dynamics/simu
 CEILINGS = {
     "names at the top of more than one module": 23,
     "percent of functions that are one word": 23,
-    "upper-case constants": 902,
+    "upper-case constants": 901,
     "distinct deep names imported by the tests": 114,
 }
 """Counts of `scripts/budget.py`, which only fall: lower a ceiling with what lowers the count."""

@@ -345,6 +345,12 @@ class Diagnosis(Record):
         return tuple(finding for finding in self.findings if finding.cause != MEASURED_CAUSE)
 
     @property
+    def stages(self) -> dict[str, Mapping[str, Mapping[str, float]]]:
+        """Model → its held-out figures, each with more of what was fitted than the one before."""
+        each = (self.stated, self.rubbing, self.baseline, self.extended)
+        return dict(zip(("URDF", "friction found", "refitted", "extended"), each))
+
+    @property
     def finds_payload(self) -> bool:
         """Whether a finding says what the payload has other than its URDF: then `given` would say it twice."""
         return any(one.cause.startswith("payload-") for one in self.findings)

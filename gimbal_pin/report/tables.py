@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 
 TOGETHER = "all-axes"
 """The experiment in which all axes move."""
-STAGES = ("URDF", "its bodies", "refitted", "extended")
-"""The rig as its URDF states it, its bodies with the friction that was fitted, both fitted, and with what was found."""
 ALONE = "A finding's error before is without it and with all others; the table's is the refitted model's alone"
 """Why the errors before differ."""
 AWAY = "σ: standard deviation; ± is 1.96 σ; off by: the value less the URDF's"
@@ -189,7 +187,6 @@ def residual(found: Diagnosis) -> Table:
     """
     from gimbal_pin.identification import Opinion
 
-    parts = [found.stated, found.rubbing, found.baseline, found.extended]
     most = max(found.baseline.get("torque_rmse", {}).values(), default=0.0)
     joints = {} if found.held is None else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
     rows: list[list[Content | None]] = []
@@ -198,10 +195,10 @@ def residual(found: Diagnosis) -> Table:
         said = Opinion.of(left.state == "structured", found.extended.get("fit_percent", {}).get(name, nan)).value
         row: list[Content | None] = [joints[name].label if joints else name]
         row.append(toned(f"{said} {left.where}".strip(), OPINIONS[said]))
-        row += [share_off(part, name) for part in parts]
+        row += [share_off(part, name) for part in found.stages.values()]
         row.append(torque_text(found.extended["torque_rmse"][name], most, force))
         rows.append([*row, torque_text(limit, most, force) if limit else None])
-    head = ["Joint", "Left where fitted", *(f"Error, {model}" for model in STAGES), "That is", "Detectable from"]
+    head = ["Joint", "Left where fitted", *(f"Error, {model}" for model in found.stages), "That is", "Detectable from"]
     return Table(head, rows, texts=2, label="Torque error held out")
 
 
@@ -213,17 +210,17 @@ def share_off(errors: Mapping[str, Mapping[str, float]], joint: str) -> str:
 
 def gain(found: Diagnosis, joints: Sequence[ShownJoint]) -> Table:
     """What a simulation from the torque, and a simulated controller, are off by without and with what was found."""
-    simulated = [models["rollout_rmse"] for models in (found.stated, found.rubbing, found.baseline, found.extended)]
+    models, simulated = [*found.stages], [errors["rollout_rmse"] for errors in found.stages.values()]
     tracked = [{name: x[f"rms_{when}"] for name, x in found.tracking.items()} for when in ("before", "after")]
     sets: list[tuple[str, Sequence[str], Sequence[Mapping[str, float]], str]]
-    sets = [("Simulated", STAGES, simulated, "cannot be simulated")]
-    sets += [("Tracking error", STAGES[2:], tracked, "not stable")] if found.tracking else []
+    sets = [("Simulated", models, simulated, "cannot be simulated")]
+    sets += [("Tracking error", models[2:], tracked, "not stable")] if found.tracking else []
 
     def cells(joint: ShownJoint, values: Sequence[float], none: str) -> Iterator[Content]:
         top = max(filter(isfinite, values), default=0.0) or 1.0
         yield from (bar(x / top, joint.text(x, digits=2)) if isfinite(x) else none for x in values)
 
-    head = ["Joint", *(f"{name}, {model}" for name, models, *_ in sets for model in models)]
+    head = ["Joint", *(f"{name}, {model}" for name, shown, *_ in sets for model in shown)]
     rows = [
         [joint.label, *(x for *_, each, none in sets for x in cells(joint, [one[joint.name] for one in each], none))]
         for joint in joints

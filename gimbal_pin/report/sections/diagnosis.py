@@ -137,9 +137,7 @@ def state_model_errors(found: Diagnosis) -> list[Element]:
     if not moved:
         return []
     joint = min(moved, key=lambda name: found.stated["fit_percent"][name])
-    stages = "URDF", "with the friction found", "its bodies refitted, too,", "and extended"
-    models = zip(stages, (found.stated, found.rubbing, found.baseline, found.extended))
-    each = (f"{name} {tables.share_off(figures_of, joint)}" for name, figures_of in models)
+    each = (f"{name} {tables.share_off(errors, joint)}" for name, errors in found.stages.items())
     return [paragraph(f"Torque error at {joint}, where the URDF is worst, held out: {', '.join(each)}.")]
 
 
