@@ -132,8 +132,7 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     modules = {".".join((PACKAGE.name, *inside(path).split("/"))).removesuffix(".__init__"): path for path in FILES}
     needs = {
         module: {
-            name if name in modules else name.rpartition(".")[0]
-            for _, name in imports(path, at_load(parse(path)))
+            name if name in modules else name.rpartition(".")[0] for _, name in imports(path, at_load(parse(path)))
         }
         for module, path in modules.items()
     }
