@@ -7,8 +7,6 @@ from .checked import CHECKS_WITHOUT_REPAIR as CHECKS_WITHOUT_REPAIR
 from .checked import CheckedLog as CheckedLog
 from .checked import check_log as check_log
 from .checked import collect_alterations as collect_alterations
-from .eccentricity import Eccentricity as Eccentricity
-from .eccentricity import fit_eccentricity as fit_eccentricity
 from .platform_log import check_platform_log as check_platform_log
 from .record import REASONS as REASONS
 from .record import Alteration as Alteration

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import combinations, permutations, product
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,9 +49,6 @@ UNDRIVEN = 0.05
 """A joint with less than this share of the largest torque need not be right by a share of its own."""
 ASSIGNMENT_TIME = 60.0
 """Time of each log that is looked at where it is not fitted anyway, s."""
-MOST_PERMUTED_JOINTS = 4
-"""Joints up to which every pattern of signs, and every order, is tried; with more, single signs and all at once, and
-two joints exchanged."""
 
 
 class AssignmentTrial(NamedTuple):
@@ -147,7 +144,7 @@ def compute_mass_matrices(rows: Design, beta: Array) -> Array:
 
 
 def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
-    """Yield every pattern of signs, and every two joints' torques exchanged where there are logs to do it in.
+    """Yield single signs and all at once, and every two joints' torques exchanged where there are logs to do it in.
 
     No sign is turned that the given rig agrees with: bodies are free to take either side of what a limit has bent.
     """
@@ -175,12 +172,12 @@ def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
 
 
 def try_orders(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
-    """Yield whole joints in other orders that least squares explains far better than theirs, where there are logs."""
+    """Yield exchanges of two whole joints that least squares explains far better than theirs, where there are logs."""
     rows, joints = blocks.design, blocks.design.rig.joints
     if not rows.logs:
         return
     given, beginnings = compute_free_misfit(blocks), replace(rows, logs=tuple(map(take_beginning, rows.logs)))
-    for order in list_orders(rows.rig.n):
+    for order in (exchange_places(rows.rig.n, *pair) for pair in combinations(range(rows.rig.n), 2)):
         put = compute_blocks(reorder_channels(beginnings, order, JOINT_CHANNELS))
         if compute_free_misfit(put) < LEAST_IMPROVEMENT * given:
             places = [(joints[j], joints[k]) for j, k in enumerate(order) if j != k]
@@ -199,19 +196,8 @@ def correlate_with_given(blocks: DesignBlocks) -> Array:
 
 
 def list_sign_patterns(n: int) -> list[tuple[int, ...]]:
-    """Signs of n columns, at least one of them turned; the fewest first."""
-    if n <= MOST_PERMUTED_JOINTS:
-        each = [signs for signs in product((1, -1), repeat=n) if min(signs) < 0]
-    else:
-        each = [tuple(-1 if k == j else 1 for k in range(n)) for j in range(n)] + [(-1,) * n]
-    return sorted(each, key=sum, reverse=True)
-
-
-def list_orders(n: int) -> list[tuple[int, ...]]:
-    """Orders of n joints that are not theirs."""
-    if n <= MOST_PERMUTED_JOINTS:
-        return list(permutations(range(n)))[1:]
-    return [exchange_places(n, *pair) for pair in combinations(range(n), 2)]
+    """Signs of n columns: each one turned alone, then all of them."""
+    return list(dict.fromkeys([*(tuple(-1 if k == j else 1 for k in range(n)) for j in range(n)), (-1,) * n]))
 
 
 def exchange_places(n: int, i: int, k: int) -> tuple[int, ...]:

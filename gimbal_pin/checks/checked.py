@@ -11,7 +11,6 @@ from gimbal_pin.checks.calibration import Mounting, correct_imus, estimate_joint
 from gimbal_pin.checks.clock import check_clock
 from gimbal_pin.checks.commanded_torque import check_commanded_torque, exceeds_limit
 from gimbal_pin.checks.controller_formula import check_controller_formula
-from gimbal_pin.checks.eccentricity import Eccentricity, correct_angles
 from gimbal_pin.checks.filtered_velocity import check_filtered_velocity
 from gimbal_pin.checks.outliers import check_outliers
 from gimbal_pin.checks.record import Alteration, Check, Fault, compare_logs
@@ -53,14 +52,12 @@ class CheckedLog:
         alterations: What was altered, in the order in which it was done.
         faults: What is wrong with the log as it was recorded, in the order of the checks.
         mountings: Link → its IMU's misalignment and gyro bias.
-        encoders: Joint → how far its encoder sits off the joint's centre, where the rates show it.
     """
 
     log: Log
     alterations: tuple[Alteration, ...]
     faults: tuple[Fault, ...]
     mountings: Mapping[str, Mounting]
-    encoders: Mapping[str, Eccentricity]
 
     __repr__ = brief
 
@@ -95,9 +92,8 @@ def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs
 
     Nothing else alters data between the reading of a log and its samples, where short gaps are filled for the filters
     alone (`regression.split_segments`). First the sensors are made to agree: IMUs are turned into their links' axes,
-    rates that are missing come from the gyros, and angles of eccentric encoders are mended by the rates. Then `CHECKS`
-    follow, each on what those before it have mended. Of a long log they see an excerpt first, and the whole only where
-    that has something to mend.
+    and rates that are missing come from the gyros. Then `CHECKS` follow, each on what those before it have mended. Of a
+    long log they see an excerpt first, and the whole only where that has something to mend.
 
     A log that was returned is returned as it is.
 
@@ -120,8 +116,6 @@ def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs
     if latest.v is None and (rates := estimate_joint_rates(rig, latest)) is not None:
         latest = replace(latest, v=rates)
         steps.append(("rates-from-gyros", latest))
-    latest, encoders = correct_angles(latest)
-    steps += [("eccentric-encoder", latest)] if encoders else []
     faults, repairs = _examine(rig, subsample_log(latest).log, repairs_only)
     if repairs and subsample_log(latest).log is not latest:
         faults, repairs = _examine(rig, latest, repairs_only)
@@ -130,7 +124,7 @@ def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs
     for cause, after in steps:
         alterations += compare_logs(rig, cause, before, after)
         before = after
-    return CheckedLog(before, tuple(alterations), faults, mountings, encoders)
+    return CheckedLog(before, tuple(alterations), faults, mountings)
 
 
 def _examine(rig: Rig, log: Log, repairs_only: bool) -> tuple[tuple[Fault, ...], list[tuple[str, Log]]]:

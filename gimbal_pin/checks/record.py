@@ -22,7 +22,6 @@ REASONS: Mapping[str, str] = MappingProxyType(
         "contradicting-gyro": "it shows another motion than the base and the encoders, however it is turned",
         "imu-mounting": "the IMU sits askew or its gyro is biased, by the other gyros and the encoders",
         "rates-from-gyros": "the log holds no joint rates, and its gyros show them",
-        "eccentric-encoder": "the encoder is mounted off its centre, by the rates",
         "clock": "stamps are false, or rows repeat the row before",
         "stuck-channel": "a channel stands still while its joint moves on",
         "outliers": "they are wild, and their neighbours are not",

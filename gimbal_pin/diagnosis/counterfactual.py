@@ -1,19 +1,15 @@
-"""What a sensor shows and what that is worth: the same causes fitted to the logs as they would be without it.
-
-The platform's motion by its IMU, and encoders off their joint's centre by the rates.
-"""
+"""The platform's motion by its IMU, and its worth: the same causes fitted to the logs without that IMU."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm
 
-from gimbal_pin.checks import CheckedLog, Eccentricity
+from gimbal_pin.checks import CheckedLog
 from gimbal_pin.diagnosis.engine.criterion import compare_models, fitted
 from gimbal_pin.diagnosis.evidence import Evidence, gather, gather_for_judgement
 from gimbal_pin.diagnosis.extended import build_extended_model
@@ -56,23 +52,19 @@ def add_sensor_findings(
 
     Args:
         said: The diagnosis so far.
-        checked: Every log, with the encoders whose angles were mended.
+        checked: Every log.
         train: The logs that were fitted.
         test: The reporting ones; none where blocks of the fitted logs stand for them.
         filtering: The band.
     """
     every, baseline = {(one.cause, one.joint): one for one in said.findings}, said.baseline
     wholes = {one.log.name: one.log for one in checked}
-    encoders = {one.log.name: one.encoders for one in checked}
-    for shown in (*_list_platform_motion(said, train), *_iterate_eccentric_encoders(encoders)):
+    for shown in _list_platform_motion(said, train):
         if (weighed := _weigh(said, shown, train, test, wholes, filtering)) is None:
             continue
         one, without = weighed
-        baseline = without if shown.cause == MEASURED_CAUSE else baseline
-        if twin := every.get(at := (one.cause, one.joint)):  # its zero is off, too: one finding of both
-            figures, both = (*twin.parameters, *one.parameters), f"{twin.sentence}; {one.sentence}"
-            one = replace(twin, parameters=figures, sentence=both)
-        every[at] = one
+        baseline = without
+        every[one.cause, one.joint] = one
     return replace(said, findings=tuple(every.values()), baseline=baseline)
 
 
@@ -102,26 +94,6 @@ def _list_platform_motion(said: Diagnosis, logs: Sequence[Log]) -> list[_Shown]:
             strip,
         )
     ]
-
-
-def _iterate_eccentric_encoders(encoders: Mapping[str, Mapping[str, Eccentricity]]) -> Iterator[_Shown]:
-    """Yield the encoders whose angles were mended: without that they are as the encoders read them."""
-
-    def strip(log: Log, joint: str) -> Log:
-        """Put back what a joint's encoder read wrong."""
-        q, j = np.array(log.q), log.joints.index(joint)
-        if joint in encoders.get(log.name, {}):
-            q[:, j] += encoders[log.name][joint].error(q[:, j])
-        return replace(log, q=q)
-
-    for joint in sorted({joint for one in encoders.values() for joint in one}):
-        off = max((one[joint] for one in encoders.values() if joint in one), key=lambda one: one.size)
-        figures = Parameter("eccentricity", off.size, "rad", std=off.std), Parameter("phase", off.phase, "rad")
-        sentence = (
-            f"{joint}: encoder-offset, the encoder sits off the joint's centre and reads up to "
-            f"{np.degrees(off.size):.3g}° wrong once per turn, by the rates; mend its readings, or seat it anew"
-        )
-        yield _Shown("encoder-offset", joint, figures, sentence, partial(strip, joint=joint))
 
 
 def _weigh(
