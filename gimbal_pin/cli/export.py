@@ -47,15 +47,13 @@ def export(
     simplefoc: Annotated[opt.Folder, Writes(run=list_simplefoc_files)] = None,
     odrive: Annotated[opt.File, Writes((".json",))] = None,
     mjcf: opt.Mjcf = None,
-    live: Annotated[opt.Maybe[str], arg(metavar="ADDRESS")] = None,
-    secret: opt.File = None,
     rig: opt.OtherRig = None,
     payload: opt.Payload = None,
     platform_log: opt.File = None,
     map: opt.Map = (),
     json: opt.Json = None,
 ) -> None:
-    """Write a controller as C99, for ros2_control, SimpleFOC, ODrive or MuJoCo; or tune a gimbal that runs.
+    """Write a controller as C99, for ros2_control, SimpleFOC, ODrive or MuJoCo.
 
     Args:
         c: folder for the C99 sources, made if it is not there
@@ -63,8 +61,6 @@ def export(
         simplefoc: folder for tables of cogging and friction, with a sketch of SimpleFOC that feeds them forward
         odrive: the same tables as an ODrive indexes them, .json
         mjcf: the model for MuJoCo: bodies, friction, rotors, springs and drives; what it cannot hold is told
-        live: send gains and feed-forward to a running gimbal: udp://HOST:PORT or serial:DEVICE@BAUD
-        secret: secret of the gimbal that --live tunes: 32 hexadecimal digits
         rig: bundled rig, URDF or YAML (default: the one that CONTROLLER was tuned for)
         platform_log: how the platform moves: gyro_ and accel_ of the base link (default: half of profile S)
     """
@@ -74,19 +70,13 @@ def export(
     from gimbal_pin.export.mjcf import convert_to_mjcf
     from gimbal_pin.export.ros2 import package
     from gimbal_pin.log.io.files import atomic_write, to_json, write_run
-    from gimbal_pin.log.io.link import check_answer, read_secret, send_parameters
     from gimbal_pin.report.sections.control import show_export
 
-    if all(target is None for target in (c, ros2, simplefoc, odrive, mjcf, live)):
-        options = "--c, --ros2, --simplefoc, --odrive, --mjcf or --live"
+    if all(target is None for target in (c, ros2, simplefoc, odrive, mjcf)):
+        options = "--c, --ros2, --simplefoc, --odrive or --mjcf"
         raise UsageError("export", "is not told what to write", f"add {options}")
     if map and platform_log is None:
         raise UsageError("--map", "has no log to map", "name it with --platform-log FILE")
-    if (live is None) != (secret is None):
-        option, other = ("--secret", "--live") if live is None else ("--live", "--secret")
-        mend = "tune with --live ADDRESS --secret FILE, the gimbal's own"
-        raise UsageError(option, f"is given without {other}", mend)
-    shared = None if secret is None else read_secret(secret)
     loaded = load_rig(find_controller_rig(controller) if rig is None else rig, payload or read_payload(controller))
     stored = read_controller(controller, loaded)
     folders: list[tuple[Path, Mapping[str, str]]] = []
@@ -94,14 +84,11 @@ def export(
     table = None if odrive is None else to_json(tables.odrive(stored.model), 1)
     simulated, notes = ("", ()) if mjcf is None else convert_to_mjcf(stored.model)
     result: dict[str, Any] = {"schema": 1, "notes": list(notes)}
-    if c is not None or ros2 is not None or live is not None:
+    if c is not None or ros2 is not None:
         found = export_controller(stored, None if platform_log is None else read_base_motion(loaded, platform_log, map))
         result |= found.to_dict()
         folders += [] if c is None else [(c, found.files)]
         folders += [] if ros2 is None else [(ros2, package(stored, found.files))]
-    if live is not None and shared is not None:
-        check_answer(live, send_parameters(live, found.tuning, shared))
-        result["live"] = live
     for folder, content in folders:
         write_run(folder, {name: partial(atomic_write, content=body) for name, body in content.items()}, asked)
     if c is not None and not loaded.config.imus:
@@ -114,7 +101,6 @@ def export(
     told = [f"{len(content)} files → {folder}" for folder, content in folders]
     told += [f"→ {file}" for file in (odrive, mjcf) if file is not None]
     told += [] if c is None else [show_export(found, c).to_text()]
-    told += [] if live is None else [f"{live}: gains and feed-forward are in force"]
     present("\n".join(told), {**result, "written": [str(folder) for folder, _ in folders]}, json)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -74,7 +73,6 @@ class Exported:
         memory: Bytes of the state of a controller that holds the camera.
         difference: Largest difference of the equations from Pinocchio in double precision, relative over one.
         pointer: The Python controller that holds the camera with the same parameters.
-        tuning: Body of a TUNE that gives a running gimbal its gains and terms, see `gimbal_link.h`.
     """
 
     files: Mapping[str, str]
@@ -82,7 +80,6 @@ class Exported:
     memory: int
     difference: float
     pointer: Pointer
-    tuning: bytes
 
     __repr__ = brief
 
@@ -165,7 +162,7 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
     cost = {name: times * counts.get(name, PER_TAP * TAPS) for name, times in calls(stored, pointer).items()}
     memory = state_bytes(rig.n, len(links), pointer.navigator.forecast.due)
     made = rendered({**context, "operations": cost, "memory": memory}, EXPORTED_FILES)
-    return Exported(made, cost, memory, difference, pointer, tuning(context["parameters"]))
+    return Exported(made, cost, memory, difference, pointer)
 
 
 PER_TAP = 18
@@ -295,14 +292,6 @@ def list_parameters_of(
             "damping": DAMPING,
         },
     }
-
-
-def tuning(values: Mapping[str, Any]) -> bytes:
-    """Return the body of a TUNE with the gains and terms of ``struct gimbal_parameters``."""
-    loops = [loop[key] for kind in ("holding", "tracking") for loop in values[kind] for key in ("kp", "ki", "kd")]
-    terms = [x for key in ("constant", "per_slide", "per_rate", "others") for x in values["terms"][key]]
-    numbers = np.array([*loops, *terms], "<f4").tobytes()
-    return struct.pack("<HH", len(values["limit"]), len(values["terms"]["others"])) + numbers
 
 
 def inertia(law: Any, n: int) -> Sequence[float]:

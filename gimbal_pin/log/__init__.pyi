@@ -18,8 +18,6 @@ from .io.inspection import Inspected as Inspected
 from .io.inspection import inspect as inspect
 from .io.link import Frame as Frame
 from .io.link import encode_frame as encode_frame
-from .io.link import read_secret as read_secret
-from .io.link import send_parameters as send_parameters
 from .io.readers import files_of as files_of
 from .limited import compute_limit_shares as compute_limit_shares
 from .limited import compute_share_near_limit as compute_share_near_limit

@@ -71,11 +71,9 @@ int main(int count, char **words)
     const struct gimbal_parameters *p = &gimbal_default_parameters;
     const int steps = count > 1 ? atoi(words[1]) : 100000;
     float tau[GIMBAL_JOINTS];
-    static struct gimbal_parameters own;
     static struct gimbal_link link;
     memset(&seen, 0, sizeof seen);
-    own = *p;
-    gimbal_link_start(&link, NULL, 0u);
+    gimbal_link_start(&link);
     gimbal_tracking_start(&tracking);
     for (int k = 0; k < steps; ++k) {
         const uint32_t rare = 2u + next() % 1000u;
@@ -96,8 +94,7 @@ int main(int count, char **words)
         for (size_t i = 0; i < sizeof bytes; ++i) {
             bytes[i] = (uint8_t)(next() % 16u == 0u ? next() % 4u : next());
         }
-        (void)gimbal_link_receive(&link, &own, bytes, sizeof bytes);
-        (void)gimbal_link_apply(&link, &own);
+        (void)gimbal_link_receive(&link, bytes, sizeof bytes);
         struct gimbal_reference reference;
         fill(reference.q, GIMBAL_JOINTS, 4.0f, rare);
         fill(reference.v, GIMBAL_JOINTS, 4.0f, rare);

@@ -20,17 +20,15 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gimbal_pin import export_controller
-from gimbal_pin.control import stored as read
 from gimbal_pin.control import tune
-from gimbal_pin.dynamics import Reference, Sensors, nominal, simulate
+from gimbal_pin.dynamics import Sensors, nominal, simulate
 from gimbal_pin.effects import Sample
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.export import odrive, simplefoc
 from gimbal_pin.export.compiled import at, single
 from gimbal_pin.export.tables import FRICTION_RATES, feed
 from gimbal_pin.log import Frame, Log, encode_frame, follow, read_log, write_log, write_yaml
-from gimbal_pin.log.io.link import compute_siphash, decode_frame, open_link, seal_frame
+from gimbal_pin.log.io.link import decode_frame, open_link
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier
 from tests.command_line import Run, refused, result
@@ -40,7 +38,6 @@ from tests.rigs import bundled
 BINS = 3600
 HELLO = 1
 LOG = 2
-TUNE = 3
 
 pytest.importorskip("casadi")
 compiled_here = pytest.mark.skipif(not has("gcc"), reason="no C compiler")
@@ -170,56 +167,23 @@ def test_a_frame_with_another_byte_is_none(body: bytes, draw: st.DataObject) -> 
     assert decode_frame(draw.draw(st.binary(max_size=40))) is None
 
 
-SECRET = bytes(range(1, 17))
-PAPER = bytes(range(16))
-"""Key of the test vectors of SipHash's paper (15 bytes) and reference code: the first n of the bytes 0, 1, 2, …"""
-
-
-@pytest.mark.parametrize(
-    ("count", "tag"),
-    [
-        (0, "310e0edd47db6f72"),
-        (1, "fd67dc93c539f874"),
-        (7, "37d1018bf50002ab"),
-        (8, "6224939a79f5f593"),
-        (15, "e545be4961ca29a1"),
-        (63, "724506eb4c328a95"),
-    ],
-)
-def test_a_tag_is_that_of_siphashs_authors(count: int, tag: str) -> None:
-    assert compute_siphash(PAPER, bytes(range(count))).hex() == tag
-
-
-def tuning(count: int, body: bytes, sequence: int = 7, secret: bytes = SECRET) -> bytes:
-    """A TUNE as a host with a secret sends it."""
-    return encode_frame(seal_frame(Frame(TUNE, sequence, body), secret, count))
-
-
 class Device:
-    """The compiled controller and its link on a UDP socket of this machine: it streams a log, and is tuned."""
+    """The compiled link on a UDP socket of this machine: it streams a log."""
 
-    def __init__(self, twin: Twin, log: Log | None, secret: bytes | None = SECRET, count: int = 0) -> None:
-        """Take what it streams, its secret and the last count that it stored, and parameters of its own."""
-        self.code, self.n, self.log = twin.library.code, twin.library.n, log
-        code = self.code
-        for name in ("log", "answer"):
-            getattr(code, f"gimbal_link_{name}").restype = ctypes.c_size_t
-        code.gimbal_link_receive.restype = code.gimbal_link_apply.restype = ctypes.c_bool
-        about = export_controller(twin.stored)
-        size = int(
-            subprocess.run([twin.folder / "sizes"], capture_output=True, check=True, text=True).stdout.split()[0]
-        )
-        self.link = ctypes.create_string_buffer(65536)
-        self.p = ctypes.create_string_buffer(ctypes.string_at(twin.library.parameters, size), size)
-        self.tuning, self.out = about.tuning, ctypes.create_string_buffer(65536)
-        code.gimbal_link_start(self.link, secret, ctypes.c_uint64(count))
+    def __init__(self, twin: Twin, log: Log | None) -> None:
+        """Take the log."""
+        self.code, self.log = twin.library.code, log
+        self.code.gimbal_link_log.restype = ctypes.c_size_t
+        self.code.gimbal_link_receive.restype = ctypes.c_bool
+        self.link, self.out = ctypes.create_string_buffer(65536), ctypes.create_string_buffer(65536)
+        self.code.gimbal_link_start(self.link)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.settimeout(0.002)
-        self.ended, self.sent, self.applied = False, 0, 0
+        self.ended, self.sent = False, 0
 
     def step(self) -> None:
-        """Hear what came, apply it between two steps, and send."""
+        """Take bytes that came, and send some samples."""
         try:
             data, host = self.socket.recvfrom(65536)
         except TimeoutError:
@@ -227,10 +191,7 @@ class Device:
         self.receive(data)
         if host is not None:
             self.host = host
-        self.applied += self.applied_now()
         if hasattr(self, "host"):
-            if count := self.code.gimbal_link_answer(self.link, self.out):
-                self.socket.sendto(self.out.raw[:count], self.host)
             rows = range(self.sent, min(self.sent + 20, 0 if self.log is None else len(self.log)))
             if datagram := b"".join(map(self.row, rows)):
                 self.socket.sendto(datagram, self.host)
@@ -238,11 +199,7 @@ class Device:
 
     def receive(self, data: bytes) -> bool:
         """Give bytes to the compiled link."""
-        return bool(self.code.gimbal_link_receive(self.link, self.p, data, ctypes.c_size_t(len(data))))
-
-    def applied_now(self) -> bool:
-        """Let the compiled link change the parameters."""
-        return bool(self.code.gimbal_link_apply(self.link, self.p))
+        return bool(self.code.gimbal_link_receive(self.link, data, ctypes.c_size_t(len(data))))
 
     def row(self, k: int) -> bytes:
         """Return a row of the log as a frame; every 50th is corrupted on its way."""
@@ -254,13 +211,6 @@ class Device:
         data = bytearray(self.out.raw[:count])
         data[10] ^= 0x55 if k % 50 == 49 else 0
         return bytes(data)
-
-    def answer(self) -> tuple[int, int] | None:
-        """Return sequence and status of the answer that is due."""
-        count = self.code.gimbal_link_answer(self.link, self.out)
-        frame = decode_frame(self.out.raw[: count - 1]) if count else None
-        assert frame is None or frame.type == 4
-        return None if frame is None else struct.unpack("<HH", frame.body)  # type: ignore[return-value]
 
     @contextmanager
     def running(self) -> Iterator[str]:
@@ -281,17 +231,6 @@ class Device:
 
 
 @pytest.fixture(scope="module")
-def sized(twin: Twin) -> Twin:
-    """With a program that tells the size of the parameters."""
-    program = '#include <stdio.h>\n#include "gimbal_controller.h"\nint main(void)\n{\n'
-    (twin.folder / "sizes.c").write_text(
-        program + '    printf("%zu", sizeof(struct gimbal_parameters));\n    return 0;\n}\n'
-    )
-    compile_(twin.folder, COMPILERS["gcc"], "-o", "sizes", "sizes.c")
-    return twin
-
-
-@pytest.fixture(scope="module")
 def moved(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Log:
     """A log of the simulated turret as the compiled controller moves it."""
     rig, path = twin.stored.model.rig, tmp_path_factory.mktemp("log") / "log.csv"
@@ -301,16 +240,16 @@ def moved(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Log:
 
 
 @compiled_here
-def test_a_running_gimbal_is_identified_and_tuned(run: Run, sized: Twin, moved: Log, tmp_path: Path) -> None:
+def test_a_running_gimbal_is_identified(run: Run, twin: Twin, moved: Log, tmp_path: Path) -> None:
     """The log that comes over UDP identifies what the file does, but for the corrupted frames, which are missing."""
-    device = Device(sized, moved)
+    device = Device(twin, moved)
     with device.running() as address:
         heard = list(follow(address, bundled("turret"), idle=0.7))
     t = np.concatenate([log.t for log in heard])
     kept = np.setdiff1d(np.arange(len(moved)), np.arange(49, len(moved), 50))
     np.testing.assert_allclose(t, np.round(moved.t[kept], 6), atol=1e-9)
     np.testing.assert_allclose(np.concatenate([log.tau for log in heard]), moved.tau[kept], rtol=1e-6, atol=1e-9)
-    device, path = Device(sized, moved), tmp_path / "found.json"
+    device, path = Device(twin, moved), tmp_path / "found.json"
     with device.running() as address:
         code, _, err = run("identify", "turret", address, "--follow", "--idle", 0.7, "--json", path)
     assert code == 0, err
@@ -320,132 +259,20 @@ def test_a_running_gimbal_is_identified_and_tuned(run: Run, sized: Twin, moved: 
 
 
 @compiled_here
-def test_new_gains_are_taken_between_two_steps(run: Run, sized: Twin, tmp_path: Path) -> None:
-    """And the torque is then that of a controller that was exported with them."""
-    stored = sized.stored
-    softer = tune(stored.model, kind=stored.wish.kind).to_dict()
-    for gains in softer["joints"].values():
-        for key in ("kp", "ki", "kd"):
-            gains[key] *= 0.5
-    write_yaml(softer, tmp_path / "softer.yaml")
-    key = tmp_path / "gimbal.key"
-    key.write_text(SECRET.hex() + "\n")
-    wanted = read(softer, stored.model.rig, "here")
-    device, n = Device(sized, None), sized.library.n
-    with device.running() as address:
-        code, out, err = run("export", tmp_path / "softer.yaml", "--live", address, "--secret", key)
-        assert code == 0 and "in force" in out, err
-    assert device.applied >= 1
-    rng = np.random.default_rng(0)
-    q, v = rng.normal(0, 0.3, n), rng.normal(0, 0.1, n)
-    aim = Reference(q + 1e-3, v, np.zeros(n))
-    right, _ = wanted.law.torque(0.0, q, v, aim, wanted.law.start())
-    tau, memory = np.empty(n, np.float32), ctypes.create_string_buffer(sized.library.code.gimbal_tracking_size())
-    device.code.gimbal_tracking_start(memory)
-    given = [single(q), single(v), single(aim.q, aim.v, aim.a)]
-    device.code.gimbal_tracking_step(device.p, memory, ctypes.c_float(0.0), *map(at, given), at(tau))
-    old, _ = stored.law.torque(0.0, q, v, aim, stored.law.start())
-    np.testing.assert_allclose(tau, right, atol=2e-5 * float(stored.model.tau_max.max()))
-    assert np.abs(right - old).max() > 1e-3
-
-
-@compiled_here
-def test_a_hostile_frame_changes_nothing(sized: Twin) -> None:
-    """Gains that are no number, negative, unstable, too fast for the delay, or terms beyond the limit; other sizes."""
-    device, n = Device(sized, None), sized.library.n
-    before, own = device.p.raw, np.frombuffer(device.tuning[4:], "<f4")
-    kp, _, kd = own[:3]
-    hostile = [(0, np.nan), (0, -1.0), (1, 2 * kp * kd), (2, 1e9), (0, np.inf), (6 * n, 1e6), (3 * n + 1, -5.0)]
-    for sequence, (place, value) in enumerate(hostile):
-        values = own.copy()
-        values[place] = value
-        assert device.receive(tuning(1 + sequence, device.tuning[:4] + values.tobytes(), sequence))
-        assert not device.applied_now() and device.answer() == (sequence, 2), (place, value)
-    for k, body in enumerate((b"", device.tuning[:-1], device.tuning + b"\0", b"\7\0" + device.tuning[2:])):
-        device.receive(tuning(10 + k, body, 99))
-        assert not device.applied_now() and device.answer() == (99, 1)
-    good = tuning(20, device.tuning)
-    rng = np.random.default_rng(0)
-    for _ in range(3000):
-        bad = bytearray(good)
+def test_the_link_asks_for_the_log_with_a_hello_alone(twin: Twin) -> None:
+    """Hostile bytes, and the frames that once carried new gains, neither begin the log nor keep a HELLO from it."""
+    device = Device(twin, None)
+    rng, hello = np.random.default_rng(0), encode_frame(Frame(HELLO, 0, b""))
+    for kind in (0, 2, 3, 4, 255):
+        assert not device.receive(encode_frame(Frame(kind, 7, rng.bytes(int(rng.integers(400))))))
+    for _ in range(1000):
+        bad = bytearray(hello)
         bad[rng.integers(len(bad) - 1)] ^= int(rng.integers(1, 256))
-        device.receive(bytes(bad[: rng.integers(1, len(bad))]) + b"\0")
+        assert not device.receive(bytes(bad[: rng.integers(1, len(bad))]) + b"\0")
         device.receive(rng.bytes(int(rng.integers(1, 400))))
-        assert not device.applied_now() and device.answer() is None
-    device.receive(b"\1" * 100000 + b"\0")
-    assert device.p.raw == before
-    for byte in good:  # and its own values pass, byte by byte
-        device.receive(bytes([byte]))
-    assert device.applied_now() and device.answer() == (7, 0)
-    device.receive(encode_frame(Frame(HELLO, 0, b"")))
+    assert not device.receive(b"\1" * 100000 + b"\0")
+    assert [device.receive(bytes([byte])) for byte in hello] == [*[False] * (len(hello) - 1), True]
     device.socket.close()
-
-
-@compiled_here
-def test_only_who_has_the_secret_tunes_and_each_frame_once(sized: Twin) -> None:
-    """No tag, another secret, a changed byte under a right CRC, an old count, a gimbal without a secret."""
-    device = Device(sized, None)
-    other, body = bytes(16), device.tuning
-    right = decode_frame(tuning(5, body)[:-1])
-    assert right is not None
-    forged = [Frame(TUNE, 7, body), Frame(TUNE, 7, b""), Frame(TUNE, 8, right.body)]
-    for place in (4, -9, -1):
-        changed = bytearray(right.body)
-        changed[place] ^= 1
-        forged.append(right._replace(body=bytes(changed)))
-    for frame in forged:
-        assert not device.receive(encode_frame(frame)) and not device.applied_now()
-        assert device.answer() == (frame.sequence, 3), frame
-    assert not device.receive(tuning(6, body, secret=other)) and device.answer() == (7, 3)
-    assert device.receive(encode_frame(right)) and device.applied_now() and device.answer() == (7, 0)
-    assert not device.receive(encode_frame(right)) and device.answer() is None
-    assert not device.receive(tuning(4, body)) and not device.applied_now() and device.answer() == (7, 4)
-    assert device.receive(tuning(6, body)) and device.applied_now() and device.answer() == (7, 0)
-    device.socket.close()
-    for secret in (None, other):
-        without = Device(sized, None, secret)
-        assert not without.receive(tuning(9, body, secret=other)) and not without.applied_now()
-        assert without.answer() == (7, 3)
-        without.socket.close()
-    again = Device(sized, None, count=6)
-    assert not again.receive(tuning(6, body)) and not again.applied_now() and again.answer() is None
-    again.socket.close()
-
-
-@compiled_here
-@given(key=st.binary(min_size=16, max_size=16), data=st.binary(max_size=300))
-def test_both_ends_make_the_same_tag(sized: Twin, key: bytes, data: bytes) -> None:
-    tag = sized.library.code.gimbal_link_tag
-    tag.restype = ctypes.c_uint64
-    assert tag(key, data, ctypes.c_size_t(len(data))) == int.from_bytes(compute_siphash(key, data), "little")
-
-
-def test_gains_are_sent_with_a_secret_alone(run: Run, turret: Path, tmp_path: Path) -> None:
-    """Refused before anything is sent, or worked on; the secret itself is in no message."""
-    key, live = tmp_path / "gimbal.key", ("--live", "udp://127.0.0.1:9")
-    refused(run("export", turret, *live), 2, "--live", "--secret FILE")
-    refused(run("export", turret, "--secret", key, "--c", tmp_path / "c"), 2, "--secret", "--live ADDRESS")
-    for text in ("", "0" * 32, "1234", "g" * 32, "1" * 64):
-        key.write_text(text)
-        said = run("export", turret, *live, "--secret", key)
-        refused(said, 2, "gimbal.key", "is no secret of 32 hexadecimal digits", "openssl rand -hex 16")
-        assert not text or text not in said[2]
-
-
-@compiled_here
-@pytest.mark.parametrize(
-    ("secret", "count", "said"),
-    [(PAPER, 0, "another secret"), (None, 0, "or none"), (SECRET, 2**63, "clock")],
-    ids=["another", "none", "stale"],
-)
-def test_a_gimbal_that_refuses_a_host_says_why(
-    run: Run, turret: Path, sized: Twin, tmp_path: Path, secret: bytes | None, count: int, said: str
-) -> None:
-    key, device = tmp_path / "gimbal.key", Device(sized, None, secret, count)
-    key.write_text(SECRET.hex())
-    with device.running() as address:
-        refused(run("export", turret, "--live", address, "--secret", key), 2, said)
-    assert device.applied == 0
 
 
 def sent(datagrams: list[bytes]) -> list[Log]:
@@ -460,32 +287,69 @@ def sent(datagrams: list[bytes]) -> list[Log]:
 
         thread = threading.Thread(target=answer)
         thread.start()
-        heard = list(follow(f"udp://127.0.0.1:{gimbal.getsockname()[1]}", bundled("turret"), idle=0.5))
+        heard = list(follow(f"udp://127.0.0.1:{gimbal.getsockname()[1]}", bundled("turret"), idle=0.3))
         thread.join()
     return heard
 
 
-def sample(k: int) -> bytes:
-    """The frame of a sample at k hundredths of a second."""
-    return encode_frame(Frame(LOG, k, struct.pack("<QI6f", 10_000 * k, 0, *(0.01 * k * np.arange(1, 7)))))
+def sample(k: int, lost: int = 0, stamp: int | None = None, values: float | None = None) -> bytes:
+    """The frame of a sample at k hundredths of a second, or at another stamp, µs."""
+    numbers = [0.01 * k, 0.02 * k, 1.0, 2.0, 0.01 * k, 0.0] if values is None else [values] * 6
+    return encode_frame(Frame(LOG, k, struct.pack("<QI6f", 10_000 * k if stamp is None else stamp, lost, *numbers)))
 
 
-def test_a_gimbal_that_begins_anew_is_heard_and_said() -> None:
-    """Its stamps start at 0 again: the samples are a trajectory of their own. One that is overtaken is left out."""
-    first, second = [*range(200, 250), 260, 255], range(30)
-    heard = sent([sample(k) for k in (*first, *second)])
-    t, q = np.concatenate([log.t for log in heard]), np.concatenate([log.q[:, 0] for log in heard])
-    kept = [*first[:-1], *second]
-    np.testing.assert_allclose(q, 0.01 * np.array(kept), atol=1e-6)
-    np.testing.assert_allclose(t[:51], 0.01 * np.array(kept[:51]), atol=1e-6)
-    np.testing.assert_allclose(np.diff(t[50:]), [1.0, *[0.01] * 29], atol=1e-6)
-    said = [event for log in heard for event in log.events if "began anew" in event]
-    assert len(said) == 1 and said[0].startswith("3.6 s: udp://127.0.0.1:")
+def angles(logs: list[Log]) -> list[int]:
+    """Return the hundredths of a second of the samples of logs, by their first angle."""
+    return [round(100 * q) for log in logs for q in log.q[:, 0].tolist()]
+
+
+@pytest.mark.parametrize("block", [2, 7, 20])
+def test_samples_that_overtake_each_other_stand_in_order(block: int) -> None:
+    order = [k for first in range(0, 60, block) for k in reversed(range(first, min(first + block, 60)))]
+    heard = sent([sample(k) for k in (*order, 10, 59)])
+    assert angles(heard) == list(range(60)) and not [event for log in heard for event in log.events]
+
+
+@pytest.mark.parametrize("stamp", [10**12, 2**63, 2**64 - 1, 0])
+@pytest.mark.parametrize("count", [1, 30])
+def test_a_far_stamp_that_nothing_continues_is_left_out(stamp: int, count: int) -> None:
+    first, second = range(200, 230), range(230, 260)
+    far = [sample(5, stamp=stamp)] * count
+    heard = sent([*map(sample, first), *far, *map(sample, second)])
+    assert angles(heard) == [*first, *second]
+    assert angles(sent([*far, *map(sample, first)])) == [*first]
+
+
+@pytest.mark.parametrize("restart", [0, 10**9, 1_700_000_000_000_000], ids=["restart", "later", "clock set"])
+def test_a_gimbal_that_restarts_begins_a_trajectory_of_its_own(restart: int) -> None:
+    """Its samples follow those before after 1 s, whatever its clock says, and a note names the time."""
+    first, second = range(200, 250), range(30)
+    heard = sent([*map(sample, first), *(sample(k, stamp=restart + 10_000 * k) for k in second)])
+    t = np.concatenate([log.t for log in heard])
+    assert angles(heard) == [*first, *second]
+    np.testing.assert_allclose(t[:50], 0.01 * np.array(first), atol=1e-6)
+    np.testing.assert_allclose(np.diff(t[49:]), [1.0, *[0.01] * 29], atol=1e-6)
+    (said,) = [event for log in heard for event in log.events if "trajectory of its own" in event]
+    assert said.startswith("3.5 s: udp://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    ("lost", "values"), [(1, None), (0b11111, None), (0b11111, np.nan), (0, np.nan)], ids=["q", "all", "nan", "x"]
+)
+def test_samples_without_encoders_are_left_out_and_said(lost: int, values: float | None) -> None:
+    """Without its gyros alone the angles are still measured: those samples stay."""
+    heard = sent([sample(k, lost if 20 <= k < 30 else 0, values=values if 20 <= k < 30 else None) for k in range(60)])
+    assert angles(heard) == [*range(20), *range(30, 60)]
+    (said,) = [event for log in heard for event in log.events if "encoders" in event]
+    assert said.startswith("0.2 s: udp://127.0.0.1:")
+    assert angles(sent([sample(k, 0b11110) for k in range(20)])) == [*range(20)]
+    with pytest.raises(LogError, match="given up its encoders"):
+        sent([sample(k, lost, values=values) for k in range(60)])
 
 
 def test_a_datagram_that_is_no_frame_swallows_no_other() -> None:
     heard = sent([part for k in range(20) for part in (b"\5garbage", sample(k))])
-    assert np.concatenate([log.q[:, 0] for log in heard]) == pytest.approx(0.01 * np.arange(20), abs=1e-6)
+    assert angles(heard) == [*range(20)]
 
 
 def test_a_pipe_without_an_end_of_a_line_is_refused(run: Run) -> None:
@@ -506,5 +370,5 @@ def test_a_gimbal_that_is_not_there_is_told(run: Run, turret: Path, tmp_path: Pa
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         address = f"udp://127.0.0.1:{taken.getsockname()[1]}"
-        with pytest.raises(LogError, match="no sample"):
+        with pytest.raises(LogError, match="no two samples"):
             list(follow(address, bundled("turret"), idle=0.2))

@@ -1,8 +1,8 @@
-"""A running gimbal on the other end of a serial line or UDP: frames in and out, its log as lines of a growing CSV.
+"""Telemetry of a running gimbal over a serial line or UDP, as lines of a growing CSV.
 
 A frame is ``uint8 version, uint8 type, uint16 sequence``, a body and a CRC (CCITT-FALSE), stuffed by COBS (Cheshire and
 Baker, IEEE/ACM Trans. Networking 7(2), 1999) with a zero byte at its end, little-endian throughout; `gimbal_link.h` of
-an exported controller lists the bodies. New parameters bear a count and a tag of a secret that both ends share.
+an exported controller lists the bodies.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ import time
 from binascii import crc_hqx
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from math import inf
-from pathlib import Path
+from math import inf, isfinite
 from typing import NamedTuple
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.rig.reading import read_bytes
 
 _VERSION = 1
-_HELLO, LOG_FRAME, _TUNE, _ANSWER = 1, 2, 3, 4
-"""Types of frames: a host asks for the log, a sample, new parameters, what became of them."""
+_HELLO = 1
+"""Type of the frame with which a host asks for the log."""
+LOG_FRAME = 2
+"""Type of the frame that holds a sample."""
+_ENCODERS = 1
+"""Bit of the channels that a gimbal gave up (``enum gimbal_channel``): without encoders its angles are predictions."""
 _ADDRESS = re.compile(
     r"udp://(?P<host>[\w.-]+|\[[\da-fA-F:]+\]):(?P<port>\d{1,5})|serial:(?P<device>[^@]+)@(?P<baud>\d{1,8})"
 )
@@ -37,29 +39,15 @@ _READ_TIMEOUT = 0.05
 _HELLO_INTERVAL = 1.0
 """Time between two HELLOs, s."""
 _REORDERING = 1.0
-"""Longest that a datagram is overtaken by later ones, s: a stamp from before that is of a gimbal that began anew, whose
-samples follow after as long a gap."""
-
-
-_REFUSALS = (
-    ("runs a controller of other joints or terms", "flash the sources that --c writes"),
-    (
-        "refuses these gains or terms: out of the range that gimbal_link.h states",
-        "tune for the delay of the gimbal that runs",
-    ),
-    ("has another secret, or none", "give gimbal_link_start and --secret the same"),
-    ("was tuned by a host whose clock is ahead", "set this machine's clock"),
-)
-"""What a gimbal's status means, from 1 on, and the correction."""
-_LARGEST_WORD = 2**64 - 1
-"""The largest word of SipHash: sums are taken modulo its successor."""
+"""Longest delay of a datagram behind later ones, s, and the gap that separates the trajectories of a gimbal whose clock
+jumped by more. Twice as long a delay is beyond what networks do; twice the gap changes no result."""
 
 
 class Frame(NamedTuple):
     """One frame.
 
     Attributes:
-        type: `_HELLO` to `_ANSWER`.
+        type: `_HELLO` or `LOG_FRAME`.
         sequence: The sender's count.
         body: What it holds.
     """
@@ -102,21 +90,6 @@ def decode_frame(data: bytes) -> Frame | None:
     if crc_hqx(plain[:-2], 0xFFFF) != int.from_bytes(plain[-2:], "little"):
         return None
     return Frame(plain[1], int.from_bytes(plain[2:4], "little"), plain[4:-2])
-
-
-def seal_frame(frame: Frame, secret: bytes, count: int) -> Frame:
-    """Return a frame whose body ends in a count and the tag of header, body and count under a secret of 16 bytes."""
-    body = frame.body + struct.pack("<Q", count)
-    return frame._replace(body=body + compute_siphash(secret, _pack_header(frame) + body))
-
-
-def read_secret(path: str | Path) -> bytes:
-    """Return a file's secret of 16 bytes; `UsageError` unless it holds 32 hexadecimal digits that are not all zero."""
-    text = read_bytes(path, most=4096).strip()
-    if re.fullmatch(rb"[\da-fA-F]{32}", text) is None or not int(text, 16):
-        mend = f"make one: openssl rand -hex 16 > {Path(path).name}"
-        raise UsageError(str(path), "is no secret of 32 hexadecimal digits", mend)
-    return bytes.fromhex(text.decode())
 
 
 def _pack_header(frame: Frame) -> bytes:
@@ -224,11 +197,104 @@ def _send(channel: LinkChannel, data: bytes) -> None:
         return
 
 
+class Sample(NamedTuple):
+    """One sample.
+
+    Attributes:
+        time_us: Stamp of the gimbal's clock, µs.
+        came: Time of this machine at which it came, s.
+        lost: Channels that the gimbal has given up, a bit each.
+        values: Angles, rad, rates, rad/s, and torques, N m, of all joints.
+    """
+
+    time_us: int
+    came: float
+    lost: int
+    values: tuple[float, ...]
+
+
+class SampleQueue:
+    """Samples in the order of their stamps.
+
+    A sample waits for those that it overtook until the second `release` after it came. A stamp that lies over
+    `_REORDERING` before the newest, or after it and the time that has passed since, is believed once the next one
+    continues it: then the gimbal restarted or its clock was set. A stamp that nothing continues is left out.
+    """
+
+    def __init__(self, address: str) -> None:
+        """Start without samples; `address` is what errors and comments name."""
+        self.is_empty = True
+        self._address = address
+        self._newest: Sample | None = None
+        self._jumped: Sample | None = None
+        self._shift = 0
+        self._released = -1
+        self._waiting: dict[int, str] = {}
+        self._arrived: dict[int, str] = {}
+        self._comments: list[str] = []
+        self._has_encoders = True
+
+    def push(self, sample: Sample) -> None:
+        """Take a sample.
+
+        Raises:
+            LogError: The gimbal has given up its encoders from the start.
+        """
+        gap, newest = round(1e6 * _REORDERING), self._newest
+        sample = sample._replace(time_us=sample.time_us + self._shift)
+        if newest is not None:
+            passed = 1e6 * (sample.came - newest.came)
+            if -gap <= sample.time_us - newest.time_us <= gap + passed:
+                self._jumped = None
+                self._keep(sample)
+                return
+        before, self._jumped = self._jumped, sample
+        if before is None or not 0 < abs(sample.time_us - before.time_us) <= gap:
+            return
+        self._jumped, shift = None, 0
+        if newest is not None:
+            begin = newest.time_us + gap
+            shift = begin - min(before.time_us, sample.time_us)
+            what = "restarted, or its clock was set: a trajectory of its own"
+            self._comments.append(f"# {1e-6 * begin:.1f} s: {self._address} {what}")
+        self._shift += shift
+        for one in (before, sample):
+            self._keep(one._replace(time_us=one.time_us + shift))
+
+    def _keep(self, sample: Sample) -> None:
+        """Keep a sample's line, unless its angles are not measured or later ones have been released."""
+        has_encoders = not sample.lost & _ENCODERS and all(map(isfinite, sample.values))
+        if self.is_empty and not has_encoders:
+            what = "has given up its encoders, and sends no measured angle"
+            raise LogError(self._address, what, "look for the fault on the gimbal, and begin again")
+        if self._has_encoders and not has_encoders:
+            what = "gave up its encoders: samples are left out until it trusts them again"
+            self._comments.append(f"# {1e-6 * sample.time_us:.1f} s: {self._address} {what}")
+        self._has_encoders, self.is_empty = has_encoders, False
+        if self._newest is None or sample.time_us > self._newest.time_us:
+            self._newest = sample
+        if has_encoders and sample.time_us > self._released:
+            numbers = ",".join(f"{x:.9g}" for x in sample.values)
+            self._arrived[sample.time_us] = f"{1e-6 * sample.time_us:.6f},{numbers}"
+
+    def release(self, is_last: bool = False) -> list[str]:
+        """Return lines up to the newest sample that came before the last call, or all; comments stand before them."""
+        ready = {**self._waiting, **self._arrived}
+        end = max((*self._waiting, *(self._arrived if is_last else ())), default=-1)
+        rows = [ready[t] for t in sorted(ready) if t <= end]
+        self._waiting, self._arrived = {t: line for t, line in ready.items() if t > end}, {}
+        if not rows:
+            return []
+        self._released = end
+        rows, self._comments = [*self._comments, *rows], []
+        return rows
+
+
 def follow_link(address: str, joints: Sequence[str], idle: float = inf) -> Iterator[bytes]:
     """Yield the log of a running gimbal as CSV text, several lines at a time.
 
-    Samples that come late are left out. A gimbal that begins anew counts from 0 again: its samples follow those before,
-    after a gap, under a comment that says so.
+    Samples stand in the order of their stamps (`SampleQueue`). Those of a gimbal that restarts follow the ones before
+    after a gap, under a comment; those without encoders are left out, under a comment.
 
     Args:
         address: ``udp://host:port`` or ``serial:/dev/…@baud``.
@@ -236,91 +302,24 @@ def follow_link(address: str, joints: Sequence[str], idle: float = inf) -> Itera
         idle: Time without a frame after which the log ends, s.
 
     Raises:
-        UsageError, LogError: As `open_link`; or a sample is one of another number of joints, or none came.
+        UsageError: As `open_link`.
+        LogError: As `open_link`; or a sample is one of another number of joints, or none came.
     """
-    n, newest, start, gap = len(joints), -1, 0, round(1e6 * _REORDERING)
-    text = [",".join(["t", *(f"{kind}_{joint}" for kind in ("q", "dq", "tau") for joint in joints)])]
+    n, queue = len(joints), SampleQueue(address)
+    head = [",".join(["t", *(f"{kind}_{joint}" for kind in ("q", "dq", "tau") for joint in joints)])]
     with open_link(address) as channel:
         for frame in receive_frames(channel, idle):
             if frame is None:
-                if text and newest >= 0:
-                    yield ("\n".join(text) + "\n").encode()
-                    text = []
+                if rows := queue.release():
+                    yield "\n".join([*head, *rows, ""]).encode()
+                    head = []
             elif frame.type == LOG_FRAME:
                 if len(frame.body) != 12 + 12 * n:
                     what = f"sends samples of {(len(frame.body) - 12) / 12:g} joints"
                     raise LogError(address, what, f"name the rig that runs there: this one has {n}")
-                time_us, _, *values = struct.unpack(f"<QI{3 * n}f", frame.body)
-                if (time_us := time_us + start) < newest - gap:
-                    shift = newest + gap - time_us
-                    start, time_us = start + shift, time_us + shift
-                    text.append(f"# {1e-6 * time_us:.1f} s: {address} began anew, which is a trajectory of its own")
-                if time_us > newest:
-                    newest = time_us
-                    text.append(",".join([f"{1e-6 * time_us:.6f}", *(f"{x:.9g}" for x in values)]))
-    if newest < 0:
-        raise LogError(address, f"sent no sample within {idle:g} s", "see that the gimbal runs there")
-
-
-def send_parameters(address: str, body: bytes, secret: bytes, patience: float = 3.0) -> int:
-    """Send new parameters to a running gimbal, and return the status that it answers.
-
-    They are sent again each half second until it answers: to apply them twice is to apply them once. They are counted
-    by this machine's clock, ns since 1970, so that what any host sent before is older.
-
-    Raises:
-        UsageError, LogError: As `open_link`; or no answer came within `patience` seconds.
-    """
-    end, sequence, due = time.monotonic() + patience, time.time_ns() >> 20 & 0xFFFF, -inf
-    with open_link(address) as channel:
-        for frame in receive_frames(channel, patience):
-            now = time.monotonic()
-            if frame is not None and frame.type == _ANSWER and len(frame.body) == 4:
-                asked, status = struct.unpack("<HH", frame.body)
-                if asked == sequence:
-                    return int(status)
-            if now > end:
-                break
-            if now >= due:
-                _send(channel, encode_frame(seal_frame(Frame(_TUNE, sequence, body), secret, time.time_ns())))
-                due = now + 0.5
-    raise LogError(address, f"did not answer within {patience:g} s", "see that the gimbal runs there")
-
-
-def check_answer(address: str, status: int) -> None:
-    """Raise `UsageError` unless a gimbal's status says that new parameters are in force."""
-    if status:
-        raise UsageError(address, *_REFUSALS[min(status, len(_REFUSALS)) - 1])
-
-
-def compute_siphash(key: bytes, data: bytes) -> bytes:
-    """Return the tag of bytes under a key of 16 bytes, SipHash-2-4: 8 bytes, little-endian.
-
-    Only who has the key can make it (Aumasson and Bernstein, INDOCRYPT 2012).
-    """
-    low, high = struct.unpack("<QQ", key)
-    start = struct.unpack(">4Q", b"somepseudorandomlygeneratedbytes")
-    a, b, c, d = (word ^ half for word, half in zip(start, (low, high, low, high)))
-    padded = data + bytes(7 - len(data) % 8) + bytes([len(data) % 256])
-    for (word,) in struct.iter_unpack("<Q", padded):
-        a, b, c, d = _mix_state((a, b, c, d ^ word), 2)
-        a ^= word
-    a, b, c, d = _mix_state((a, b, c ^ 0xFF, d), 4)
-    return struct.pack("<Q", a ^ b ^ c ^ d)
-
-
-def _mix_state(state: tuple[int, int, int, int], rounds: int) -> tuple[int, int, int, int]:
-    """Return the state after so many rounds of sums, rotations and exclusive ors."""
-    a, b, c, d = state
-    for _ in range(rounds):
-        a, c = (a + b) & _LARGEST_WORD, (c + d) & _LARGEST_WORD
-        b, d = _rotate_left(b, 13) ^ a, _rotate_left(d, 16) ^ c
-        a, c = (_rotate_left(a, 32) + d) & _LARGEST_WORD, (c + b) & _LARGEST_WORD
-        b, d = _rotate_left(b, 17) ^ c, _rotate_left(d, 21) ^ a
-        c = _rotate_left(c, 32)
-    return a, b, c, d
-
-
-def _rotate_left(word: int, bits: int) -> int:
-    """Return a word of 64 bits turned left."""
-    return (word << bits | word >> 64 - bits) & _LARGEST_WORD
+                time_us, lost, *values = struct.unpack(f"<QI{3 * n}f", frame.body)
+                queue.push(Sample(time_us, time.monotonic(), lost, tuple(values)))
+    if queue.is_empty:
+        raise LogError(address, f"sent no two samples within {idle:g} s", "see that the gimbal runs there")
+    if rows := queue.release(is_last=True):
+        yield "\n".join([*head, *rows, ""]).encode()
