@@ -94,13 +94,6 @@ def draw_my_gimbal() -> None:
     run("animate rig.yaml motion.csv -o shown.png")
 
 
-def draw_residual() -> None:
-    """The rig `turret`, whose pan motor cogs, coloured by what the model leaves."""
-    run("simulate turret --seconds 12 --effect cogging:pan:amplitude=0.05,harmonic=14 -o log.csv")
-    run("identify turret log.csv -o model.yaml")
-    run("animate turret log.csv --at 5 --residual model.yaml -o shown.png")
-
-
 def draw_loops() -> None:
     """The loops that `tune` chose."""
     run("simulate turret --seconds 12 -o log.csv")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import read_logs, read_payload
+from gimbal_pin.cli.inputs import read_logs
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import check_shown, play, say, tell
 from gimbal_pin.cli.work import check_cost
@@ -49,7 +49,6 @@ def animate(
     fps: Annotated[opt.Maybe[float], opt.between("--fps", 0.1, 240)] = None,
     ghost: bool = True,
     at: Annotated[opt.Maybe[float], opt.between("--at", -1e10, 1e10, "s")] = None,  # from a boot, or from 1970
-    residual: Annotated[opt.File, arg(metavar="MODEL")] = None,
     beside: Annotated[opt.Maybe[str], arg(metavar="LOG")] = None,
     camera: opt.Maybe[View] = None,
     preset: opt.Maybe[Preset] = None,
@@ -64,13 +63,10 @@ def animate(
         fps: frames per second (default: what suits the format)
         ghost: show the reference as a ghost
         at: time of a picture, by the log (default: where the reference is farthest)
-        residual: turn each joint red by what this model's YAML leaves of its torque; all red from a tenth of it on
         beside: a second log, played beside the first or below it; the ghosts of both show their errors magnified
         camera: where it is looked at from
         preset: size and frame rate for a post, a paper or an overview
     """
-    from gimbal_pin.diagnosis.gain import FULL, heat
-    from gimbal_pin.identification.model_file import read_model
     from gimbal_pin.log.io import read_log, split_payload
     from gimbal_pin.report import view
     from gimbal_pin.report.view.output import ENCODERS, FRAME_RATES
@@ -81,11 +77,9 @@ def animate(
     if live and len(logs) > 1:
         raise UsageError("--live", "plays one log", "name one, or -o FILE")
     size, rate, written = PRESETS[preset] if preset is not None else (USUAL_SIZE, None, True)
-    load = payload or split_payload(logs[0])[1] or read_payload(residual)
-    loaded, every = read_logs(rig, load, logs, map, need_tau=residual is not None)
+    load = payload or split_payload(logs[0])[1]
+    loaded, every = read_logs(rig, load, logs, map, need_tau=False)
     other = None if beside is None else read_log(beside, loaded, map, need_tau=False)
-    model = None if residual is None else read_model(residual, loaded)
-    scale = "" if model is None else f"residual: red from {100 * FULL:.0f} % of the joint's torque"
     if output is not None:
         suffix, fps = output.suffix.lower(), fps or rate
         frames = sum(read.t[-1] - read.t[0] for read in every) / speed * (fps or FRAME_RATES.get(suffix, 1.0))
@@ -96,7 +90,7 @@ def animate(
             started = perf_counter()
             shown = view.animate(
                 loaded, read, path, speed=speed, fps=fps, ghost=ghost, at=at, size=size, camera=camera, written=written,
-                beside=other, colour=None if model is None else heat(model, read), scale=scale,
+                beside=other,
             )  # fmt: skip
             tell(shown.events)
             drawn = "" if suffix == ".html" else f"{size[0]} × {size[1]}, "

@@ -12,8 +12,6 @@ from .findings import confirm_causes as confirm_causes
 from .fit import Fit as Fit
 from .fit import fit as fit
 from .gain import TorqueTrace as TorqueTrace
-from .gain import describe_motion as describe_motion
-from .gain import heat as heat
 from .gain import torque_rmse as torque_rmse
 from .gain import trace_torques as trace_torques
 from .given_causes import GivenResponse as GivenResponse

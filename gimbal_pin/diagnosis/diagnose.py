@@ -31,7 +31,7 @@ from gimbal_pin.log.io.columns import LEAST_TRAVEL, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, subsample_log
 from gimbal_pin.rig.rig import Rig
-from gimbal_pin.rig.types import Rng, make_generator
+from gimbal_pin.rig.types import Rng
 
 LIVELY = 1e-3
 """Least share of a joint's samples that must be away from standstill."""
@@ -53,26 +53,24 @@ def diagnose(
     """Say what the refitted rigid model with Coulomb and viscous friction gets wrong, and why.
 
     Long logs are subsampled, see `samples.subsample_log`; a note says how. The band is `band.choose_band` where no
-    filtering is given. `rng` may be a seed; None: a fresh one, whose seed is in the result.
+    filtering is given. `rng` has no effect: nothing is drawn at random.
 
     Args and errors: as `diagnose_short_logs`; `mass`: of the payload, kg, where it was weighed.
     """
     logs = [log.ordered(rig) for log in logs]
     shown = [subsample_log(log) for log in logs]
     band = choose_band(rig, logs) if filtering is None else filtering
-    generator, seed = make_generator(rng)
-    found = diagnose_short_logs(rig, [one.log for one in shown], causes, generator, holdout, band)
+    found = diagnose_short_logs(rig, [one.log for one in shown], causes, holdout, band)
     filters = None if filtering is None or filtering.alignment is None else Filtering(alignment=filtering.alignment)
     given = state_payload_with_causes(found, rig, logs, holdout, filters, mass)
     notes = (*(one.note for one in shown if one.note), *found.notes)
-    return replace(found, given=given, seed=seed, notes=notes, data=tuple(logs))
+    return replace(found, given=given, notes=notes, data=tuple(logs))
 
 
 def diagnose_short_logs(
     rig: Rig,
     logs: Sequence[Log],
     causes: Mapping[str, type[Cause]],
-    rng: np.random.Generator,
     holdout: str | None,
     filtering: Filtering,
 ) -> Diagnosis:
@@ -84,7 +82,6 @@ def diagnose_short_logs(
         rig: The rig.
         logs: Its logs.
         causes: The causes to look for.
-        rng: For the signs of blocks and their bootstraps.
         holdout: As in `identify`.
         filtering: The band; its cutoff is the highest frequency looked at.
 
@@ -105,7 +102,7 @@ def diagnose_short_logs(
         return report_unusable_logs(rig, logs, checked if late is None else with_fault(checked, late), filtering)
     noticed = tuple(note for log, found in shifts for note in report_shifts(log, found))
     try:
-        said = diagnose_checked_logs(rig, logs, causes, rng, filtering, Parted(checked, train, test, whole))
+        said = diagnose_checked_logs(rig, logs, causes, filtering, Parted(checked, train, test, whole))
     except DataError:
         if reliable:
             raise
@@ -133,7 +130,6 @@ def diagnose_checked_logs(
     rig: Rig,
     logs: Sequence[Log],
     causes: Mapping[str, type[Cause]],
-    rng: np.random.Generator,
     filtering: Filtering,
     parted: Parted,
 ) -> Diagnosis:
@@ -162,7 +158,7 @@ def diagnose_checked_logs(
         return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
     resting = check_torque_moves_joints(found, find_joints_asked_to_rest(train))
     held = retimed(held, found.alignment)
-    said = report_findings(found, held, checked, filtering, rng)
+    said = report_findings(found, held, checked, filtering)
     said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
     state = said.state
     assert state is not None

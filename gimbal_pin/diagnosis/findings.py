@@ -9,7 +9,6 @@ from math import isnan
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import orth
 from scipy.special import softmax
 
 from gimbal_pin.checks import CheckedLog, collect_alterations
@@ -30,21 +29,18 @@ from gimbal_pin.diagnosis.engine.explained import Explained
 from gimbal_pin.diagnosis.engine.selection import promising, together
 from gimbal_pin.diagnosis.evidence import Evidence, gather
 from gimbal_pin.diagnosis.extended import build_extended_model, find_settled
-from gimbal_pin.diagnosis.fit import project
 from gimbal_pin.diagnosis.gain import (
     CONFIRMED,
     Figures,
     compare_errors,
     measure_errors,
     measure_gain,
-    simulate_tracking,
 )
 from gimbal_pin.diagnosis.probability import moderate
 from gimbal_pin.diagnosis.result import (
     Curve,
     Diagnosis,
     Finding,
-    Likeness,
     Residual,
     Rival,
     Slight,
@@ -65,9 +61,7 @@ from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
 
 
-def report_findings(
-    found: Explained, held: Evidence, checked: Sequence[CheckedLog], filtering: Filtering, rng: np.random.Generator
-) -> Diagnosis:
+def report_findings(found: Explained, held: Evidence, checked: Sequence[CheckedLog], filtering: Filtering) -> Diagnosis:
     """Measure the gain on the reporting part, which drops nothing and moves nothing, and put it all together.
 
     Args:
@@ -75,7 +69,6 @@ def report_findings(
         held: The reporting part, its torques at the same time.
         checked: The logs.
         filtering: The band.
-        rng: For simulated sensors.
     """
     said, before = _report_logs(held.rig, checked, filtering), build_extended_model(found.first)
     model = confirm_causes(found, held)
@@ -100,8 +93,6 @@ def report_findings(
         after=after,
         held=held,
         state=found.final,
-        tracking=simulate_tracking(before, after, rng) if findings or curves else {},
-        likeness=tuple(compare_likeness(found, cause) for cause in found.final.causes),
         instead=tuple(rival.cause for cause in found.final.causes for rival in found.rivals_of(cause)),
     )
 
@@ -323,17 +314,6 @@ def _describe_vagueness(cause: Cause, figures: Sequence[Parameter]) -> str:
     joint = ", ".join(p.name for p in figures if p.name in shape_names(cause) and isnan(p.std))
     said = f" ({rough} only roughly)" if rough else ""
     return f"{said} ({joint} only together: other sizes fit as well)" if joint else said
-
-
-def compare_likeness(found: Explained, cause: Cause) -> Likeness:
-    """Compare a cause and its rivals by whitened columns without what all other columns explain."""
-    base = leave_cause_out(found.final, cause)
-    rivals = {one.cause.name: one.cause for one in reversed(found.rivals_of(cause))}
-    every = [cause, *(one for name, one in reversed(rivals.items()) if name != cause.name)]
-    columns = [base.columns(one) for one in every]
-    spans = [orth(project(base.fit, one.own, one.joint), rcond=1e-6) for one in columns]
-    cosines = [[np.linalg.svd(a.T @ b, compute_uv=False).max(initial=0.0) for b in spans] for a in spans]
-    return Likeness(get_joint(cause), tuple(one.name for one in every), np.array(cosines))
 
 
 def list_untestable(found: Explained, findings: Sequence[Finding]) -> tuple[Untestable, ...]:

@@ -1,52 +1,27 @@
-"""What the extended model gains: prediction and rollout of unseen data, tracking, and the residual over time."""
+"""Gain of the extended model on unseen data: torque errors, errors of simulated angles, and torques over time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import degrees, isfinite, nan
+from math import isfinite, nan
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from gimbal_pin.checks import check_log
-from gimbal_pin.control.judging import measure_error
-from gimbal_pin.control.tracking import tour
-from gimbal_pin.control.tuning import tune
 from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
 from gimbal_pin.diagnosis.evidence import Evidence, LogStretch, gather
 from gimbal_pin.diagnosis.extended import compute_acting_torque, compute_asked_torque
 from gimbal_pin.dynamics.model import Model, is_inertia_positive
 from gimbal_pin.dynamics.plant import Plant, State
-from gimbal_pin.dynamics.sensors import Sensors
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering
-from gimbal_pin.rig.rig import Rig
 
 Figures = Mapping[str, Mapping[str, float]]
 """Name of a figure → joint → its value."""
 CONFIRMED = 1.01
 """Error of the torque without a cause over that with it, from which the held-out part confirms the cause."""
-SIMULATED_INTERVAL = 0.004
-"""Sampling interval of the simulated controllers, s."""
-SIMULATED_BANDWIDTH = 4.0
-"""Bandwidth that both are asked for, Hz."""
-SIZE = 0.35
-"""Angle to each side of the motion, rad, where the limits leave room."""
-MOVE = 1.0
-"""Duration of each of its moves, s."""
-FULL = 0.1
-"""Residual, as a share of the joint's torque rms, at which a joint is all red."""
-
-
-def describe_motion(rig: Rig) -> str:
-    """Say which motion it is, and who follows it: a log's own tracking error is of another."""
-    sizes = dict.fromkeys(f"{1e3 * SIZE:.0f} mm" if slides else f"{degrees(SIZE):.0f}°" for slides in rig.slides)
-    return (
-        f"all axes {' or '.join(sizes)} to and fro at once where limits leave room, in moves of {MOVE:g} s, by "
-        f"computed torque of {SIMULATED_BANDWIDTH:g} Hz on the extended model; not the log's motion and controller"
-    )
 
 
 def measure_errors(held: Evidence, model: Model) -> Figures:
@@ -139,68 +114,12 @@ def _roll_out(model: Model, part: LogStretch, most: int) -> Iterator[Array]:
         yield np.full(len(state.q), nan) if state.lost else state.q - part.channels.q[start + horizon]
 
 
-def simulate_tracking(before: Model, after: Model, rng: np.random.Generator) -> Figures:
-    """Root mean square of reference less true angle, rad, with the causes compensated and without: joint → figures.
-
-    The plant is the extended model. The motion, to and fro on all axes at once, is the same whatever the log, so that
-    no choice has touched it; sensors and their noise are the same for both controllers. A loop that is not stable
-    without the compensation has no figure, nor have models whose fitted inertias no body can have.
-    """
-    seed, reference = int(rng.integers(2**63)), tour(after, SIMULATED_INTERVAL, SIZE, MOVE)
-    if not all(is_inertia_positive(model.rig, reference.q[::50]) for model in (before, after)):
-        return {}
-    laws = [
-        tune(model, bandwidth_hz=SIMULATED_BANDWIDTH, dt=SIMULATED_INTERVAL).controller for model in (before, after)
-    ]
-    sense = Sensors.of(after.rig, SIMULATED_INTERVAL)
-    figures = [measure_error(after, law, reference, 0.0, sense, seed, delay=1).tolist() for law in laws]
-    return {joint: dict(zip(("rms_before", "rms_after"), row)) for joint, *row in zip(after.rig.joints, *figures)}
-
-
-def describe_worse_errors(before: Figures, after: Figures, tracking: Figures) -> list[str]:
-    """Say at which joints the extended model simulates or follows clearly worse; nothing where it does not.
-
-    By a tenth it is the model and not the sensors' noise: 1000 samples tell an rms to 2 %.
-    """
-    old, new = ({joint: row[f"rms_{when}"] for joint, row in tracking.items()} for when in ("before", "after"))
-    compared = (
-        ("the extended model simulates the position worse than the refitted one; findings are judged by the torque",
-         before["rollout_rmse"], after["rollout_rmse"]),
-        ("followed no closer by the controller that knows what was found: what a drive cannot give none makes up for, "
-         "and figures that are rough mislead it", old, new),
-    )  # fmt: skip
-    lines = [
-        (", ".join(j for j, x in a.items() if isfinite(x) and not b[j] <= 1.1 * x), said) for said, a, b in compared
-    ]
-    return [f"{worse}: {said}" for worse, said in lines if worse]
-
-
-def heat(model: Model, log: Log, filtering: Filtering = DIAGNOSIS_BAND) -> Array:
-    """``min(1, rms(tau - model) / (FULL rms(tau)))``, one value per sample and joint of the log, (N, n).
-
-    The residual is low-passed at the filtering's cutoff; its size is that over 0.3 s around each sample, where the
-    joint moves, a tenth of that at least: as it stands, dry friction bears any torque. Samples in gaps count as the
-    nearest.
-
-    Args:
-        model: The model, with drives and terms, of a rig with the log's joints.
-        log: The log, with torques.
-        filtering: As for `diagnose`.
-
-    Raises:
-        DataError: The log is too short to be judged.
-        UsageError: It holds no torque.
-    """
-    evidence = gather(model.rig, [log], filtering)
-    torque = np.sqrt(np.mean(np.concatenate(evidence.torque) ** 2, axis=0))
-    ends = np.cumsum([len(part.gate) for part in evidence.parts])[:-1]
-    sizes = []
-    for part, error in zip(evidence.parts, np.split(compute_filtered_error(evidence, model), ends)):
-        window = max(1, round(0.3 / part.dt))
-        power, moving = (uniform_filter1d(x**2, window, axis=0, mode="constant") for x in (error, part.gate))
-        sizes.append(np.sqrt(np.maximum(power / np.maximum(moving, 0.1), 0.0)) / np.maximum(FULL * torque, 1e-300))
-    t, size = np.concatenate([part.channels.t for part in evidence.parts]), np.concatenate(sizes)
-    return np.clip(np.stack([np.interp(log.t, t, column) for column in size.T], axis=1), 0.0, 1.0)
+def describe_worse_errors(before: Figures, after: Figures) -> list[str]:
+    """Name the joints whose position the extended model simulates worse than the refitted one, by over a tenth."""
+    old, new = before["rollout_rmse"], after["rollout_rmse"]
+    worse = ", ".join(joint for joint, error in old.items() if isfinite(error) and not new[joint] <= 1.1 * error)
+    said = "the extended model simulates the position worse than the refitted one; findings are judged by the torque"
+    return [f"{worse}: {said}"] if worse else []
 
 
 @dataclass(frozen=True, eq=False)

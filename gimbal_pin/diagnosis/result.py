@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gimbal_pin.checks import Alteration, Fault, describe_parameters, list_alterations
-from gimbal_pin.control.tracking import or_null
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.parting import NextExperiment
 from gimbal_pin.diagnosis.probability import LISTED, SURE, moderate
@@ -22,7 +21,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.identification import PayloadStatement
 from gimbal_pin.identification.model_file import write_extended
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.log import Log
 from gimbal_pin.rig.brief import Record, brief
 
 MEASURED_CAUSE = "platform-motion"
@@ -215,25 +214,6 @@ class Finding:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Likeness:
-    """Which causes look like a finding on these logs: how near what one explains lies to what another could instead.
-
-    Attributes:
-        joint: Where the finding sits, or None.
-        causes: Names: the finding first, then its rivals, the nearest first (k).
-        correlation: Largest cosine between what two of them can explain beside the model, in [0, 1], (k, k).
-    """
-
-    joint: str | None
-    causes: tuple[str, ...]
-    correlation: Array
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds."""
-        return {"joint": self.joint, "causes": list(self.causes), "correlation": self.correlation.round(4).tolist()}
-
-
 @dataclass(frozen=True)
 class Slight:
     """A cause that is significant and too small to matter.
@@ -290,11 +270,7 @@ class Diagnosis(Record):
         given: What the logs say of the payload once the found causes are known; nothing where the logs are spoilt.
         state: What the search ended with on the training part; None where the logs are spoilt.
         planned: The motion that parts what is ambiguous, where `next_experiment` was asked for it.
-        tracking: Joint → "rms_before", "rms_after": simulated tracking error without and with the found causes
-            compensated, rad; empty where nothing was found or is carried.
-        likeness: For every finding, which other causes look like it on these logs.
         instead: Causes that were fitted in the findings' places.
-        seed: Repeats it as `rng`; None where a generator was given.
         altered: Log → what was altered in it before anything was fitted, see `checks.check_log`.
         data: The logs.
     """
@@ -320,10 +296,7 @@ class Diagnosis(Record):
     given: PayloadStatement = field(default_factory=PayloadStatement)
     state: State | None = None
     planned: NextExperiment | None = None
-    tracking: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    likeness: tuple[Likeness, ...] = ()
     instead: tuple[Cause, ...] = ()
-    seed: int | None = None
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
     data: tuple[Log, ...] = ()
 
@@ -414,8 +387,4 @@ class Diagnosis(Record):
             "baseline": self.baseline,
             "extended": self.extended,
             "next_experiment": None if self.planned is None else self.planned.to_dict(),
-            "tracking": {
-                joint: {key: or_null(value) for key, value in row.items()} for joint, row in self.tracking.items()
-            },
-            "look_alikes": [each.to_dict() for each in self.likeness],
         }

@@ -15,7 +15,6 @@ from gimbal_pin.control.judging import Judgement
 from gimbal_pin.control.tracking import Tracking
 from gimbal_pin.control.tuning import Tuning
 from gimbal_pin.diagnosis import Diagnosis, Rehearsal
-from gimbal_pin.diagnosis.gain import FULL, heat
 from gimbal_pin.dynamics.base_parameters import Base
 from gimbal_pin.dynamics.checking import Checked
 from gimbal_pin.dynamics.model import Model, nominal
@@ -251,10 +250,10 @@ class PlayedResidual:
     def parts(self) -> tuple[PlayedPage, plots.Drawing, str]:
         """What plays, what is drawn, and which log that is."""
         rig, (log, part) = self.found.before.rig, find_worst_stretch(self.found)
-        scale, name = f"residual, red: {100 * FULL:.0f} % of the torque", file_name(log.name)
+        name = file_name(log.name)
 
         def render() -> str:
-            shown = replace(motion(rig, part, 30.0, 1.0, True, heat(self.found.before, part)), scale=scale)
+            shown = motion(rig, part, 30.0, 1.0, True)
             return render_scene(rig, name, shown, scene(rig, shown))
 
         count, ends = len(self.found.data), f"{figures(float(part.t[0]))} to {figures(float(part.t[-1]))} s"

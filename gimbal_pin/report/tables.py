@@ -209,22 +209,15 @@ def share_off(errors: Mapping[str, Mapping[str, float]], joint: str) -> str:
 
 
 def gain(found: Diagnosis, joints: Sequence[ShownJoint]) -> Table:
-    """What a simulation from the torque, and a simulated controller, are off by without and with what was found."""
-    models, simulated = [*found.stages], [errors["rollout_rmse"] for errors in found.stages.values()]
-    tracked = [{name: x[f"rms_{when}"] for name, x in found.tracking.items()} for when in ("before", "after")]
-    sets: list[tuple[str, Sequence[str], Sequence[Mapping[str, float]], str]]
-    sets = [("Simulated", models, simulated, "cannot be simulated")]
-    sets += [("Tracking error", models[2:], tracked, "not stable")] if found.tracking else []
+    """Errors of a simulation from the held-out torque, by model."""
 
-    def cells(joint: ShownJoint, values: Sequence[float], none: str) -> Iterator[Content]:
+    def cells(joint: ShownJoint) -> Iterator[Content]:
+        values = [errors["rollout_rmse"][joint.name] for errors in found.stages.values()]
         top = max(filter(isfinite, values), default=0.0) or 1.0
-        yield from (bar(x / top, joint.text(x, digits=2)) if isfinite(x) else none for x in values)
+        yield from (bar(x / top, joint.text(x, digits=2)) if isfinite(x) else "cannot be simulated" for x in values)
 
-    head = ["Joint", *(f"{name}, {model}" for name, shown, *_ in sets for model in shown)]
-    rows = [
-        [joint.label, *(x for *_, each, none in sets for x in cells(joint, [one[joint.name] for one in each], none))]
-        for joint in joints
-    ]
+    head = ["Joint", *(f"Simulated, {model}" for model in found.stages)]
+    rows = [[joint.label, *cells(joint)] for joint in joints]
     return Table(head, rows, label="Errors of simulations by model")
 
 

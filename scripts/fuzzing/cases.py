@@ -98,7 +98,6 @@ def log(rng: RNG, seeds: Seeds) -> Case:
         (2, "identify pan.yaml log.csv --estimator physical --bias --refit --urdf out.urdf"),
         (6, "tune pan.yaml log.csv -o out.yaml"),
         (4, "animate pan.yaml log.csv -o out.html"),
-        (2, "animate pan.yaml log.csv -o out.html --residual model.yaml"),
         (2, "excite pan.yaml -o out.csv --seconds 2 --starts 1 --harmonics 2 --rate 100 --after log.csv"),
         (LATE * 100, "diagnose pan.yaml log.csv"),
     )
@@ -243,7 +242,6 @@ def modelled(rng: RNG, seeds: Seeds, name: str) -> Case:
         (10, f"tune pan.yaml {name} -o out.yaml"),
         (3, f"tune pan.yaml {name} --robust --json out.json"),
         (4, f"simulate pan.yaml -o out.csv --seconds 0.2 --model {name}"),
-        (3, f"animate pan.yaml log.csv -o out.html --residual {name}"),
         (1, f"identify pan.yaml log.csv --known {name} -o out.yaml"),
         (1, f"identify pan.yaml log.csv --follow --idle 0 --known {name}"),
         (1, f"track pan.yaml controller.yaml --model {name}"),

@@ -149,10 +149,6 @@ def test_the_seed_in_a_result_repeats_it(name: str, rig: Rig) -> None:
     assert run(rig, rng=np.random.default_rng(first.seed)).seed is None
 
 
-def test_diagnose_says_its_seed(diagnosis: Diagnosis) -> None:
-    assert diagnosis.seed is not None
-
-
 @pytest.mark.parametrize("wrong", ["mine", -1, 0.5])
 def test_what_is_no_seed_is_refused(wrong: Any) -> None:
     with pytest.raises(GimbalPinError, match="rng: is"):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from gimbal_pin.control import ComputedTorque, Pid, compute_margins, stored, tune
-from gimbal_pin.diagnosis.gain import simulate_tracking
 from gimbal_pin.dynamics import Estimated, Model, nominal, plant_with, read_model_data
 from gimbal_pin.effects import (
     ActuatorLag,
@@ -159,13 +158,3 @@ def test_a_file_whose_drive_holds_a_torque_effect_is_refused(rig: Rig, found: Mo
     write_yaml({**kind, **data, "drive": [{"effect": "delay", "joint": "nowhere", "time": 0.1}]}, tmp_path / "x.yaml")
     with pytest.raises(Exception, match="nowhere"):
         read_model(tmp_path / "x.yaml", rig)
-
-
-def test_compensating_what_is_there_follows_closer(rig: Rig) -> None:
-    """On a plant that cogs and is late: closer at both joints, whatever the sensors' noise."""
-    plant = with_causes(rig, "cogging:pan:amplitude=0.08,harmonic=12", "delay:tilt:time=0.008")
-    gain = simulate_tracking(nominal(rig), plant, np.random.default_rng(0))
-    assert list(gain) == list(rig.joints)
-    assert all(row["rms_after"] < 0.5 * row["rms_before"] for row in gain.values())
-    same = simulate_tracking(plant, plant, np.random.default_rng(0))
-    assert all(row["rms_after"] == row["rms_before"] for row in same.values())

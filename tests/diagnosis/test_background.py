@@ -68,7 +68,6 @@ def test_a_model_with_a_table_is_read_as_it_was_written(found: Diagnosis, tmp_pa
 
 
 def test_a_controller_with_a_table_follows_as_one_that_knows_the_detent(found: Diagnosis, plant: Model) -> None:
-    assert found.tracking["pan"]["rms_after"] < 0.8 * found.tracking["pan"]["rms_before"]
     models = {"table": found.after, "known": plant}
     laws = {name: tune(model, bandwidth_hz=4.0, dt=0.004).controller for name, model in models.items()}
     laws["pid"] = tune(found.after, bandwidth_hz=4.0, dt=0.004, kind="pid").controller

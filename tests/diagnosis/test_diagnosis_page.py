@@ -1,4 +1,4 @@
-"""What is shown of a diagnosis: look-alikes, gain, residual, and the summary's words."""
+"""What is shown of a diagnosis: gain, residual, and the summary's words."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from pathlib import Path
 import lxml.html
 import numpy as np
 import pytest
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from gimbal_pin import __version__
 from gimbal_pin.checks import Fault
-from gimbal_pin.diagnosis import LISTED, Diagnosis, Residual, Rival, describe_motion, diagnose, heat
+from gimbal_pin.diagnosis import LISTED, Diagnosis, Residual, Rival, diagnose
 from gimbal_pin.effects import CAUSES, Backlash
-from gimbal_pin.errors import UsageError
 from gimbal_pin.log import Log, write_log
 from gimbal_pin.report import list_shown_joints, pages, show_diagnosis, tables, verdict
 from gimbal_pin.report.summary import missed, to_do
@@ -49,34 +48,12 @@ def found(rig: Rig, log: Log) -> Diagnosis:
     return diagnose(rig, [log], few, rng=np.random.default_rng(0))
 
 
-def test_the_gain_in_closed_loop_stands_in_the_json(found: Diagnosis) -> None:
-    assert [(one.cause, one.joint) for one in found.findings] == [("cogging", "tilt")]
-    rows = found.to_dict()["tracking"]
-    assert list(rows) == ["pan", "tilt"]
-    assert 0 < rows["tilt"]["rms_after"] < 0.3 * rows["tilt"]["rms_before"]
-
-
 def test_nothing_is_promised_of_findings_that_a_spoilt_log_shows(found: Diagnosis) -> None:
     assert "What to do about it" in show_diagnosis(found).html
     fault = Fault("acceleration-noise", "tilt", "tilt: noise", (), 2.0, True, "record again")
     spoilt = replace(found, faults=(fault,))
     shown = show_diagnosis(spoilt).html
     assert "not to be acted on" in shown and "What to do about it" not in shown
-
-
-def test_the_gain_in_closed_loop_says_of_which_motion_and_controller_it_is(found: Diagnosis) -> None:
-    """A log's own tracking error is of another motion, and hardly the same: here next to nothing."""
-    said = describe_motion(found.after.rig)
-    assert "4 Hz" in said and "20°" in said
-    assert said in show_diagnosis(found).to_text() and escape(said) in show_diagnosis(found).html
-
-
-def test_a_joint_that_is_followed_worse_is_spoken_of(found: Diagnosis) -> None:
-    rows = {joint: {"rms_before": 1e-3, "rms_after": 2e-3 if joint == "tilt" else 1.05e-3} for joint in found.tracking}
-    worse = replace(found, tracking=rows)
-    for page in (show_diagnosis(worse).to_text(), show_diagnosis(worse).html):
-        assert "tilt: followed no closer" in page and "pan: followed" not in page
-    assert "followed no closer" not in show_diagnosis(found).to_text()
 
 
 def test_a_joint_that_is_simulated_worse_is_spoken_of(found: Diagnosis) -> None:
@@ -108,26 +85,10 @@ def test_of_a_gap_whose_flanks_do_not_give_the_headline_holds_what_is_known(shar
     assert one.says() == same.says() != other.says() and "2e-05 rad kg m^2" in one.says()
 
 
-def test_a_loop_that_is_not_stable_has_no_figure(found: Diagnosis) -> None:
-    rows = {joint: {"rms_before": float("nan"), "rms_after": 1e-4} for joint in found.tracking}
-    broken = replace(found, tracking=rows)
-    assert broken.to_dict()["tracking"]["pan"] == {"rms_before": None, "rms_after": 1e-4}
-    assert "not stable" in show_diagnosis(broken).html
-
-
-def test_the_map_of_look_alikes_is_a_matrix_of_cosines(found: Diagnosis) -> None:
-    (known,) = found.likeness
-    C = known.correlation
-    assert (known.causes[0], known.joint) == ("cogging", "tilt") and len(known.causes) == len(C) >= 2
-    assert np.allclose(C, C.T) and np.allclose(np.diag(C), 1.0) and np.all((C >= 0) & (C <= 1 + 1e-9))
-    assert np.all(np.diff(C[0, 1:]) <= 1e-9)  # the likest first
-    assert np.all(C[0, 1:] < 0.95)  # or the finding would be ambiguous
-
-
-def test_the_page_holds_rivals_map_residual_and_gain(found: Diagnosis) -> None:
+def test_the_page_holds_rivals_residual_and_gain(found: Diagnosis) -> None:
     page = lxml.html.fromstring(f"<div>{show_diagnosis(found).html}</div>")
     labels = [svg.get("aria-label") for svg in page.iter("svg")]
-    assert [label.split()[0] for label in labels] == ["Drawing", "Correlation", "Held-out"]
+    assert [label.split()[0] for label in labels] == ["Drawing", "Held-out"]
     (table,) = [t for t in page.iter("table") if "in the place of cogging" in t.getparent().get("aria-label")]
     shown = [row.findtext("th") for row in table.find("tbody")]
     assert "cogging" not in shown and len(set(shown)) == len(shown)
@@ -184,10 +145,9 @@ def test_the_page_holds_no_figure_that_is_none(found: Diagnosis) -> None:
     (finding,) = found.findings
     lost = replace(finding, gain={**finding.gain, "rollout_rmse_after": float("nan")})
     extended = {**found.extended, "rollout_rmse": dict.fromkeys(found.residual, float("nan"))}
-    still = replace(found, findings=(lost,), extended=extended, tracking={})
+    still = replace(found, findings=(lost,), extended=extended)
     page = lxml.html.fromstring(f"<div>{show_diagnosis(still).html}</div>").text_content()
-    assert not re.search(r"\bnan\b", page) and "not stable" not in page and "cannot be simulated" in page
-    assert "tracking error" not in page  # none was simulated
+    assert not re.search(r"\bnan\b", page) and "cannot be simulated" in page
 
 
 def test_what_is_left_is_praised_nowhere(found: Diagnosis) -> None:
@@ -200,7 +160,6 @@ def test_the_table_of_gains_holds_the_figures_of_the_json(rig: Rig, found: Diagn
     rows, told = tables.gain(found, (pan, tilt)).rows, found.to_dict()
     for column, model in enumerate(("stated", "rubbing", "baseline", "extended"), start=1):
         assert tilt.text(told[model]["rollout_rmse"]["tilt"], digits=2) in str(rows[1][column])
-    assert pan.text(told["tracking"]["pan"]["rms_after"], digits=2) in str(rows[0][6])
 
 
 def test_a_payload_that_a_finding_is_about_is_said_once(found: Diagnosis) -> None:
@@ -220,17 +179,6 @@ def test_the_urdf_is_judged_beside_the_models(found: Diagnosis) -> None:
     assert f"at {worst}, where the URDF is worst, held out: URDF {tables.share_off(found.stated, worst)}" in str(
         show_diagnosis(found)
     )
-
-
-def test_a_model_that_knows_leaves_joints_cold(rig: Rig, log: Log, found: Diagnosis) -> None:
-    before, after = (heat(known, log) for known in (found.before, found.after))
-    for warm in (before, after):
-        assert warm.shape == log.q.shape and np.all((warm >= 0) & (warm <= 1))
-    assert before[:, 1].mean() > 3 * after[:, 1].mean()
-    louder = replace(log, tau=2 * np.asarray(log.tau))
-    assert heat(found.after, louder).mean() > after.mean()
-    with pytest.raises(UsageError, match="torque"):
-        heat(found.after, replace(log, tau=None))
 
 
 def test_the_headline_says_what_was_found(found: Diagnosis) -> None:

@@ -254,7 +254,7 @@ def test_a_browser_shows_live_poses_and_plays_a_log() -> None:
 
             def play() -> None:
                 waiting.result()
-                live.play(log, colour=np.full(log.q.shape, 0.5))
+                live.play(log)
 
             still = [pose.format(node) for node in nodes]
             seen = visit(live.url, pause(1.0), *still, meanwhile(play), pause(1.5), ends)

@@ -257,17 +257,12 @@ def test_frames_run_from_first_to_last_sample_at_the_asked_rate_and_speed(lumped
     assert next(iter(odd.values()))[".quaternion"][0][-2:] == pytest.approx([2.0, 2.01])  # the end is never cut off
 
 
-def test_joint_order_and_extra_columns_of_the_log_and_gaps_of_its_colour_do_not_matter(lumped: Rig) -> None:
+def test_joint_order_and_extra_columns_of_the_log_do_not_matter(lumped: Rig) -> None:
     log = sweep(lumped)
     q = np.column_stack([log.q[:, ::-1], np.full(len(log), 9.0)])
     other = Log("sweep", (*lumped.joints[::-1], "another"), log.t, q)
     plain = view.record(lumped, replace(log, q_ref=None))
     assert view.record(lumped, other) == plain
-    colour = np.tile(np.linspace(0.0, 1.0, len(log))[:, None], lumped.n)
-    gaps = colour.copy()
-    gaps[100:110] = np.nan  # nobody knows what a model leaves in a log's holes
-    filled, whole = (motion(lumped, log, 30, 1.0, True, x).colour for x in (gaps, colour))
-    assert filled is not None and whole is not None and np.abs(filled - whole).max() < 1e-9
 
 
 def test_the_base_turns_with_the_attitude_that_its_imu_reports(lumped: Rig) -> None:
@@ -306,7 +301,7 @@ def test_every_view_holds_the_rig_and_its_line_of_sight_and_is_filled_by_it(
 ) -> None:
     """One rig, or the first of two; words stand where less of it is seen."""
     rig = lumped if name == "lumped" else Rig.load(name)
-    shown = motion(rig, sweep(rig, rate=60), 15, 1.0, False, None)
+    shown = motion(rig, sweep(rig, rate=60), 15, 1.0, False)
     shot = scene(rig, shown, aspect=aspect, beside=shown if is_double else None)
     hull = figure.hull(visuals(rig)[0], poses(rig.model, shown.q).world)
     trail = next(c for c in shot.commands if c["path"] == "/meshcat/trail")["object"]["geometries"][0]
@@ -360,7 +355,7 @@ def test_a_link_whose_mesh_is_missing_gets_a_bar_and_one_without_visuals_none(tm
     link = "<link name='hull'><visual><geometry><mesh filename='absent.stl'/></geometry></visual></link>"
     weld = "<joint name='w' type='fixed'><parent link='boom'/><child link='hull'/></joint>"
     rig = bare(tmp_path, LUMPED + link + weld)
-    drawn = scene(rig, motion(rig, sweep(rig), 30, 1.0, False, None))
+    drawn = scene(rig, motion(rig, sweep(rig), 30, 1.0, False))
     owners = [
         path for path in figure.list_scene_paths(rig, RIG) if any(c["path"] == f"{path}/solids" for c in drawn.commands)
     ]
@@ -467,7 +462,7 @@ def test_grid_lines_are_a_round_distance_apart_and_few(size: float) -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_the_map_of_shadows_holds_all_that_casts_them_and_spends_few_texels_on_the_rest(name: str) -> None:
     rig = Rig.load(name)
-    shown = motion(rig, sweep(rig, rate=60), 15, 1.0, False, None)
+    shown = motion(rig, sweep(rig, rate=60), 15, 1.0, False)
     shot = scene(rig, shown)
     drawn = {c["path"]: c for c in shot.commands if c["type"] in ("set_object", "set_transform")}
     key = drawn["/Studio/key"]["object"]["object"]
@@ -495,7 +490,6 @@ def test_arguments_that_cannot_be_used_are_refused_by_name(lumped: Rig, tmp_path
     for name, more, word in (
         ("out.html", {"fps": 0.0}, "fps"),
         ("out.html", {"speed": -1.0}, "speed"),
-        ("out.html", {"colour": np.zeros((3, 3))}, "colour"),
         ("out.avi", nothing, r"\.avi.*\.mp4"),
         ("out.png", {"size": (0, 10)}, "size"),
         ("out.png", {"at": 99.0}, "at: is 99"),
@@ -572,15 +566,13 @@ def test_a_browser_without_webgl_says_so(tmp_path: Path) -> None:
 def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path) -> None:
     rig = Rig.load("thesis")
     log = sweep(rig)
-    colour = np.tile((log.t - log.t[0])[:, None] / 2, rig.n)
     out = tmp_path / "out.html"
-    assert view.animate(rig, log, out, colour=colour).events == ()
+    assert view.animate(rig, log, out).events == ()
     url = out.as_uri()
     tip = figure.list_scene_paths(rig, RIG)[3].strip("/").split("/")
     pose = f"(viewer.scene_tree.find({tip}).object.updateWorldMatrix(true, true),"
     pose += f"viewer.scene_tree.find({tip}).object.matrixWorld.toArray())"
     beam = f"viewer.scene_tree.find({[*tip, 'line of sight']}).object.visible = "
-    red = f"viewer.scene_tree.find({[*tip, 'solids']}).object.getObjectByName('j3p0').material.color.toArray()"
     seen = visit(
         url,
         "[animator.time, animator.playing, animator.actions[0].loop, animator.actions[0].repetitions]",
@@ -590,12 +582,10 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
         pose,
         "pictures([1.3], 320, 180)[0]",
         pose,
-        red,
         "(animator.play(), 0)",
         pause(0.3),
         "pictures([0.5], 320, 180)[0]",
         "(seek(2.0), [animator.playing, document.getElementById('clock').value])",
-        red,
         "(toggle(), animator.playing)",
         pause(0.3),
         beam + "false",
@@ -608,7 +598,7 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
         "window.heard",
     )
     values = seen.values
-    (_, playing, loop, repetitions), later, first, at_first, second, at_second, tint = values[:7]
+    (_, playing, loop, repetitions), later, first, at_first, second, at_second = values[:6]
     assert (seen.complaints, seen.requests) == ([], [url])
     assert playing and later > 0 and loop == 2201 and repetitions > 1e6  # three.js: LoopRepeat
     one, two = pixels(first), pixels(second)
@@ -616,20 +606,18 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     assert len(np.unique(one.reshape(-1, 3), axis=0)) > 500  # not blank
     moved = np.abs(one - two).max(axis=2) > 24
     assert 0.02 < moved.mean() < 0.6  # the rig moves, not the whole picture
-    assert np.array_equal(pixels(values[8]), one)  # a frame is the asked instant, whatever was shown before
+    assert np.array_equal(pixels(values[7]), one)  # a frame is the asked instant, whatever was shown before
     data = rig.model.createData()
     stands = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])  # the viewer's y is up
     for at_it, row in ((at_first, 150), (at_second, 390)):
         pin.forwardKinematics(rig.model, data, log.q[row])
         assert np.allclose(square(at_it)[:3, :3], stands @ data.oMi[3].rotation, atol=1e-5)
-    own = np.array(next(solid.rgba[:3] for solid in figure.moved_by(visuals(rig)[0], 3)))
-    assert np.allclose(tint, own + 1.3 / 2 * (np.array(figure.HOT) - own), atol=0.01)
-    assert values[9] == [False, "5.00 / 5.00 s"] and np.allclose(values[10], figure.HOT, atol=0.01)
-    assert values[11] is True and values[-1] == 1  # a message is not answered
-    assert np.abs(pixels(values[13]) - one).max() > 60  # the line of sight is seen
-    apart = np.abs(pixels(values[15]) - one).max(axis=2)  # from what three.js's own shaders draw
+    assert values[8] == [False, "5.00 / 5.00 s"]
+    assert values[9] is True and values[-1] == 1  # a message is not answered
+    assert np.abs(pixels(values[11]) - one).max() > 60  # the line of sight is seen
+    apart = np.abs(pixels(values[13]) - one).max(axis=2)  # from what three.js's own shaders draw
     assert apart.mean() < 0.3 and (apart > 24).mean() < 0.003
-    assert [len(values[16]), values[16][1]] == [2, values[15]]  # drawn ahead or by itself
+    assert [len(values[14]), values[14][1]] == [2, values[13]]  # drawn ahead or by itself
 
 
 @needs_browser

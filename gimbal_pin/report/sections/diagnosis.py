@@ -19,12 +19,10 @@ from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.gain import (
     TorqueTrace,
     compute_filtered_error,
-    describe_motion,
     describe_worse_errors,
     trace_torques,
 )
 from gimbal_pin.diagnosis.probability import LISTED
-from gimbal_pin.diagnosis.result import Likeness
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.log.log import Array, Log
@@ -55,8 +53,6 @@ VERDICTS = {
 }
 BY_PLATFORM_ALONE = "This is by the platform's motion alone, as its IMU tells it: below stands what that is worth."
 SPOILT = "What a fit of the log finds all the same, and what is not to be acted on:"
-OUTLINED_CORRELATION = 0.95
-"""Correlation from which on two causes are outlined."""
 MOST_POINTS = 700
 """Most dots in a cloud, and points of a curve over time in one stretch."""
 MOST_DRAWN_JOINTS = 4
@@ -82,10 +78,8 @@ def show_diagnosis(found: Diagnosis) -> Section:
         parts.append(bullets([*faults, *(tables.state_size(p) for fault in found.spoiling for p in fault.answer)]))
         parts += [paragraph(SPOILT)] if found.findings else []
     joints = () if found.held is None else list_shown_joints(found.held.rig)
-    colours = {joint.name: joint.colour for joint in joints}
     for finding in found.findings:
-        likest = [one for one in found.likeness if (one.causes[0], one.joint) == (finding.cause, finding.joint)]
-        parts += show_finding(finding, likest[:1], colours.get(finding.joint or "", plots.PLAIN), not found.spoiling)
+        parts += show_finding(finding, not found.spoiling)
     if found.planned is not None:
         parts += [heading("The next experiment"), bullets(found.planned.lines)]
     if found.held is not None:
@@ -98,11 +92,7 @@ def show_diagnosis(found: Diagnosis) -> Section:
     simulated = "Simulated: error of the position, rms, after 0.2 s of simulation from the held-out torque."
     if found.held is not None and (found.findings or found.is_extended):
         parts += [heading("What knowing it gains"), tables.gain(found, joints), paragraph(simulated, "side")]
-        if found.tracking:
-            parts.append(paragraph(f"Tracking errors: {describe_motion(found.after.rig)}.", "side"))
-        parts += [
-            paragraph(f"{line}.") for line in describe_worse_errors(found.baseline, found.extended, found.tracking)
-        ]
+        parts += [paragraph(f"{line}.") for line in describe_worse_errors(found.baseline, found.extended)]
     if found.after.rig.aims:
         given = replace(found.given, apart=None) if found.finds_payload else found.given
         parts += show_payload(given, *qualify_payload(found))
@@ -148,10 +138,8 @@ def qualify_payload(found: Diagnosis) -> list[Element]:
     return [paragraph(said, "side")] if said else []
 
 
-def show_finding(
-    finding: Finding, likest: Sequence[Likeness] = (), colour: str = plots.PLAIN, believed: bool = True
-) -> list[object]:
-    """A finding: its sentence, its figures, what it could be instead, and which causes look like it."""
+def show_finding(finding: Finding, believed: bool = True) -> list[object]:
+    """Return a finding's sentence, its figures, and what it could be instead."""
     chance, sizes = tables.state_probability(finding), tables.state_sizes(finding)
     lines: list[Content] = [to_sentence(chance)]
     is_listed = len(finding.sized) > tables.MOST  # the harmonics of a motor's teeth
@@ -170,44 +158,7 @@ def show_finding(
     parts += [paragraph(to_sentence(said)), bullets(lines)]
     parts += [folded(f"Its {len(finding.sized)} figures", tables.tabulate_sizes(finding))] if is_listed else []
     parts += [tables.rivals(finding)] if finding.rivals else []
-    for known in likest if likest and len(likest[0].causes) > 1 else ():
-        where = known.joint or "the rig"
-        alt = f"Correlation of what the causes like {known.causes[0]} at {where} can explain on this log"
-        caption = (
-            f"Correlation of what causes at {where} explain on this log, each in the form most like the finding: at 1 "
-            f"two cannot be told apart; from {OUTLINED_CORRELATION} on they are outlined."
-        )
-        drawn = plots.Drawing(partial(cells, known, colour), alt, caption)
-        parts.append(folded(f"What looks like {known.causes[0]} here", drawn))
     return parts
-
-
-def cells(known: Likeness, colour: str) -> plots.Figure:
-    """Draw the map: the finding in the first row, the darker the more alike."""
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
-
-    count = len(known.causes)
-    height = 0.34 * count + 0.15
-    figure = Figure(figsize=(plots.WIDTH, height))
-    axes = figure.add_axes((2.3 / plots.WIDTH, 0.1 / height, 0.72 * count / plots.WIDTH, 1 - 0.15 / height))
-    for i, row in enumerate(known.correlation.tolist()):
-        for k, value in enumerate(row[: i + 1]):
-            place = (k - 0.48, i - 0.46)
-            axes.add_patch(Rectangle(place, 0.96, 0.92, facecolor=colour, alpha=0.08 + 0.72 * value**2))
-            if value >= OUTLINED_CORRELATION and i != k:
-                axes.add_patch(Rectangle(place, 0.96, 0.92, fill=False, edgecolor=plots.INK, linewidth=1.4))
-            axes.text(k, i, "1" if i == k else f"{value:.2f}", ha="center", va="center", fontsize=8.5)
-    axes.set(
-        xlim=(-0.5, count - 0.5), ylim=(count - 0.5, -0.5), yticks=range(count), yticklabels=known.causes, xticks=[]
-    )
-    for k, name in enumerate(known.causes[:-1]):
-        axes.text(k + 0.62, k, name, va="center", fontsize=8.5, color=plots.MUTED)
-    axes.grid(False)
-    axes.tick_params(length=0)
-    for side in axes.spines.values():
-        side.set_visible(False)
-    return figure
 
 
 def picture_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Evidence) -> plots.Drawing:

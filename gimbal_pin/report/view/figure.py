@@ -9,11 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.report.view import three
-from gimbal_pin.report.view.motion import Frames, Poses
+from gimbal_pin.report.view.motion import Poses
 from gimbal_pin.report.view.solids import Solid, find_frame
 from gimbal_pin.rig.rig import Rig
 
-HOT = (0.88, 0.12, 0.10)
 """Colour of a link whose `colour` is 1."""
 MEASURED, REFERENCE = (0.93, 0.36, 0.06), (0.16, 0.45, 0.95)
 """Colours of the line of sight, and of that of the reference and of its ghost."""
@@ -120,23 +119,6 @@ def apart(
             turned = np.linalg.norm(change[:, :3, :3], axis=(1, 2)) / np.sqrt(2)  # of a difference of two rotations
             shown = np.linalg.norm(change[:, :3, 3], axis=1) + turned * radius >= least
             found[f"{path}/solids"] = [three.animate_property(".visible", "bool", clock, shown)]
-    return found
-
-
-def colour_tracks(rig: Rig, solids: Sequence[Solid], motion: Frames, root: str) -> Tracks:
-    """Return what turns each moved link from its own colours (0) to red (1); empty without `motion.colour`."""
-    found: Tracks = {}
-    if motion.colour is None:
-        return found
-    for joint, path in enumerate(list_scene_paths(rig, root)[1:], start=1):
-        first: dict[tuple[float, ...], int] = {}
-        for k, solid in enumerate(moved_by(solids, joint)):
-            first.setdefault((*solid.rgba, float(solid.facets)), k)  # equal looks share one material
-        share = motion.colour[:, joint - 1, None]
-        for look, k in first.items():
-            mixed = (1 - share) * np.array(look[:3]) + share * np.array(HOT)
-            changed = three.animate_property(f"j{joint}p{k}.material.color", "color", motion.clock, mixed)
-            found.setdefault(path, []).append(changed)
     return found
 
 

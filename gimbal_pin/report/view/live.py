@@ -56,14 +56,12 @@ class Live(contextlib.AbstractContextManager["Live"]):
                 self._posed |= {c["path"]: packed(c) for c in figure.pose_commands(self.rig, at, root)}
         self._server.tell(list(self._posed.values()))
 
-    def play(
-        self, log: Log, *, fps: float = 30, speed: float = 1.0, ghost: bool = True, colour: Array | None = None
-    ) -> float:
+    def play(self, log: Log, *, fps: float = 30, speed: float = 1.0, ghost: bool = True) -> float:
         """Hand a log to the browser, which plays it in real time, over and over; return the seconds of one pass.
 
         Arguments and errors as for `record`. Returns at once; a browser that is opened later plays from the start.
         """
-        shown = motion(self.rig, log, fps, speed, ghost, colour)
+        shown = motion(self.rig, log, fps, speed, ghost)
         self._show(log.name, shown)
         return float(shown.clock[-1])
 

@@ -22,8 +22,6 @@ class Frames:
         q: Joint positions, rad or m, shape (F, n).
         q_ref: Reference, shape (F, n), or None: no ghost.
         base: Attitude of the base in the world, (x, y, z, w), shape (F, 4), or None: it stands still.
-        colour: Colour of each moved link, 0 its own to 1 red, shape (F, n), or None.
-        scale: What the colour means.
         speed: Seconds of the log per second of playing.
         pivot: Point of the base that stays where it is while the base turns, m in the base's frame, (3,).
         wanted: Attitude that the camera should keep, (3, 3), or None: there is no target.
@@ -34,8 +32,6 @@ class Frames:
     q: Array
     q_ref: Array | None
     base: Array | None = None
-    colour: Array | None = None
-    scale: str = "0 to 1"
     speed: float = 1.0
     pivot: Array = field(default_factory=lambda: np.zeros(3))
     wanted: Array | None = None
@@ -43,7 +39,7 @@ class Frames:
 
     def first(self, count: int) -> Frames:
         """Return the first `count` frames."""
-        rows = {name: getattr(self, name) for name in ("t", "q", "q_ref", "base", "colour")}
+        rows = {name: getattr(self, name) for name in ("t", "q", "q_ref", "base")}
         return replace(self, **{name: x[:count] for name, x in rows.items() if x is not None})
 
     @property
@@ -65,11 +61,11 @@ class Poses:
     world: Array
 
 
-def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool, colour: Array | None) -> Frames:
+def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool) -> Frames:
     """Interpolate a log at the times t₀ + k speed / fps.
 
     Raises:
-        UsageError: `fps`, `speed` or the shape of `colour` cannot be used.
+        UsageError: `fps` or `speed` cannot be used.
         LogError: The log is empty or lacks a joint of the rig.
     """
     for name, value in (("fps", fps), ("speed", speed)):
@@ -77,10 +73,6 @@ def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool, colour: Ar
             raise UsageError(name, f"is {value}", "give a positive number")
     if not len(log):
         raise LogError(log.name, "has no samples", "give a log with at least one row")
-    if colour is not None and np.shape(colour) != log.q.shape:
-        raise UsageError(
-            "colour", f"has shape {np.shape(colour)}", f"give one value per sample and joint {log.q.shape}"
-        )
     order = log.columns(rig)
     times = frame_times(log.t, speed / fps)
     reference = log.q_ref if ghost else None
@@ -89,7 +81,6 @@ def motion(rig: Rig, log: Log, fps: float, speed: float, ghost: bool, colour: Ar
         q=interpolate(times, log.t, log.q[:, order]),
         q_ref=None if reference is None else interpolate(times, log.t, reference[:, order]),
         base=base_attitude(rig, log, times),
-        colour=None if colour is None else np.clip(interpolate(times, log.t, np.asarray(colour)[:, order]), 0.0, 1.0),
         speed=speed,
     )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log.io.files import atomic_write, open_replacement
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.log import Log
 from gimbal_pin.report import VIEWS
 from gimbal_pin.report.view.browser import take_pictures
 from gimbal_pin.report.view.motion import Frames, frame_times, magnify, motion
@@ -72,13 +72,11 @@ def animate(
     fps: float | None = None,
     speed: float = 1.0,
     ghost: bool = True,
-    colour: Array | None = None,
     size: tuple[int, int] = (960, 540),
     at: float | None = None,
     camera: str | None = None,
     written: bool = True,
     beside: Log | None = None,
-    scale: str = "0 to 1",
 ) -> Animation:
     """Return what `record` shows, and write it in the format of the path's suffix: .html, .png, .gif, .webp or .mp4.
 
@@ -92,14 +90,12 @@ def animate(
         fps: Frames per second; None: 30, of a GIF 20, of a WebP 25.
         speed: As for `record`.
         ghost: As for `record`.
-        colour: As for `record`.
         size: Width and height, pixels; HTML fills its window.
         at: Time of a picture, s of the log; None: where the rig is farthest from its reference, or from its mean pose.
         camera: Where it is looked at from, a name of `view.stage.VIEWS`; None: three-quarter.
         written: Whether title, time, legend and joint angles stand in pictures and films, and below films a plot.
         beside: A second log of the rig, played beside or below the first, whichever shows both larger, for as long as
             both last; the ghosts of both show their errors magnified.
-        scale: What the colours mean, for the legend.
 
     Raises:
         UsageError: An argument, the suffix or the path cannot be used, or Chromium is missing.
@@ -117,10 +113,11 @@ def animate(
     rate = FRAME_RATES[suffix] if fps is None else fps
     if camera is not None and camera not in VIEWS:
         raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
-    shown, other = replace(motion(rig, log, rate, speed, ghost, colour), scale=scale), None
+    shown = motion(rig, log, rate, speed, ghost)
+    other = None
     name, names = Path(log.name).name, tuple[str, ...]()
     if beside is not None:
-        other = motion(rig, beside, rate, speed, ghost, None)
+        other = motion(rig, beside, rate, speed, ghost)
         both = min(len(shown.t), len(other.t))
         shown, other = shown.first(both), other.first(both)
         names = (log.name, beside.name) if Path(beside.name).name == name else (name, Path(beside.name).name)

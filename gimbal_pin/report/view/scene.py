@@ -127,8 +127,6 @@ def one_run(
         figure.trail(f"{home}/trail", figure.tips(rig, shown, reach), figure.MEASURED),
     ]
     clips = figure.tracks(rig, shown, motion.clock, root)
-    for path, tracks in figure.colour_tracks(rig, solids, motion, root).items():
-        clips[path] += tracks
     if motion.q_ref is not None:
         reference = poses(rig.model, motion.q_ref, motion.base, motion.pivot)
         commands += [
@@ -145,9 +143,7 @@ def one_run(
 # -- its page ----------------------------------------------------------------------------------------------------------
 
 
-def record(
-    rig: Rig, log: Log, *, fps: float = 30, speed: float = 1.0, ghost: bool = True, colour: Array | None = None
-) -> str:
+def record(rig: Rig, log: Log, *, fps: float = 30, speed: float = 1.0, ghost: bool = True) -> str:
     """Return an HTML page that plays the log on opening, over and over, and needs nothing but a browser.
 
     Args:
@@ -156,14 +152,12 @@ def record(
         fps: Keyframes per second of playing; the browser interpolates between them.
         speed: Seconds of the log per second of playing.
         ghost: Whether the reference is shown.
-        colour: One value per sample and joint, 0..1, (N, n): turns the link that the joint moves from its own colour
-            (0) to red (1), for instance by the residual.
 
     Raises:
         UsageError: An argument out of range.
         LogError: The log is empty or lacks a joint of the rig.
     """
-    shown = motion(rig, log, fps, speed, ghost, colour)
+    shown = motion(rig, log, fps, speed, ghost)
     return render_scene(rig, log.name, shown, scene(rig, shown))
 
 
@@ -178,9 +172,8 @@ def onboard(rig: Rig, run: Pointing, seen: gaze.Outlook, wanted: Array) -> str:
     locked = np.tile(sight.reached(np.eye(3), wanted, sight.home), (rows.stop - rows.start, 1))
     name, imus = f"held by {seen.held[-1].called} on platform {run.platform}", {rig.base: Imu(quat=run.base[rows])}
     log = Log(name, rig.joints, run.t[rows], run.q[rows], q_ref=locked, imus=imus, payload=rig.payload)
-    moved = replace(
-        motion(rig, log, 30.0, 1.0, True, None), pivot=sight.centre, wanted=wanted, ghost_name="joints locked"
-    )
+    frames = motion(rig, log, 30.0, 1.0, True)
+    moved = replace(frames, pivot=sight.centre, wanted=wanted, ghost_name="joints locked")
     return render_scene(rig, name, moved, scene(rig, moved), gaze.draw_pictures(seen, wanted, 2))
 
 
@@ -236,7 +229,6 @@ def render_scene(
         title=rig.title,
         subtitle=name,
         legend=legend(runs[-1]),
-        ramp="" if shown.colour is None else shown.scale,
         views=list(drawn.views),
         ghost=runs[-1].q_ref is not None,
         bundle=bundle(),
