@@ -24,9 +24,6 @@ READER_MEMORY, READER_SECONDS = 2 * 2**30, 5
 """Address space, bytes, and processor time, s, of the reading of one file. One of `_LARGEST_FILE` bytes takes 1.1 GiB
 and 5 s in the slowest format, OFF; 1 GiB and 1.5 to 2 s as STL, OBJ or COLLADA."""
 
-MESH_PATIENCE = 60.0
-"""Longest wait for all the meshes of a rig, s: thirty such files."""
-
 
 class Mesh(NamedTuple):
     """Triangles.
@@ -82,7 +79,7 @@ def _read_meshes(files: Iterable[Path]) -> Mapping[Path, Mesh]:
     with TemporaryDirectory() as folder:
         Path(folder, "names").write_bytes(b"\0".join(map(os.fsencode, wanted)))
         with suppress(ProcessStopped):
-            run_bounded(__name__, folder, memory=READER_MEMORY, seconds=READER_SECONDS, patience=MESH_PATIENCE)
+            run_bounded(__name__, folder, memory=READER_MEMORY, seconds=READER_SECONDS)
         made = {file: Path(folder, f"{k}.npz") for k, file in enumerate(wanted)}
         return {file: _load_mesh(out) for file, out in made.items() if out.exists()}
 

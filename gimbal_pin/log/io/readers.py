@@ -59,7 +59,7 @@ _READER_MEMORY = 2**30 + 2 * LARGEST_LOG
 _READER_SECONDS, _READER_RATE = 20.0, 5e5
 """Processor time of a reading process, s, of the smallest file, and the bytes beyond for which it may take another
 second: bags of JointState and Imu messages pass at 6 MB/s, MATLAB files at 4 MB/s (2.5 GHz, start of the process
-included), and machines are busy with other work."""
+included)."""
 _NPY_DAMAGE = (ValueError, TypeError, SyntaxError, TokenError, MemoryError, RecursionError, OverflowError, LookupError)
 """What NumPy raises of a header that is none: it reads one as Python's text."""
 _NPZ_DAMAGE = (*_NPY_DAMAGE, zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError)
