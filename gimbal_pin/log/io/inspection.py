@@ -119,7 +119,7 @@ def inspect(path: Path, rig: Rig | None = None) -> Inspected:
     if rig is not None and len(pairs) > 1:
         every = {channel.column: channel for _, found in reversed(pairs) for channel in found.channels[1:]}
         mapping = {target: first.mapping[target] for target in ("t",) if target in first.mapping}
-        mapping |= assign_columns(first.t, every, rig)
+        mapping |= assign_columns(every, rig)
     missing = () if rig is None else tuple(target for target in required_columns(rig, mapping) if target not in mapping)
     if rig is not None and (absent := [j for j in rig.joints if not any(x.endswith(f"_{j}") for x in mapping)]):
         notes += [f"no column of {quote_names(absent)}: held where the rig's angle is nearest to zero"] * (

@@ -175,7 +175,7 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
     _set_units(ties, channels, max(filter(isfinite, rooms), default=inf), bool(rooms))
     mapping: dict[str, tuple[str, str, str]] = {}
     if rig is not None:
-        mapping = {"t": (time, factor, why), **assign_columns(t, channels, rig)}
+        mapping = {"t": (time, factor, why), **assign_columns(channels, rig)}
         if time == ROW_COLUMN and not factor:
             del mapping["t"]
     first_one = Channel(time, data[time], "time", unit, factor, reasons=[why])
@@ -252,12 +252,6 @@ def _read_units(column: str) -> tuple[str, ...]:
     """
     written = [word.lower() for word in re.findall(r"[^\W\d_]+", column)]
     return (*written, *(a + b for a, b in pairwise(written) if a in ("n", "mn")), *split_words(column))
-
-
-def is_measured_motion(column: str, values: Array) -> bool:
-    """Whether a column is an angle or a rate that was measured, by its name."""
-    channel = _read_name(column, values)
-    return channel.quantity in ("position", "rate", "gyro", "attitude") and not channel.wanted
 
 
 class _Tie(NamedTuple):
@@ -423,11 +417,10 @@ def _find_quantum(x: Array) -> float:
     return one if np.mean(off < 0.05) > 0.95 else 0.0
 
 
-def assign_columns(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple[str, str, str]]:
+def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple[str, str, str]]:
     """Return target → (column, factor, remark) of a rig's log, in the order of files.
 
     Args:
-        t: Time, s, (N,).
         channels: Column → what it is; those of several streams together, too.
         rig: Whose joints.
     """
@@ -438,7 +431,7 @@ def assign_columns(t: Array, channels: Mapping[str, Channel], rig: Rig) -> dict[
         of_angle = {channel.rate_of: channel.column for channel in channels.values() if channel.rate_of}
         v = {joint: of_angle[column] for joint, column in q.items() if column in of_angle}
     tau, reference = torque or current, _assign_by_joint(channels, rig, "position", wanted=True)
-    kinds = {"q": q, "dq": v, "tau": tau or _find_torques(t, channels, rig, q, v), "q_ref": reference}
+    kinds = {"q": q, "dq": v, "tau": tau, "q_ref": reference}
     found: dict[str, tuple[str, str, str]] = {}
     for prefix, columns in {**kinds, "temp": temperature}.items():
         for joint, column in columns.items():
@@ -489,49 +482,6 @@ def _assign_by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wante
             found = dict(zip(rig.joints, each.values()))
         best = max(best, ((len(found), -rank), found), key=lambda one: one[0])
     return best[1] or (dict(zip(rig.joints, (c.column for c in several))) if len(several) == rig.n else {})
-
-
-def _find_torques(
-    t: Array, channels: Mapping[str, Channel], rig: Rig, q: Mapping[str, str], v: Mapping[str, str]
-) -> dict[str, str]:
-    """Return joint → a column without a name that the joints' motion explains: the first n that stand side by side.
-
-    Regressed on a constant, all accelerations, rates and their signs, and sines and cosines of the angles' sums from
-    the base on (gravity), all averaged over 50 ms, so that differentiated steps of encoders go. A torque is explained
-    by more than half: in the measured logs of the tests, names taken away, torques and currents by 0.79 to 1 (two by
-    0.45), references and supply voltages by 0.36 at most. The joints are in the columns' order: what moves one axis
-    of several moves all, so that the explained share does not tell them apart.
-    """
-    free = [c for c in channels.values() if c.quantity == "unknown" and not c.still]
-    lengths = {len(channels[column].values) for column in (*q.values(), *v.values())}
-    if not (len(q) == len(v) == rig.n and len(free) >= rig.n and lengths == {len(t)}):
-        return {}
-    width = min(max(round(0.05 / float(np.median(np.diff(t)))), 1), len(t) // 4)
-
-    def averaged(x: Array) -> Array:
-        return np.convolve(x, np.ones(width) / width, "valid")
-
-    rates = [averaged(channels[v[joint]].values) for joint in rig.joints]
-    angles = [channels[q[joint]].values * channels[q[joint]].scale for joint in rig.joints]
-    sums = [averaged(x) for x in np.cumsum(angles, axis=0)]
-    at = averaged(t)
-    parts = [np.ones_like(at), *(np.gradient(x, at) for x in rates), *rates, *map(np.sign, rates)]
-    basis = np.column_stack([*parts, *map(np.sin, sums), *map(np.cos, sums)])
-    explained = []
-    for channel in free:
-        y = averaged(channel.values)
-        rest = y - basis @ np.linalg.lstsq(basis, y, rcond=None)[0]
-        if (share := 1 - float(np.var(rest) / max(np.var(y), 1e-300))) > 0.5:
-            explained.append(channel)
-            channel.reasons.append(f"{100 * share:.0f} % of it follow from the joints' motion")
-    order = {column: k for k, column in enumerate(channels)}
-    runs = [explained[k : k + rig.n] for k in range(len(explained) - rig.n + 1)]
-    beside = [run for run in runs if order[run[-1].column] - order[run[0].column] == rig.n - 1]
-    chosen = next(iter(beside or (runs if len(runs) == 1 else [])), [])
-    for channel in chosen:
-        channel.quantity = "torque"
-        channel.reasons.append(f"{channel.reasons.pop()}; a current is to be multiplied by the motor's torque constant")
-    return dict(zip(rig.joints, (channel.column for channel in chosen)))
 
 
 def _assign_imu_columns(

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from gimbal_pin.errors import LogError, UsageError
-from gimbal_pin.log.io.clocks import find_clock_offset
-from gimbal_pin.log.io.recognise import find_time_unit, is_measured_motion
+from gimbal_pin.log.io.recognise import find_time_unit
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import check_size, split_words
 
@@ -212,14 +211,15 @@ def _flatten_arrays(key: str, value: Any, depth: int = 0) -> Iterator[tuple[str,
 
 @dataclass(frozen=True, eq=False)
 class JoinedTable:
-    """Tables of one motion, interpolated at the times of one of them.
+    """Tables of one motion whose times are by one clock, interpolated at the times of one of them.
 
     Attributes:
         name: What errors call it.
         parts: The tables.
         times: Name of the column of each one's times.
-        shared: Whether all times are by one clock; ``t`` is then the time of whatever else is read first.
-        notes: What `read` did to join them.
+        shared: Whether the tables are of one file, all times in s: ``t`` is then the time of whatever else is read
+            first. The times of several files may be in several units.
+        notes: What `read` left out to join them.
     """
 
     name: str
@@ -230,7 +230,7 @@ class JoinedTable:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The columns of all tables, each once, and ``t`` first where one clock is shared."""
+        """The columns of all tables, each once, and ``t`` first where they are of one file."""
         names = [column for part in self.parts for column in part.columns]
         return tuple(dict.fromkeys(["t", *names] if self.shared else names))
 
@@ -249,8 +249,9 @@ class JoinedTable:
         joined = {column: read[first][column] for column in wanted[first]}
         kept = np.ones(len(t), dtype=bool)
         for k in list(wanted)[1:]:
-            scale, shift = self.clock(first, k)
-            own, at = np.unique(read[k][self.times[k]] * scale + shift, return_index=True)
+            own = read[k][self.times[k]]
+            scale = self._seconds(k, own) / self._seconds(first, t)
+            own, at = np.unique(own if scale == 1.0 else own * scale, return_index=True)
             at = at[np.isfinite(own)]
             own = own[: len(at)]
             for column in wanted[k]:
@@ -260,29 +261,16 @@ class JoinedTable:
                     joined[column][np.interp(t, own, np.isnan(values)) > 0] = np.nan
             kept &= _is_surrounded(t, own)
         if not kept.any():
-            raise LogError(self.name, "have no time in common", "give files of one recording, times in the same unit")
+            raise LogError(
+                self.name, "have no time in common", "give files whose times are by one clock, or join them first"
+            )
         if not kept.all():
             self.notes.append(f"{self.name}: {np.sum(~kept)} of {len(t)} samples are left out: not all files have them")
         return {column: joined.get(column, t)[kept] for column in columns}
 
-    def clock(self, first: int, other: int) -> tuple[float, float]:
-        """Return factor and offset that turn another table's times into the first's; a note states the offset.
-
-        Where one clock gave both times only measured motion is compared: a reference precedes it, and a torque lags by
-        what the drive takes.
-        """
-        pair = [(self.parts[k], self.times[k]) for k in (first, other)]
-        data = [read_numeric_columns(part)[0] for part, _ in pair]
-        if any(name not in one for one, (_, name) in zip(data, pair)):
-            return 1.0, 0.0  # a table without times has none in common
-        times = [one.pop(name) for one, (_, name) in zip(data, pair)]
-        scale, its = (1.0, 1.0) if self.shared else (find_time_unit(name, t)[1] for t, (_, name) in zip(times, pair))
-        if self.shared:
-            data = [{name: x for name, x in one.items() if is_measured_motion(name, x)} for one in data]
-        seconds, sentence = find_clock_offset(times[0] * scale, data[0], times[1] * its, data[1])
-        if seconds or not self.shared:
-            self.notes.append(f"{pair[1][1] if self.shared else pair[1][0].name}: {sentence}")
-        return 1.0 if its == scale else its / scale, seconds / scale
+    def _seconds(self, part: int, times: Array) -> float:
+        """Return the seconds in one unit of a table's times, which may differ between files."""
+        return 1.0 if self.shared else find_time_unit(self.times[part], times)[1]
 
     def place(self, row: int, column: str) -> str:
         """Return ``files sample S column 'name'``, joined samples counted from 1."""
