@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -49,7 +50,7 @@ def convert_to_mjcf(model: Model) -> tuple[str, tuple[str, ...]]:
         for kind in ("gyro", "accelerometer"):
             etree.SubElement(sensors, kind, name=f"{link}_{kind}", site=link)
     for note in notes:
-        root.insert(0, etree.Comment(f" {note.replace('--', '- -')} "))
+        root.insert(0, etree.Comment(f" {re.sub('-(?=-)', '- ', note)} "))
     etree.indent(root)
     return etree.tostring(root, encoding="unicode") + "\n", tuple(notes)
 

@@ -11,7 +11,7 @@ from lxml import etree
 from gimbal_pin.control.tuning import StoredController
 from gimbal_pin.effects.resistance import Resistance
 from gimbal_pin.errors import UsageError
-from gimbal_pin.export.sources import C_SOURCES, quoted, rendered
+from gimbal_pin.export.sources import C_SOURCES, rendered
 from gimbal_pin.pointing.bench import WANTED
 from gimbal_pin.pointing.sight import gyros_between, unable
 from gimbal_pin.rig.inertia import to_urdf
@@ -43,14 +43,13 @@ def package(stored: StoredController, c: Mapping[str, str]) -> dict[str, str]:
         )
     links = gyros_between(rig)
     context = {
-        "package": f"gimbal_{re.sub(r'[^a-z0-9]+', '_', rig.name.lower()).strip('_')}",
+        "package": f"gimbal_{re.sub(r'[^a-z0-9]+', '_', rig.name.lower()).strip('_') or 'rig'}",
         "rig": rig,
         "rate": round(1 / stored.wish.dt),
         "camera_imu": imu(rig.camera_frame),
         "base_imu": imu(rig.base),
-        "link_imus": [quoted(imu(link)) for link in links],
+        "link_imus": [imu(link) for link in links],
         "links": len(links),
-        "links_said": ", ".join(links),
     }
     made = rendered(context, [f"ros2/{name}" for name in TEMPLATES])
     sources = {name: c[name] for name in C_SOURCES}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -154,7 +155,7 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
         "parameters": list_parameters_of(stored, pointer, law.values, [len(own) for own in points]),
         "about": json.dumps(describe_library(stored)),
         "rig": rig,
-        "links_said": ", ".join(links),
+        "gyro_links": links,
         "unable": unable(rig, WANTED),
         "stored": stored,
     }
@@ -345,14 +346,20 @@ def quoted(text: str) -> str:
     return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode()) + '"'
 
 
+def escape_markdown(text: str) -> str:
+    """Return a text that Markdown shows as it is: the characters that begin code, links, emphasis or HTML escaped."""
+    return re.sub(r"([\\`*\[\]<>&!|~$])", r"\\\1", text)
+
+
 def rendered(context: Mapping[str, Any], names: Sequence[str]) -> dict[str, str]:
     """Return name → content of templates; a file without ``.j2`` is copied as it is."""
     from jinja2 import Environment, StrictUndefined
 
-    environment = Environment(  # it writes C: nothing to escape
+    environment = Environment(  # of several languages: each template passes names through the filter of its own
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    environment.filters |= {"c": written, "string_c": quoted}
+    environment.filters |= {"c": written, "string_c": quoted, "markdown": escape_markdown}
+    environment.filters["json"] = partial(json.dumps, ensure_ascii=False)  # YAML, too
     out, folder = dict[str, str](), files("gimbal_pin.export") / "templates"
     for name in names:
         made = folder / f"{name}.j2"

@@ -24,7 +24,7 @@ from gimbal_pin.rig.inertia import join_names, mend_inertias, remove_unfelt_iner
 from gimbal_pin.rig.reading import parse_decimal
 from gimbal_pin.rig.records import LARGEST_NUMBER
 from gimbal_pin.rig.types import Array
-from gimbal_pin.rig.urdf_checks import MOVABLE
+from gimbal_pin.rig.urdf_checks import MOVABLE, check_name
 
 GRAVITY = 9.81
 """Acceleration of gravity, m/s², down the world's z."""
@@ -96,6 +96,7 @@ class Rig(Record):
             RigError: Anything that keeps it from being a rig, with file and mend.
         """
         path, config = find_rig(rig)
+        check_name(path.stem, "the rig", str(path))
         config = replace(config, fixed={**config.fixed, **(fixed or {})})
         text, notes, _ = convert_to_urdf(path, config.xacro)
         element = urdf.parse_checked(text, str(path), config.fixed)
@@ -109,6 +110,7 @@ class Rig(Record):
         payload_link = None
         if name is not None:
             other = find_payload(name)
+            check_name(other.stem, "the payload", name)
             text, more, _ = convert_to_urdf(other, {})
             part = urdf.parse_checked(text, str(other))
             notes += more + remove_unfelt_inertials(part, str(other), carried=True)

@@ -21,8 +21,8 @@ _MOST_JOINTS = 32
 `check` takes 4 s."""
 MOST_LINKS = 1000
 """Most links, fixed ones included: a chain of them loads in 2 s, one of 5000 overflows the stack inside Pinocchio."""
-_LONGEST_NAME = 100
-"""Longest name: two fit into a message."""
+MAX_NAME_CHARACTERS = 64
+"""Most characters of a name: twice as many would leave no room for two names in an error of one line."""
 _LIGHTEST, _HEAVIEST = 1e-9, 1e7
 """Masses, kg: a microgram, for links that only mark a place, and 10 000 t, beyond any machine on joints."""
 _NARROWEST, _WIDEST = 1e-9, 1e3
@@ -58,7 +58,7 @@ def list_element_names(robot: etree._Element, tag: str) -> list[str]:
 
 
 def check_names(robot: etree._Element, place: str, fixed: Collection[str] = ()) -> None:
-    """Raise `RigError` if the robot, links or joints are too many, or two share a name, or one cannot name a column.
+    """Raise `RigError` if links or joints are too many, two of them share a name, or `check_name` refuses one.
 
     `fixed`: joints that the YAML fixes; those that mimic others are fixed, too.
     """
@@ -68,9 +68,7 @@ def check_names(robot: etree._Element, place: str, fixed: Collection[str] = ()) 
         where = f"{place}:{element.sourceline}"
         if not name:
             raise RigError(where, f"<{element.tag}> has no name", "give it one")
-        if len(name) > _LONGEST_NAME or name != name.strip() or not name.isprintable() or set(name) & set(',;"'):
-            mend = f"use up to {_LONGEST_NAME} letters, digits and signs; no comma, semicolon, double quote, blank ends"
-            raise RigError(where, f"<{element.tag}> has a name that a log's header cannot hold ({name[:20]!r})", mend)
+        check_name(name, f"<{element.tag}>", where)
     for tag, elements in (("link", links), ("joint", joints)):
         if twice := find_repeated(element.get("name") for element in elements):
             raise RigError(place, f"two {tag}s are named '{twice[0]}'", "rename one")
@@ -83,6 +81,16 @@ def check_names(robot: etree._Element, place: str, fixed: Collection[str] = ()) 
     if both := sorted(joint for joint in movable if f"ref_{joint}" in movable):
         what = f"q_ref_{both[0]} would be the angle of joint 'ref_{both[0]}' and the reference of '{both[0]}'"
         raise RigError(place, what, "rename one")
+
+
+def check_name(name: str, kind: str, place: str) -> None:
+    """Raise `RigError` unless a name has 1 to `MAX_NAME_CHARACTERS` printable characters and no space at either end.
+
+    This is the only restriction: whatever writes a name escapes it for its language.
+    """
+    if not (name.isprintable() and name == name.strip() and 0 < len(name) <= MAX_NAME_CHARACTERS):
+        mend = f"use 1 to {MAX_NAME_CHARACTERS} printable characters without a space at either end"
+        raise RigError(place, f"{kind} has the name {name[:20]!r} of {len(name)} characters", mend)
 
 
 def find_repeated(names: Iterable[str]) -> list[str]:

@@ -214,9 +214,9 @@ HOSTILE = {
     "the effort of a star": in_one('effort="1"', 'effort="1e300"'),
     **{
         f"a joint named {name!r}": in_one('name="j1"', f'name="{name}"')
-        for name in ("a,b", "a;b", "a&quot;b", "a&#9;b", "a&#10;b", "a&#x9b;b", " a", "a ", "&#xa0;", 101 * "a")
+        for name in ("a&#9;b", "a&#10;b", "a&#x9b;b", " a", "a ", "&#xa0;", 65 * "a")
     },
-    "a link that no column can name": in_one("<robot", '<robot id="1"').replace('"l1"', '"l,1"'),
+    "a link of two lines": in_one("<robot", '<robot id="1"').replace('"l1"', '"l&#10;1"'),
     "an angle that is a reference": chain(2, "revolute").replace('"j1"', '"a"').replace('"j2"', '"ref_a"'),
 }
 

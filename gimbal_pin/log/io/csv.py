@@ -294,10 +294,14 @@ def _parse_number(field: str) -> float | None:
 
 def write_csv(columns: Mapping[str, Array], path: Path, separator: str = ",") -> None:
     """Write columns of equal length, the numbers in the shortest form that reads back exactly; whole or not at all."""
-    header = io.StringIO()
-    csv.writer(header, delimiter=separator, lineterminator="\n").writerow(columns)
+    header = separator.join(map(_quote_name, columns))
     values = np.column_stack(list(columns.values()))
     with open_replacement(path) as new, wrap_os_errors(path), new.open("w", encoding="utf-8", newline="") as file:
-        file.write(header.getvalue())
+        file.write(f"{header}\n")
         for part in np.array_split(values, len(values) // 2**14 + 1):  # Python's numbers take four times the memory
             file.writelines(separator.join(map(repr, row)) + "\n" for row in part.tolist())
+
+
+def _quote_name(name: str) -> str:
+    """Return a column's name in quotes where it holds a quote or a separator that `read_header` knows."""
+    return '"{}"'.format(name.replace('"', '""')) if set(name) & set('",;\t') else name
