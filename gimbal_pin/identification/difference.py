@@ -31,12 +31,14 @@ class ShownChange(NamedTuple):
         value: The change along each, (r,).
         covariance: Of these, (r, r).
         gain: Change along each per change of the base parameters, (r, b).
+        limit: Standard deviation from which a direction is not shown.
     """
 
     basis: Array
     value: Array
     covariance: Array
     gain: Array
+    limit: float = 0.0
 
     def __repr__(self) -> str:
         """See `brief`."""
@@ -49,8 +51,10 @@ class ShownChange(NamedTuple):
 
     @property
     def std(self) -> Array:
-        """Its standard deviations, (p,)."""
-        return np.sqrt(np.maximum(np.diag(self.basis @ self.covariance @ self.basis.T), 0.0))
+        """Its standard deviations, (p,); the part of a shown axis along hidden directions counts with `limit`."""
+        hidden = np.where(self.axes, 1.0 - np.sum(self.basis**2, axis=1), 0.0)
+        own = np.diag(self.basis @ self.covariance @ self.basis.T)
+        return np.sqrt(np.maximum(own + hidden * self.limit**2, 0.0))
 
     @property
     def axes(self) -> list[bool]:
@@ -136,7 +140,7 @@ class BaseDifference:
         variance, turn = np.linalg.eigh(rest.T @ spread @ rest)
         shown = np.hstack([axes, rest @ turn[:, variance < limit**2]])
         gain = shown.T @ gain
-        return ShownChange(basis @ shown, gain @ self.change, shown.T @ spread @ shown, gain)
+        return ShownChange(basis @ shown, gain @ self.change, shown.T @ spread @ shown, gain, limit)
 
     def compute_rest(self, columns: Array) -> tuple[float, int]:
         """Power of the change outside the reach of some columns, (b, m), in units of noise, and in how many ways."""

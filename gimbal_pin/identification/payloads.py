@@ -9,14 +9,23 @@ from itertools import zip_longest
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gimbal_pin.checks import CheckedLog, check_assignment, check_log, check_time, collect_alterations
 from gimbal_pin.dynamics.model import Estimated, Model, build_friction_effects, build_rotor_terms
-from gimbal_pin.dynamics.reduction import Reduction, list_units, reduce_parameters, scan_columns, stack_regressors
+from gimbal_pin.dynamics.reduction import (
+    Reduction,
+    format_sum,
+    list_units,
+    reduce_parameters,
+    scan_columns,
+    stack_regressors,
+)
 from gimbal_pin.dynamics.regressor import SCAN
 from gimbal_pin.effects import Effect
 from gimbal_pin.effects.rig_effect import RigEffect, get_payload
 from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.identification.bodies import update_bodies
 from gimbal_pin.identification.difference import BaseDifference
 from gimbal_pin.identification.fitting import (
     add_misfit_and_lags,
@@ -34,7 +43,7 @@ from gimbal_pin.identification.payload import (
     report_with_payload,
     state_payload,
 )
-from gimbal_pin.identification.requirements import check_enough, check_seen
+from gimbal_pin.identification.requirements import check_enough, check_seen, find_unseen
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
     TRUST,
@@ -48,17 +57,28 @@ from gimbal_pin.regression import (
     add_lag_spread,
     add_misfit,
     align_rows,
+    build_prior_rows,
+    build_urdf_prior,
     compute_blocks,
     find_camera_body,
     fit_weighted,
     map_phi_to_base,
+    solve,
 )
-from gimbal_pin.regression.consistency import find_likeliest_bodies
+from gimbal_pin.regression.consistency import compute_deformation_root, find_likeliest_bodies
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import PHI, Rig
 
 BARE = "none"
 """The payload that weighs nothing: where there is a log of it, the others are measured from it."""
+WIDE_TRUST = 10.0
+"""Standard deviation of a camera's parameters before a log that hides some, as a multiple of what its URDF states.
+
+Ten times the stated mass contains every camera, so what the log shows stays the log's; doubling it changes only the
+stated deviation of what the log hides.
+"""
+UNSEEN_SHARE = 0.1
+"""Share of the largest entry, each in units of the URDF's deformation, from which a sentence names a parameter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,12 +284,36 @@ class CarrierEstimate:
         return slice(10 * self.body, 10 * self.body + 10)
 
     def shown(self, phi: Array) -> Array:
-        """What of ten parameters shows, (r,)."""
+        """What of ten parameters shows, (r,); of several columns of them, (r, m)."""
         return np.asarray(self.reduction.mixing @ phi[[PHI.index(symbol) for symbol in SCAN]])
+
+    def build_prior(self, rig: Rig, reference: Rig) -> Array:
+        """Rows ``[U z]`` of what shows of a camera less the reference's: its URDF's, to `WIDE_TRUST`, (r, r + 1)."""
+        root = WIDE_TRUST * self.shown(compute_deformation_root(rig.phi[self.parameters]))
+        return build_prior_rows(root, self.shown(get_stated_payload(rig) - get_stated_payload(reference)))
 
     def compute_columns(self, block: Block) -> Array:
         """Torque per parameter that shows, (m, n, r): the base columns hold it already, filtered and masked."""
         return np.asarray(block.A[:, :, : len(self.columns)] @ self.columns)
+
+    def describe_unseen(self, covariance: Array, whitener: Array) -> tuple[str, ...]:
+        """Name each combination of a camera's parameters that the log shows less than the URDF is trusted for.
+
+        Args:
+            covariance: Of the camera's parameters, (r, r).
+            whitener: U of `build_prior`, (r, r).
+        """
+        power, vectors = np.linalg.eigh(whitener @ covariance @ whitener.T)
+        root = np.linalg.inv(whitener)
+        size, said = np.linalg.norm(root, axis=1), list[str]()
+        for way in (root @ vectors[:, power > (TRUST / WIDE_TRUST) ** 2]).T:
+            share = np.abs(way / size)
+            kept = np.flatnonzero(share > UNSEEN_SHARE * share.max())
+            terms = {self.reduction.base_names[k]: float(f"{way[k] / way[kept[-1]]:.2g}") for k in kept[::-1].tolist()}
+            said.append(
+                f"the log does not show {format_sum(terms)}: any multiple in the camera leaves its torque as it is"
+            )
+        return tuple(said)
 
     def map_change(self, place: int, width: int, total: int) -> Array:
         """Map from theta, (width,), and every camera's gamma, (total,) together, to that of camera `place`, (r, total).
@@ -312,13 +356,14 @@ def _conclude_camera(
     gamma, spread, units = pick @ estimate.theta, pick @ estimate.covariance @ pick.T, list_units(leading)
     value, stated = own.shown(base) + gamma, own.shown(urdf)
     mounted = CameraEstimate(own.reduction.base_names, units, value, spread, stated, own.columns, (gamma, spread))
+    unseen = own.describe_unseen(spread, own.build_prior(design.rig, reference[1])[:, :-1])
     given = design.rig.phi.copy()
     given[own.parameters] += base - urdf
     mounted, vague = _hedge_camera(mounted, own, reference[0], given, design.mixing, known)
     tested = compute_blocks(replace(design, logs=part.test)) if part.test else None
     found = replace(
         add_misfit_and_lags(assemble_result(part.blocks, one, tested, part.how), missed, late),
-        notes=part.notes,
+        notes=(*part.notes, *unseen),
         holdout="last-third" if part.test else "none",
         faults=(*vague, *describe_faults(part.checked)),
         altered=collect_alterations(part.checked),
@@ -344,10 +389,12 @@ def _hedge_camera(
     if reference == BARE or not mounted.covariance.any():
         return mounted, ()
     width = len(mixing)
-    phi = find_likeliest_bodies(given, mixing, known[0][:width], known[1][:width, :width], TRUST)
-    apart, size = own.shown((phi - given)[own.parameters]), mounted.std
-    correlation = mounted.covariance / np.outer(size, size)
-    squares = float(apart / size @ np.linalg.lstsq(correlation, apart / size, rcond=1e-9)[0])
+    beta = known[0][:width], known[1][:width, :width]
+    phi, root = find_likeliest_bodies(given, mixing, *beta, TRUST), update_bodies(given, mixing, *beta, TRUST)[1]
+    apart, undecided = own.shown((phi - given)[own.parameters]), own.shown(root[own.parameters])
+    spread = mounted.covariance + undecided @ undecided.T  # how the bodies share the sum is the log's to leave open
+    size = np.sqrt(np.diag(spread))
+    squares = float(apart / size @ np.linalg.lstsq(spread / np.outer(size, size), apart / size, rcond=1e-9)[0])
     if squares < compute_limit(len(apart)) * len(apart):
         return mounted, ()
     worst = int(np.argmax(np.abs(apart) / size))
@@ -356,7 +403,7 @@ def _hedge_camera(
         f"the gimbal with {reference} is not as the URDFs say ({what}): how much of that is {reference}'s own is not "
         f"known, and this camera's deviations hold it; add a log of '@{BARE}'"
     )
-    return replace(mounted, covariance=mounted.covariance + np.outer(apart, apart)), (said,)
+    return replace(mounted, covariance=spread + np.outer(apart, apart)), (said,)
 
 
 def get_stated_payload(rig: Rig) -> Array:
@@ -401,12 +448,16 @@ def identify_several(
     aligned, late = _align_parts(each, own)
     parts = dict(zip(order, aligned))
     joint = _join_cameras([part.blocks for part in aligned], own)
-    alone = estimator(joint)
-    estimate, missed = add_misfit(joint, alone, len(order))
     first = parts[reference].blocks.design
+    priors = [
+        build_urdf_prior(first, WIDE_TRUST),
+        *(own.build_prior(rigs[name], rigs[reference]) for name in order[1:]),
+    ]
+    prior = np.column_stack([block_diag(*(x[:, :-1] for x in priors)), np.concatenate([x[:, -1] for x in priors])])
+    alone = _fit_with_wide_prior(estimator, joint, prior)
+    check_seen(first.logs[0].name, first.names, joint, alone)
+    estimate, missed = add_misfit(joint, alone, len(order))
     estimate = add_lag_spread(joint, estimate, late)
-    names = (*first.names, *(f"{n}@{name}" for name in order[1:] for n in own.reduction.base_names))
-    check_seen(first.logs[0].name, names, joint, alone)
     cameras, identified, n = {}, {}, first.rig.n
     for k, (name, part) in enumerate(parts.items()):
         mine = slice(n * k, n * (k + 1))
@@ -440,6 +491,13 @@ def _widen_blocks(blocks: Sequence[Block], own: CarrierEstimate, place: int, cou
         b, share, slope = ((apart * x[:, None]).reshape(m, -1) for x in (block.b, block.share, block.slope))
         q, v = (np.tile(x, count) for x in (block.q, block.v))
         yield Block(block.t, A.swapaxes(1, 2).reshape(m, n * count, -1), b, q, v, share, slope)
+
+
+def _fit_with_wide_prior(estimator: Estimator, blocks: Sequence[Block], prior: Array) -> Estimate:
+    """Estimate parameters; where the log hides some, by weighted least squares with the rows `prior` of the URDF."""
+    found = estimator(blocks)
+    hidden = find_unseen([""] * len(found.theta), blocks, found)
+    return solve(blocks, prior) if hidden else found
 
 
 def identify_new(
@@ -481,8 +539,11 @@ def identify_new(
     mine = [block._replace(A=own.compute_columns(block), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [some._replace(b=block.b) for some, block in zip(mine, blocks)]
-    check_seen(place, own.reduction.base_names, heard, fit_weighted(mine))
-    alone, missed = add_misfit(blocks, estimator(blocks))
+    names, prior = own.reduction.base_names, own.build_prior(rig, known.rig)
+    shown = _fit_with_wide_prior(fit_weighted, mine, prior)
+    if len(find_unseen(names, heard, shown)) == len(names):
+        check_seen(place, names, heard, shown)
+    alone, missed = add_misfit(blocks, _fit_with_wide_prior(estimator, blocks, build_urdf_prior(design, WIDE_TRUST)))
     alone = add_lag_spread(blocks, alone, late)
     reach = np.vstack([own.columns, np.zeros((len(design.names) - width, own.columns.shape[1]))])
     found = update_gimbal(before, alone, reach, place)

@@ -74,7 +74,9 @@ from gimbal_pin.regression.noise import fit_autoregression as fit_autoregression
 from gimbal_pin.regression.noise import join_blocks as join_blocks
 from gimbal_pin.regression.physical import TRUST as TRUST
 from gimbal_pin.regression.physical import anchor as anchor
+from gimbal_pin.regression.physical import build_prior_rows as build_prior_rows
 from gimbal_pin.regression.physical import build_program as build_program
+from gimbal_pin.regression.physical import build_urdf_prior as build_urdf_prior
 from gimbal_pin.regression.physical import check_trust as check_trust
 from gimbal_pin.regression.physical import factor_wide_states as factor_wide_states
 from gimbal_pin.regression.physical import fit_bounded_bodies as fit_bounded_bodies

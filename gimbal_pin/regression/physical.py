@@ -90,14 +90,18 @@ def build_urdf_prior(design: Design, trust: float) -> Array:
     P₀ is their covariance if every body is the URDF's, stretched and sheared at random by `trust`: G as
     `compute_deformation_root` says.
     """
-    left, values, _ = np.linalg.svd(
-        design.mixing @ compute_deformation_root(design.rig.phi) * trust, full_matrices=False
+    rows = build_prior_rows(
+        trust * design.mixing @ compute_deformation_root(design.rig.phi), design.mixing @ design.rig.phi
     )
+    unknown = np.zeros((len(rows), len(design.names) - len(design.mixing)))
+    return np.hstack([rows[:, :-1], unknown, rows[:, -1:]])
+
+
+def build_prior_rows(root: Array, mean: Array) -> Array:
+    """Rows ``[U, U mean]`` of unit noise, (k, k + 1), of parameters with mean (k,) and covariance ``root rootᵀ``."""
+    left, values, _ = np.linalg.svd(root, full_matrices=False)
     whiten = left.T / np.maximum(values, 1e-9 * values[0])[:, None]
-    out = np.zeros((len(whiten), len(design.names) + 1))
-    out[:, : whiten.shape[1]] = whiten
-    out[:, -1] = whiten @ (design.mixing @ design.rig.phi)
-    return out
+    return np.column_stack([whiten, whiten @ mean])
 
 
 def factor_wide_states(rows: Design, width: int) -> Array:
