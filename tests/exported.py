@@ -84,7 +84,7 @@ def modelled(rig: Rig, causes: Sequence[str] = ()) -> Model:
 
 def built(model: Model, folder: Path, kind: str = "computed-torque", robust: bool = False) -> Twin:
     """Tune, export and compile."""
-    held = stored(tune(model, kind=kind, robust=robust).to_dict(), Rig.load(model.rig.name, model.rig.payload), "here")
+    held = stored(tune(model, kind=kind, robust=robust).to_dict(), model.rig.stated, "here")
     folder.mkdir(parents=True, exist_ok=True)
     made = export_controller(held)
     for name, content in made.files.items():

@@ -314,7 +314,7 @@ def law_of(
 ) -> TunedLaw:
     """Return the control law of a kind."""
     if wish.kind == "pid":
-        return JointPid(gains, inertia, tuple(model.tau_max.tolist()), wish.dt, brakes)
+        return JointPid(gains, inertia, tuple(model.tau_max.tolist()), wish.dt, brakes, model.rig.continuous)
     lead = wish.delay + wish.dt / 2
     return ComputedTorque(model, gains, wish.dt, lead=lead, braking=brakes, robust=robust)
 

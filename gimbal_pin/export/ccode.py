@@ -32,6 +32,7 @@ FORMULAS: Mapping[str, str] = {
     "OP_POW": "powf({0}, {1})",
     "OP_CONSTPOW": "powf({0}, {1})",
     "OP_FABS": "fabsf({0})",
+    "OP_FLOOR": "floorf({0})",
     "OP_FMIN": "fminf({0}, {1})",
     "OP_FMAX": "fmaxf({0}, {1})",
     "OP_COPYSIGN": "copysignf({0}, {1})",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from inspect import getdoc
+from math import pi
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
@@ -73,6 +74,9 @@ class LawEquations(Equations):
             "robust_disturbance robust_gain q v goal_q goal_v integral wished"
         )
         e, rate = x.goal_q - x.q, x.goal_v - x.v
+        if any(self.model.rig.continuous):  # the shorter way round: an encoder that wraps is no error of a turn
+            turn = 2 * pi * ca.DM([float(endless) for endless in self.model.rig.continuous])
+            e -= turn * ca.floor(e / (2 * pi) + 0.5)
         total, size = x.integral + x.p_dt * e, ca.fabs(e)
         far = x.loop_kd * ca.sqrt(x.loop_braking * (2 * size - x.loop_knee))
         pull = ca.if_else(size <= x.loop_knee, x.loop_kp * e, ca.copysign(far, e))

@@ -180,6 +180,11 @@ class Rig(Record):
         """Whether each joint slides, and does not turn (n)."""
         return tuple(joint.shortname().startswith("JointModelP") for joint in self.model.joints.tolist()[1:])
 
+    @cached_property
+    def continuous(self) -> tuple[bool, ...]:
+        """Whether each joint turns without stops (n): its angles 2π apart are one pose."""
+        return tuple((np.isinf(self.stops).all(axis=0) & ~np.array(self.slides)).tolist())
+
     def in_units(self, joint: str | None, text: str) -> str:
         """Return a text, or a unit, that is written as of a joint that turns, in the units of a joint."""
         return to_sliding(text) if joint in self.joints and self.slides[self.joints.index(joint)] else text

@@ -53,7 +53,7 @@ from tests.exported import (
     sources,
     tracking_gap,
 )
-from tests.rigs import bundled, chain
+from tests.rigs import bundled, chain, spelled
 
 pytest.importorskip("casadi")
 compiled_here = pytest.mark.skipif(not has("gcc"), reason="no C compiler")
@@ -214,6 +214,27 @@ FAULTS = [
     ["nan:encoders:0.05:0.1", "nan:camera-gyro:0.3:0.35", "nan:platform-imu:0.5:0.51"],
     ["frozen:encoders:0.05:0.2", "nan:camera-gyro:0.15:0.25"],
 ]
+
+
+@compiled_here
+@pytest.mark.parametrize("kind", ["computed-torque", "pid"])
+def test_a_continuous_joints_torque_does_not_jump_where_its_encoder_wraps(kind: str, tmp_path: Path) -> None:
+    """The error of a joint without stops is that of the shorter way round, in C and in Python; tilt has stops."""
+    text = bundled("turret").urdf.replace('name="pan" type="revolute"', 'name="pan" type="continuous"')
+    tested = built(nominal(spelled(text)), tmp_path, kind)
+    assert tested.stored.model.rig.continuous == (True, False)
+    v, zero = np.array([1.0, 0.0]), np.zeros(2)
+    for law in (tested.stored.law, tested.law, tested.pointer.fallback):
+        for turns in (-3, -1, 1):
+            for angle in (3.1, np.pi, 3.2):
+                q = np.array([angle, 0.1])
+                goal = Reference(q + [0.01, -0.01], v, zero)
+                inside, wrapped = (
+                    law.torque(0.0, q + [2 * np.pi * k, 0.0], v, goal, law.start())[0] for k in (0, turns)
+                )
+                assert wrapped == pytest.approx(inside, abs=2e-3 * tested.stored.model.tau_max.max())
+        lost = law.torque(0.0, np.array([0.0, 2 * np.pi]), zero, Reference(zero, zero, zero), law.start())[0]
+        assert abs(lost[1]) > 0.9 * tested.stored.model.tau_max[1]
 
 
 @compiled_here

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import inf, pi, sqrt
+from math import inf, pi, remainder, sqrt
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -124,11 +124,13 @@ class Outer:
         gains: One per joint.
         limits: Torque limits, N m.
         braking: Deceleration a that each motor surely has, rad/s²; empty: without bound, the loop is linear.
+        continuous: Whether each joint turns without stops; empty: none does.
     """
 
     gains: tuple[Pid, ...]
     limits: tuple[float, ...]
     braking: tuple[float, ...] = ()
+    continuous: tuple[bool, ...] = ()
 
     __repr__ = brief
 
@@ -137,6 +139,13 @@ class Outer:
         """Per joint kp, ki, kd, the error at which the parabola begins, and a."""
         braking = self.braking or (inf,) * len(self.gains)
         return tuple((kp, ki, kd, a * (kd / kp) ** 2, a) for (kp, ki, kd), a in zip(self.gains, braking))
+
+    def compute_error(self, goal: Array, q: Array) -> list[float]:
+        """Return ``goal - q``, rad, modulo 2π within ± π at joints that turn without stops."""
+        error = (goal - q).tolist()
+        if not any(self.continuous):
+            return error
+        return [remainder(e, 2 * pi) if endless else e for e, endless in zip(error, self.continuous)]
 
     def feedback(self, error: Sequence[float], integral: Sequence[float], rate: Sequence[float]) -> list[float]:
         """K ξ per joint, rad/s²."""
@@ -188,6 +197,7 @@ class JointPid:
         limits: Torque limits, N m; a joint at its limit integrates no further into it.
         dt: Sampling interval, s.
         braking: Deceleration that each motor surely has, rad/s² (see `Outer`); empty: not looked at.
+        continuous: Whether each joint turns without stops; empty: none does.
     """
 
     gains: tuple[Pid, ...]
@@ -195,13 +205,14 @@ class JointPid:
     limits: tuple[float, ...]
     dt: float
     braking: tuple[float, ...] = ()
+    continuous: tuple[bool, ...] = ()
 
     __repr__ = brief
 
     @cached_property
     def outer(self) -> Outer:
         """The outer loop with its limits."""
-        return Outer(self.gains, self.limits, self.braking)
+        return Outer(self.gains, self.limits, self.braking, self.continuous)
 
     def start(self) -> LawMemory:
         """Memory before the first sample: no integral."""
@@ -209,7 +220,7 @@ class JointPid:
 
     def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
-        error, rate = (reference.q - q).tolist(), (reference.v - v).tolist()
+        error, rate = self.outer.compute_error(reference.q, q), (reference.v - v).tolist()
         integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
         wanted = [inertia * y for inertia, y in zip(self.inertia, self.outer.feedback(error, integral, rate))]
         kept = self.outer.integrated(memory.integral, integral, error, wanted)

@@ -70,7 +70,8 @@ class CarriedTorque:
     @cached_property
     def outer(self) -> Outer:
         """The outer loop with its limits."""
-        return Outer(self.gains, tuple(self.model.tau_max.tolist()))
+        rig = self.model.rig
+        return Outer(self.gains, tuple(self.model.tau_max.tolist()), continuous=rig.continuous)
 
     @cached_property
     def workspace(self) -> Workspace:
@@ -96,7 +97,7 @@ class CarriedTorque:
 
     def torque(self, t: float, q: Array, v: Array, reference: Aim, memory: Any) -> tuple[Array, CarriedMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
-        error, rate = (reference.q - q).tolist(), (reference.v - v).tolist()
+        error, rate = self.outer.compute_error(reference.q, q), (reference.v - v).tolist()
         integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
         feedback = self.outer.feedback(error, integral, rate)
         if self.robust is not None:

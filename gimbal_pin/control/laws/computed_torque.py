@@ -139,7 +139,8 @@ class ComputedTorque:
     @cached_property
     def outer(self) -> Outer:
         """The outer loop with its limits."""
-        return Outer(self.gains, tuple(self.model.tau_max.tolist()), self.braking)
+        rig = self.model.rig
+        return Outer(self.gains, tuple(self.model.tau_max.tolist()), self.braking, rig.continuous)
 
     @cached_property
     def leads(self) -> tuple[float, ...]:
@@ -157,7 +158,7 @@ class ComputedTorque:
 
     def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
-        error, rate = (reference.q - q).tolist(), (reference.v - v).tolist()
+        error, rate = self.outer.compute_error(reference.q, q), (reference.v - v).tolist()
         integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
         feedback = self.outer.feedback(error, integral, rate)
         now = reference.a.tolist()
