@@ -19,6 +19,7 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.errors import UsageError, visible
 from gimbal_pin.log.limited import THROUGH_STOPS, compute_limit_shares, describe_limits, describe_passed_stops
 from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.log.mapping import list_encoder_sources
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.types import Rng, make_generator
 
@@ -122,6 +123,7 @@ def simulate(
         payload=rig.payload,
         events=(*events, *((THROUGH_STOPS.format(lost),) if lost else ())),
         seed=seed,
+        sources=list_encoder_sources(rig),
     )
 
 

@@ -1,12 +1,15 @@
-"""Where a log's columns come from: ``value = factor * column`` of a file, read and written as text.
+"""Where a log's columns come from: ``value = factor * column + offset`` of a file, read and written as text.
 
 The grammar of an entry of a mapping from a file's own headers to the columns of a log:
 
 - entry := target "=" expression | joint {"," joint} "=" joint {"," joint}
-- expression := [product "*"] column {("*" | "/") factor}
+- expression := sum | [product "*"] "(" sum ")" {("*" | "/") factor}
+- sum := [product "*"] column {("*" | "/") factor} {("+" | "-") product}
 - product := factor {("*" | "/") factor}
 - factor := a decimal number | "pi", with an optional sign
 - column := [sign] a name without "*" | any name between double or single quotes
+
+Names may hold signs: a number that is added to a name alone takes spaces round its sign, ``pos - 2048``, or brackets.
 """
 
 from __future__ import annotations
@@ -15,24 +18,35 @@ import math
 import re
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from gimbal_pin.errors import UsageError
 from gimbal_pin.rig.reading import read_yaml
+from gimbal_pin.rig.types import Array
 
-_FACTOR = r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|pi)"
-"""A number of an expression."""
+if TYPE_CHECKING:
+    from gimbal_pin.rig.rig import Rig
+
+_NUMBER = r"(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|pi)"
+_FACTOR = rf"[+-]?{_NUMBER}"
+"""A number of an expression, with its sign."""
 _BARE_NAME = re.compile(r"[^\W\d][\w .\[\]]*")
 """Names that an expression of a mapping holds without quotes."""
 _TERM = re.compile(rf"([*/]?)\s*({_FACTOR})")
-_EXPRESSION = re.compile(
-    rf"""\s*(?P<before>{_FACTOR}(?:\s*[*/]\s*{_FACTOR})*\s*\*\s*)?
-         (?P<sign>[+-]?)\s*
-         (?:"(?P<double>[^"]+)"|'(?P<single>[^']+)'|(?P<bare>[^"'*\s](?:[^*]*?[^*\s])??))
-         (?P<after>(?:\s*[*/]\s*{_FACTOR})*)\s*""",
-    re.VERBOSE,
-)
+_BEFORE = rf"\s*(?P<before>{_FACTOR}(?:\s*[*/]\s*{_FACTOR})*\s*\*\s*)?"
+_AFTER = rf"(?:\s*[*/]\s*{_FACTOR})"
+_PRODUCT = rf"{_NUMBER}(?:\s*[*/]\s*{_NUMBER})*"
+_ADDEND = re.compile(rf"([+-])\s*({_PRODUCT})")
+_BRACKETS = re.compile(rf"{_BEFORE}(?P<sign>[+-]?)\s*\((?P<sum>.*)\)(?P<after>{_AFTER}*)\s*")
+_SUM = rf"""{_BEFORE}
+    (?P<sign>[+-]?)\s*
+    (?:"(?P<double>[^"]+)"|'(?P<single>[^']+)'|(?P<bare>[^"'*\s](?:[^*]*?[^*\s])??))
+    (?:(?P<after>{_AFTER}+)(?P<added>(?:\s*[+-]\s*{_PRODUCT})*)|(?P<addend>(?:%s)*))\s*"""
+_LONE_SUM = re.compile(_SUM % rf"\s+[+-]\s+{_PRODUCT}|\s*[+-]\s*(?:{_NUMBER}\s*[*/]\s*)*pi{_AFTER}*", re.VERBOSE)
+_CLOSED_SUM = re.compile(_SUM % rf"\s*[+-]\s*{_PRODUCT}", re.VERBOSE)
 
 Entries = str | Path | Sequence[str | Path] | Mapping[str, str]
 """A mapping as it is given: ``target=expression`` or the path of a YAML file with a table of such, one or several; or
@@ -47,23 +61,34 @@ ROW_COLUMN = "row"
 
 @dataclass(frozen=True)
 class Source:
-    """``value = factor * column``.
+    """``value = factor * column + offset - zero``.
 
     Attributes:
         column: Header in the file.
-        factor: What one unit of it is in SI units; finite and not zero.
+        factor: One unit of the column in SI units; finite and not zero.
         place: Where the mapping was stated; empty for a column that bears its name already, or another joint's.
+        offset: Value at a reading of zero, in SI units, as the mapping states it.
+        zero: Reading at the URDF's zero, as the rig states it, rad or m: see `Motor.encoder_zero`.
     """
 
     column: str
     factor: float = 1.0
     place: str = ""
+    offset: float = 0.0
+    zero: float = 0.0
+
+    def convert(self, readings: Array) -> Array:
+        """Return the values of a column's readings in SI units."""
+        values, shift = readings * self.factor, self.offset - self.zero
+        return values + shift if shift else values
 
     def times(self, factor: float | str) -> str:
-        """Return the expression of this times a number, or a product as text: ``-pos1*0.5``, ``pos1*0.5*pi/180``."""
+        """Return the expression of this times a number, or a product as text, such as ``pos1*0.5*pi/180``."""
         value, rest = (self.factor, factor) if isinstance(factor, str) else (self.factor * factor, "")
         numbers = [text for text in (f"{abs(value):.12g}", rest) if text not in ("", "1")]
-        return format_expression(self.column, "-" * (value < 0) + "*".join(numbers))
+        text = format_expression(self.column, "-" * (value < 0) + "*".join(numbers))
+        offset = self.offset * _multiply(rest, 1.0 if isinstance(factor, str) else factor)
+        return f"{text} {'-' if offset < 0 else '+'} {abs(offset):.12g}" if offset else text
 
 
 def format_expression(column: str, factor: str) -> str:
@@ -146,26 +171,36 @@ def parse_entry(entry: str) -> tuple[str, Source]:
 
 
 def parse_expression(text: str, place: str) -> Source:
-    """Return the column and the factor of ``[product*]column{*factor | /factor}``.
+    """Return the column, the factor and the offset of an expression, see the module's grammar.
 
     Raises:
-        UsageError: `text` is too long, does not follow the grammar, or its factor is zero or not finite.
+        UsageError: `text` is too long, does not follow the grammar, or its numbers are zero or not finite.
     """
     if len(text) > _LONGEST_EXPRESSION:
         mend = f"give at most {_LONGEST_EXPRESSION}: a column and a factor"
         raise UsageError(place, f"has {len(text)} characters", mend)
-    match = _EXPRESSION.fullmatch(text)
+    brackets = _BRACKETS.fullmatch(text)
+    is_closed = brackets is not None or '"' in text or "'" in text  # no sign belongs to the name
+    match = (_CLOSED_SUM if is_closed else _LONE_SUM).fullmatch(brackets["sum"] if brackets else text)
     if match is None:
-        what = "is not one column times or divided by numbers and pi"
-        raise UsageError(place, what, "write e.g. pos*pi/180, without brackets; quote a name that holds a *")
+        what = "is not one column times or divided by numbers and pi, plus a number"
+        raise UsageError(place, what, "write e.g. pos*2*pi/4096 - pi; quote a name that holds a *")
     column = match["double"] or match["single"] or match["bare"]
     if match["bare"] and re.fullmatch(_FACTOR, column):
         raise UsageError(place, "names no column, only numbers", f"name one, or quote it: '\"{column}\"'")
+    scale = _scale_of(brackets) if brackets else 1.0
+    factor = scale * _scale_of(match)
+    addends = _ADDEND.findall(match["added"] or match["addend"] or "")
+    offset = scale * sum(_multiply(number) * (-1.0 if minus == "-" else 1.0) for minus, number in addends)
+    if factor == 0 or not math.isfinite(factor + offset):
+        raise UsageError(place, f"has the factor {factor:g} and the offset {offset:g}", "give finite numbers, no zero")
+    return Source(column, factor, place, offset)
+
+
+def _scale_of(match: re.Match[str]) -> float:
+    """Return the product of the sign and of the numbers before and after a column or a pair of brackets."""
     sign = -1.0 if match["sign"] == "-" else 1.0
-    factor = sign * _multiply(match["before"] or "", _multiply(match["after"]))
-    if factor == 0 or not math.isfinite(factor):
-        raise UsageError(place, f"has the factor {factor:g}", "give a finite factor other than zero")
-    return Source(column, factor, place)
+    return sign * _multiply(match["before"] or "", _multiply(match["after"] or ""))
 
 
 def _multiply(text: str, start: float = 1.0) -> float:
@@ -175,6 +210,13 @@ def _multiply(text: str, start: float = 1.0) -> float:
         number = math.copysign(math.pi, -1.0 if factor[0] == "-" else 1.0) if "pi" in factor else float(factor)
         value = value * number if operator != "/" else value / number if number else math.nan
     return value
+
+
+def list_encoder_sources(rig: Rig, sources: Mapping[str, Source] = MappingProxyType({})) -> dict[str, Source]:
+    """Return angle and reference column → source of the joints whose encoders do not read zero at the URDF's zero."""
+    zeros = {joint: motor.encoder_zero for joint, motor in zip(rig.joints, rig.motors) if motor.encoder_zero}
+    names = ((f"{prefix}_{joint}", zero) for joint, zero in zeros.items() for prefix in ("q", "q_ref"))
+    return {name: replace(sources.get(name, Source(name)), zero=zero) for name, zero in names}
 
 
 def check_targets(sources: Mapping[str, Source], known: Sequence[str], joints: Sequence[str]) -> None:

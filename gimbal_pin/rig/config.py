@@ -28,6 +28,7 @@ class Motor:
         slots: Stator slots, or None.
         poles: Rotor poles (twice the pole pairs), or None.
         encoder_bits: Resolution of the angle sensor over one turn, or None; a double's 52 are the finest.
+        encoder_zero: Mapped reading of the angle sensor at the URDF's zero, rad or m; subtracted on reading.
         gear_ratio: Turns of the rotor per turn of the joint; torques and the constant above are the joint's.
         rotor_inertia: The rotor's inertia about its own axis, kg m².
     """
@@ -37,6 +38,7 @@ class Motor:
     slots: int | None = bounded_field(None, 1, 1000)
     poles: int | None = bounded_field(None, 2, 1000)
     encoder_bits: float | None = bounded_field(None, 1, 52)
+    encoder_zero: float = bounded_field(0.0, -1e8, 1e8)
     gear_ratio: float = bounded_field(1.0, -1e5, 1e5)
     rotor_inertia: float = bounded_field(0.0, 0.0, LARGEST_NUMBER)
 

@@ -46,7 +46,8 @@ mount: {mount}
 # µg/√Hz 9.81e-6 of the second. Here those of the bundled rigs' sensors.
 #noise: {{gyro: 8.7e-5, accelerometer: 9.8e-4}}
 
-# Motors, all at the joint: tau_max N m, torque_constant N m/A, slots and poles (cogging), encoder_bits of one turn;
+# Motors, all at the joint: tau_max N m, torque_constant N m/A, slots and poles (cogging), encoder_bits of one turn,
+# encoder_zero rad, the mapped reading at the URDF's zero;
 # gear_ratio turns of the rotor per turn of the joint and rotor_inertia kg m² at the rotor make up its armature.
 {motors}
 

@@ -228,9 +228,9 @@ def test_a_continuous_joints_torque_does_not_jump_where_its_encoder_wraps(kind: 
         for turns in (-3, -1, 1):
             for angle in (3.1, np.pi, 3.2):
                 q = np.array([angle, 0.1])
-                goal = Reference(q + [0.01, -0.01], v, zero)
+                goal = Reference(q + np.array([0.01, -0.01]), v, zero)
                 inside, wrapped = (
-                    law.torque(0.0, q + [2 * np.pi * k, 0.0], v, goal, law.start())[0] for k in (0, turns)
+                    law.torque(0.0, q + 2 * np.pi * np.array([k, 0]), v, goal, law.start())[0] for k in (0, turns)
                 )
                 assert wrapped == pytest.approx(inside, abs=2e-3 * tested.stored.model.tau_max.max())
         lost = law.torque(0.0, np.array([0.0, 2 * np.pi]), zero, Reference(zero, zero, zero), law.start())[0]

@@ -343,7 +343,7 @@ BAD_CALLS = {
     ),
     "no equals": ("log.csv", ["q_yaw"], UsageError, "mapping 'q_yaw'", "not of the form", "q_yaw=pos1*pi/180"),
     "no target": ("log.csv", ["=pos"], UsageError, "mapping '=pos'", "not of the form", "pos1"),
-    "no source": ("log.csv", ["q_yaw="], UsageError, "mapping 'q_yaw='", "is not one column", "pos*pi/180"),
+    "no source": ("log.csv", ["q_yaw="], UsageError, "mapping 'q_yaw='", "is not one column", "pos*2*pi/4096"),
     "exchanged with no joint": (
         "log.csv",
         ["nose,tilt=tilt,nose"],
@@ -463,7 +463,27 @@ EXPRESSIONS = {
     "'-1'": ("-1", 1.0),
     '"rate deg/2"/2': ("rate deg/2", 0.5),
     "Gyr (x)*pi/180": ("Gyr (x)", math.pi / 180),
+    "left-arm/2": ("left-arm", 0.5),
+    "pos-1": ("pos-1", 1.0),
 }
+OFFSETS = {
+    "pos*2*pi/4096-pi": ("pos", 2 * math.pi / 4096, -math.pi),
+    "pos-pi/2": ("pos", 1.0, -math.pi / 2),
+    "pos - 2048": ("pos", 1.0, -2048.0),
+    "(pos-2048)*2*pi/4096": ("pos", 2 * math.pi / 4096, -math.pi),
+    "-2*(pos*0.5 + 1e-3)": ("pos", -1.0, -2e-3),
+    '"a - b"-1+0.5': ("a - b", 1.0, -0.5),
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), OFFSETS.items(), ids=OFFSETS.keys())
+def test_expressions_with_an_offset(text: str, expected: tuple[str, float, float]) -> None:
+    source = parse_expression(text, "here")
+    assert source.column == expected[0]
+    assert (source.factor, source.offset) == pytest.approx(expected[1:], rel=1e-15)
+    assert source.convert(np.array([3.0])) == pytest.approx([3 * expected[1] + expected[2]])
+    again = parse_expression(source.times(-2.0), "here")
+    assert (again.factor, again.offset) == pytest.approx([-2 * x for x in expected[1:]], rel=1e-11)
 
 
 @pytest.mark.parametrize(("text", "expected"), EXPRESSIONS.items(), ids=EXPRESSIONS.keys())

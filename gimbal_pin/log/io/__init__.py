@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gimbal_pin.errors import LogError, UsageError
+from gimbal_pin.log.angles import check_within_stops, unwrap_angles
 from gimbal_pin.log.io.columns import (
     IMU_COLUMNS,
     Group,
@@ -70,19 +71,21 @@ def to_log(
     notes: Sequence[str] = (),
 ) -> Log:
     """Return the log of the groups that were read; `LogError` where they can be in no SI units."""
-    check_units(name, rig, data["t"][:, 0], data["q"], data.get("v"), data.get("q_ref"), sources)
+    t = data["t"][:, 0]
+    q, q_ref, turned = unwrap_angles(name, rig, t, data["q"], data.get("q_ref"), sources)
+    check_units(name, rig, t, q, data.get("v"), q_ref, sources)
     return Log(
         name=name,
         joints=rig.joints,
-        t=data["t"][:, 0],
-        q=data["q"],
+        t=t,
+        q=q,
         v=data.get("v"),
         tau=data.get("tau"),
-        q_ref=data.get("q_ref"),
+        q_ref=q_ref,
         temperature=data.get("temperature"),
         imus={link: imu for link in links if (imu := to_imu(data, link)) is not None},
         payload=payload,
-        events=(*notes, *describe_torques(rig, data.get("tau"))),
+        events=(*notes, *turned, *check_within_stops(name, rig, q, sources), *describe_torques(rig, data.get("tau"))),
         sources=sources,
     )
 
@@ -137,12 +140,15 @@ def read_motion(path: str | Path, rig: Rig, mapping: Entries = ()) -> Motion:
 def write_log(log: Log, path: str | Path) -> None:
     """Write a log so that `read_log` returns the same numbers, in the format of the suffix; whole or not at all.
 
+    Angles are written as their encoders read them, see `Motor.encoder_zero`.
+
     Name, payload and events have no column and are not written.
 
     Raises:
         UsageError: The suffix is of no format that is written, or the file cannot be.
     """
-    write_columns(log_columns(log), path)
+    zeros = {name: source.zero for name, source in log.sources.items() if source.zero}
+    write_columns({name: x + zeros[name] if name in zeros else x for name, x in log_columns(log).items()}, path)
 
 
 def write_motion(motion: Motion, joints: Sequence[str], path: str | Path) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.log.io.tables import ColumnTable, quote_names
 from gimbal_pin.log.log import LEAST_INTERVAL, PLAUSIBLE_RANGES, Array, Log, find_implausible, find_untimely
-from gimbal_pin.log.mapping import ROW_COLUMN, Entries, Source, check_targets, read_mapping
+from gimbal_pin.log.mapping import ROW_COLUMN, Entries, Source, check_targets, list_encoder_sources, read_mapping
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
 
@@ -123,7 +123,7 @@ def resolve_mapping(rig: Rig, groups: Mapping[str, Group], mapping: Entries) -> 
         raise LogError(f"rig {rig.name}", f"two of its channels would be called '{twice[0]}'", mend)
     sources = read_mapping(mapping)
     check_targets(sources, names, rig.joints)
-    return sources
+    return sources | {name: source for name, source in list_encoder_sources(rig, sources).items() if name in names}
 
 
 def read_groups(
@@ -161,7 +161,7 @@ def read_groups(
         if group.columns[0] in present:
             named = [present[column] for column in group.columns]
             with np.errstate(over="ignore"):  # refused below
-                arrays[key] = np.column_stack([raw[source.column][kept] * source.factor for source in named])
+                arrays[key] = np.column_stack([source.convert(raw[source.column][kept]) for source in named])
             channel = key if key in PLAUSIBLE_RANGES else key.split("_")[0]
             if (wrong := find_implausible(channel, arrays[key])) is not None:
                 row, column, what, mend = wrong
