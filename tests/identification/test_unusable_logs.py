@@ -310,7 +310,7 @@ def test_a_late_torque_of_one_of_several_cameras_is_refused(run: Run, known: boo
 MISREAD: dict[str, tuple[str, Callable[[dict[str, Array]], dict[str, Array]]]] = {
     "another unit": ("drone", lambda x: {key: 1e3 * x[key] if "tau" in key else x[key] for key in x}),
     "two torques": ("turret", lambda x: {**x, "tau_pan": x["tau_tilt"], "tau_tilt": x["tau_pan"]}),
-    "three joints": ("thesis", lambda x: turned_round(x, ["yaw", "roll", "tilt"])),
+    "two joints": ("thesis", lambda x: turned_round(x, ["yaw", "roll"])),
 }
 
 
