@@ -9,7 +9,7 @@ from types import MappingProxyType
 from gimbal_pin.checks.acceleration_noise import check_acceleration_noise
 from gimbal_pin.checks.calibration import Mounting, correct_imus, estimate_joint_rates
 from gimbal_pin.checks.clock import check_clock
-from gimbal_pin.checks.commanded_torque import check_commanded_torque, exceeds_limit
+from gimbal_pin.checks.commanded_torque import check_commanded_torque
 from gimbal_pin.checks.controller_formula import check_controller_formula
 from gimbal_pin.checks.filtered_velocity import check_filtered_velocity
 from gimbal_pin.checks.outliers import check_outliers
@@ -17,7 +17,7 @@ from gimbal_pin.checks.record import Alteration, Check, Fault, compare_logs
 from gimbal_pin.checks.refusals import refuse_unusable
 from gimbal_pin.checks.stuck_channel import check_stuck_channel
 from gimbal_pin.log.log import Log
-from gimbal_pin.regression import Filtering, subsample_log
+from gimbal_pin.regression import Filtering, limit_cutoff, subsample_log
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -109,7 +109,7 @@ def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs
         UsageError: The filter's cutoff leaves nothing to remove.
     """
     log = log.ordered(rig)
-    refuse_unusable(rig, log, filtering or Filtering())
+    refuse_unusable(rig, log, filtering or limit_cutoff(Filtering(), [log]))
     imus, mountings = correct_imus(rig, log)
     steps = [*imus]
     latest = steps[-1][1] if steps else log
@@ -132,10 +132,9 @@ def _examine(rig: Rig, log: Log, repairs_only: bool) -> tuple[tuple[Fault, ...],
     faults, repairs = list[Fault](), list[tuple[str, Log]]()
     for name, check in CHECKS.items():
         latest = repairs[-1][1] if repairs else log
-        within = name == "commanded-torque" and not exceeds_limit(rig, latest)
-        if repairs_only and (within or name in CHECKS_WITHOUT_REPAIR):
+        if repairs_only and name in CHECKS_WITHOUT_REPAIR:
             continue
-        examined = check(rig, latest, Filtering())
+        examined = check(rig, latest, limit_cutoff(Filtering(), [latest]))
         if examined is not None:
             faults.append(examined.fault.in_units(rig))
             repairs += [(name, repaired) for repaired in examined.repairs]

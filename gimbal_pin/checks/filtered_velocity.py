@@ -20,18 +20,10 @@ from gimbal_pin.rig.rig import Rig
 
 CORNERS = np.geomspace(0.5, 100.0, 41)
 """Corner frequencies that are tried, Hz."""
-EXACT = 0.05
-"""A recursion with the angle's increments leaves less than this share of what the rate's past alone leaves."""
-RECURSION_PARTS, LEAST_PART_SAMPLES = 40, 60
-"""Parts of a log in which a recursion is looked for, and their least length in samples."""
 FLAT = 0.15
 """A corner above this share of the sampling rate is no filter."""
-WHOLE = 0.5
-"""A recursion whose gain at 0 Hz differs from one by more is no filter: slow motion passes a low-pass whole.
-
-A rate that mostly repeats itself makes a recursion with a pole on the unit circle and any gain."""
 LOWPASS_IMPROVEMENT = 0.5
-"""Where no recursion fits, a low-pass must leave less than this share of the power that the best pure delay leaves, and
+"""A low-pass must leave less than this share of the power that the best pure delay leaves, and
 a delay of what the derivative itself leaves."""
 OVER_NOISE = 10.0
 """And differ from it by so many times the power of the angle's noise."""
@@ -39,8 +31,6 @@ VISIBLE = 0.005
 """And change the rate by more than this share of its rms."""
 SHORTEST_STRETCH = 3.0
 """Length of an uninterrupted stretch that is worth comparing, s."""
-PASSES, TRIM = 3, 4.0
-"""Fits of the recursion, each without the samples beyond so many deviations of the last."""
 
 
 class LowPass(NamedTuple):
@@ -60,13 +50,11 @@ class Lag(NamedTuple):
 def check_filtered_velocity(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """``v = H(s) dq/dt`` with H a low-pass of first or second order, or a delay.
 
-    Two tests. A drive that filters the counts that it logs leaves an exact recursion,
-    ``v_k = a₁ v_{k-1} + a₂ v_{k-2} + Σ b_l (q_{k-l} - q_{k-l-1})``, encoder noise and all; a gyro has noise of its
-    own. A drive that filters counts of its own leaves a lag: slow motion fits a low-pass better than any pure delay,
-    which keeps the shape of the rate. Neither harms a fit that differentiates the angle: the mended log has no rate.
-    Of a rate that is late by more than a sample, which differences are anyway, the mended log has it in time.
+    Slow motion fits a low-pass better than any pure delay, which keeps the shape of the rate. A low-pass does not harm
+    a fit that differentiates the angle: the mended log has no rate. Of a rate that is late by more than a sample, which
+    differences are anyway, the mended log has it in time.
     """
-    if log.v is None or len(log) < 2 * LEAST_PART_SAMPLES:
+    if log.v is None:
         return None
     found = {j: lag for j in range(rig.n) if (lag := find_lag(log, j, filtering)) is not None}
     if not found:
@@ -122,49 +110,8 @@ def find_lag(log: Log, j: int, filtering: Filtering) -> Lag | None:
     if change < VISIBLE:
         return None
     noise = float(signals.noise_std(qv)[0]) * signals.compute_noise_gain(sections, 1.0 / dt, 1)
-    cause = find_recursion(log.q[:, j], log.v[:, j], dt) or find_low_pass_or_delay(
-        derived, rate, dt, noise, filtering.cutoff
-    )
+    cause = find_low_pass_or_delay(derived, rate, dt, noise, filtering.cutoff)
     return Lag(cause, change) if cause is not None else None
-
-
-def find_recursion(q: Array, v: Array, dt: float) -> LowPass | None:
-    """Return the filter that makes the rate in any part of a log, or None."""
-    count = max(1, min(RECURSION_PARTS, len(q) // LEAST_PART_SAMPLES))
-    parts = zip(np.array_split(q, count), np.array_split(v, count))
-    found = [low_pass for part in parts if (low_pass := fit_recursion(*part, dt)) is not None]
-    return sorted(found)[len(found) // 2] if found else None
-
-
-def fit_recursion(q: Array, v: Array, dt: float) -> LowPass | None:
-    """Return a stable filter that gives the rate exactly from the angle's increments, or None."""
-    past = np.stack([v[2:-1], v[1:-2]], axis=1)
-    increments = np.stack([np.diff(q)[k : len(q) - 3 + k] for k in (2, 1, 0)], axis=1)
-    target = v[3:]
-    _, alone = fit_trimmed(past, target)
-    for order in (1, 2):
-        coefficients, left = fit_trimmed(np.concatenate([past[:, :order], increments[:, : order + 1]], axis=1), target)
-        if left < EXACT * alone:
-            poles = np.roots(np.append(1.0, -coefficients[:order]))
-            remaining = 1.0 - float(np.sum(coefficients[:order]))
-            passed = float(np.sum(coefficients[order:])) * dt
-            if np.any(np.abs(poles) >= 1.0) or abs(passed - remaining) > WHOLE * abs(remaining):
-                return None
-            poles = poles[np.abs(poles) > 1e-6]
-            corner = float(np.abs(np.log(poles.astype(complex))).min() / (2.0 * np.pi * dt)) if len(poles) else np.inf
-            return LowPass(corner, order) if corner < FLAT / dt else None
-    return None
-
-
-def fit_trimmed(columns: Array, target: Array) -> tuple[Array, float]:
-    """Least squares without what the last fit left furthest off; coefficients, and the deviation of the rest."""
-    kept = np.ones(len(target), bool)
-    for _ in range(PASSES):
-        coefficients = np.linalg.lstsq(columns[kept], target[kept], rcond=1e-12)[0]
-        error = np.abs(target - columns @ coefficients)
-        size = float(np.median(error)) / 0.6745
-        kept = error <= TRIM * size + 1e-300
-    return coefficients, size
 
 
 def find_low_pass_or_delay(

@@ -87,12 +87,18 @@ def check_outliers(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
 
 
 def find_spikes(log: Log, left: Mapping[str, Array]) -> list[Wild]:
-    """Return the channels that have lone wild samples, by what `leave_out` leaves of each, (N - 4, n)."""
+    """Return the channels that have lone wild samples, by what `leave_out` leaves of each, (N - 4, n).
+
+    A lone torque counts where it is larger than the whole range of the others: smaller ones a drive delivers when its
+    rate jumps from one encoder step to the next, or when it chatters.
+    """
     out = []
     for name, values in get_channels(log).items():
         for j, (column, rough) in enumerate(zip(values.T, np.abs(left[name]).T)):
             hit = np.zeros(len(log), bool)
             hit[2:-2] = find_lone_samples(column, rough, log.dt)
+            if name == "tau" and hit.any():
+                hit[2:-2] &= SPIKE_HEIGHT * rough > np.ptp(column[~hit])
             if hit.any() and np.mean(hit) < RARE:
                 size = SPIKE_HEIGHT * rough[hit[2:-2]].max() / max(float(np.std(column)), 1e-300)
                 out.append(Wild(name, j, hit, float(size)))
@@ -108,7 +114,16 @@ def find_lone_samples(column: Array, left: Array, dt: float) -> Flags:
     window = np.repeat(compute_medians(left[:, None], length)[:, 0] / 0.6745, length)[: len(left)]
     # A step has one of these on either side of it, a spike none.
     near, far = np.abs(column[3:-1] - column[1:-3]), np.abs(column[4:] - column[:-4])
-    return np.asarray(wild & (left > SPIKE_OVER_WINDOW * window) & (np.maximum(near, far) < LONE * SPIKE_HEIGHT * left))
+    agree = np.maximum(near, far) < LONE * SPIKE_HEIGHT * left
+    hit = wild & (left > SPIKE_OVER_WINDOW * window) & agree
+    # Of a channel that changes its sign with every sample all neighbours but the nearest agree.
+    return np.asarray(hit & ~shift_flags(hit, 1) & ~shift_flags(hit, -1))
+
+
+def shift_flags(flags: Flags, by: int) -> Flags:
+    """Return flags so many places later, (N,), false where there were none."""
+    padded = np.pad(flags, 1)
+    return padded[1 - by : len(flags) + 1 - by]
 
 
 def interpolate_spikes(log: Log, found: Sequence[Wild]) -> Log:
@@ -120,14 +135,18 @@ def interpolate_spikes(log: Log, found: Sequence[Wild]) -> Log:
 
 
 def find_garbage(log: Log, left: Mapping[str, Array]) -> list[Wild]:
-    """Return stretches in which a channel is far rougher than in the median window; `left` as in `find_spikes`."""
+    """Return stretches in which an angle or a rate is far rougher than in the median window.
+
+    Not of torques: a drive that chatters makes them as rough as garbage would. `left` is as in `find_spikes`.
+    """
     length = max(8, round(SHORT / log.dt))
     out = []
 
     def compute_roughness(name: str, j: int) -> Array:
         return compute_medians(np.pad(np.abs(left[name][:, [j]]), ((2, 2), (0, 0))), length)[:, 0] / 0.6745
 
-    for name, values in get_channels(log).items():
+    for name in ("q", "v") if log.v is not None else ("q",):
+        values = getattr(log, name)
         for j, spread in enumerate(np.maximum(np.std(values, axis=0), 1e-300).tolist()):
             if np.sum(np.abs(left[name][:, j]) > 0.6745 * GARBAGE_SPREAD * spread) < length // 2 - 2:
                 continue  # no window's median can be so large

@@ -8,7 +8,7 @@ import numpy as np
 
 from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, Flags
+from gimbal_pin.regression import HIGHEST_CUTOFF, Filtering, Flags
 from gimbal_pin.rig.rig import Rig
 
 LONGEST_INTERVAL = 0.2
@@ -85,6 +85,6 @@ def check_sampling(name: str, dt: float, cutoff: float) -> None:
     if dt < SHORTEST_INTERVAL:
         mend = "if t has another unit, map it: --map t=COLUMN*FACTOR; else keep every tenth sample or fewer"
         raise LogError(name, f"has {dt:.3g} s between two samples, too short for a drive", mend)
-    if cutoff * dt > 0.2:
+    if cutoff * dt > 1.000001 * HIGHEST_CUTOFF:
         what = f"of {cutoff:g} Hz is too high for {1 / dt:.0f} samples a second"
-        raise UsageError(f"{name}: the cutoff", what, f"give at most {0.2 / dt:.3g} Hz")
+        raise UsageError(f"{name}: the cutoff", what, f"give at most {HIGHEST_CUTOFF / dt:.3g} Hz")

@@ -74,7 +74,7 @@ def identify(
         idle: with --follow: end when the file has not grown for so long (default: never)
         plot: with --follow: write the estimates over time: .png, .svg or .pdf
     """
-    from gimbal_pin.diagnosis import DIAGNOSIS_BAND
+    from gimbal_pin.diagnosis import limit_band
     from gimbal_pin.export.recordings import check_recordings, write_recordings
     from gimbal_pin.identification import identify as run
     from gimbal_pin.regression import TRUST
@@ -113,7 +113,7 @@ def identify(
         when: WhenTested = "always" if bias else "noisy"
         fit = partial(run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when)
         found = identify_beside_causes(fit, loaded, extended, holdout, refit)
-        write_recordings(found.model, read, filters or DIAGNOSIS_BAND, mcap, rrd)
+        write_recordings(found.model, read, filters or limit_band(read), mcap, rrd)
     write_models(found, output, urdf)
     tell_model(found, mass, json, as_lines=follow and json == Path("-"))
 

@@ -1,5 +1,6 @@
 from .band import DIAGNOSIS_BAND as DIAGNOSIS_BAND
 from .band import choose_band as choose_band
+from .band import limit_band as limit_band
 from .columns import Columns as Columns
 from .diagnose import diagnose as diagnose
 from .engine import Explained as Explained

@@ -21,7 +21,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.identification import MATERIAL_SHARE, assess_agreement, greatest_base_motion
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Design, Filtering, project_rows
+from gimbal_pin.regression import Design, Filtering, limit_cutoff, project_rows
 from gimbal_pin.rig.rig import Rig
 
 _EXCESS = 2.0
@@ -63,7 +63,9 @@ def find_disagreement(rig: Rig, logs: Sequence[Log], filtering: Filtering, cause
         f"{rig.joints[j]} in log {[*states][k]}, {digits(excess[k, j], 2)} times what the fits leave"
     )
     reduction = reduce_parameters(rig, base=greatest_base_motion(rig, logs))
-    why = assess_agreement(Design(rig, reduction, build_friction_effects(rig.joints), tuple(logs), Filtering()))
+    why = assess_agreement(
+        Design(rig, reduction, build_friction_effects(rig.joints), tuple(logs), limit_cutoff(Filtering(), logs))
+    )
     sentence += "" if why is None or why.reason is None else f"; {why.why}"
     mend = "diagnose them one at a time; 'identify' takes several payloads together: LOG@PAYLOAD"
     return Fault("logs-disagree", rig.joints[j], sentence, figures, float(excess[k, j]), True, mend).in_units(rig)

@@ -1,6 +1,7 @@
 """Which frequencies and which time are looked at.
 
-The band is 12 Hz, or as wide as the lines of a turning joint's torque ask for. Of one log alternate blocks are fitted
+The band is 12 Hz, or less where the log's sampling rate cannot carry that, or as wide as the lines of a turning joint's
+torque ask for. Of one log alternate blocks are fitted
 to and reported on: they show all of its angles, where a last third may show some that nothing before has seen. Between
 two blocks of different use half of what a row depends on is left out on either side.
 """
@@ -17,13 +18,13 @@ from scipy.signal import welch
 from gimbal_pin.diagnosis.evidence import TAPER, Evidence, LogStretch
 from gimbal_pin.log.limited import MOSTLY, compute_share_near_limit
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Filtering, Flags, build_mask, compute_settling_time, dilate_flags
+from gimbal_pin.regression import Filtering, Flags, build_mask, compute_settling_time, dilate_flags, limit_cutoff
 from gimbal_pin.rig.rig import Rig
 
 DIAGNOSIS_BAND = Filtering(cutoff=12.0, smoothing=2.5)
 """Wider than identification's filter: drives and teeth show above 5 Hz, and whitening makes up for the noise there."""
 WIDEST_BAND = 0.1
-"""Widest band, as a share of the sampling rate: the smoother then has its corner at a quarter of that."""
+"""Widest band that is chosen, as a share of the sampling rate: the smoother's corner is at a quarter of it then."""
 SPECTRUM_SEGMENT, AROUND = 8.0, 33
 """Length of the spectrum's segments, s, and frequencies around each that its median is of."""
 LINE_POWER = 20.0
@@ -36,6 +37,11 @@ FEWEST_BLOCKS = 3
 """Fewest blocks: every third, the middle one first, is reported on."""
 
 
+def limit_band(logs: Sequence[Log]) -> Filtering:
+    """Return `DIAGNOSIS_BAND`, or as much of it as the sampling rates of some logs carry."""
+    return limit_cutoff(DIAGNOSIS_BAND, logs, WIDEST_BAND)
+
+
 def choose_band(rig: Rig, logs: Sequence[Log]) -> Filtering:
     """Return the filter for logs where none is asked for.
 
@@ -43,7 +49,8 @@ def choose_band(rig: Rig, logs: Sequence[Log]) -> Filtering:
     times its rate, 72 of them at 52 Hz where it turns 0.7 times a second. A joint that swings between its drive's
     limits has lines, too, which are its loop's.
     """
-    cutoff = DIAGNOSIS_BAND.cutoff
+    band = limit_band(logs)
+    cutoff = band.cutoff
     for log in logs:
         if log.tau is not None and len(log) > AROUND:
             frequency, power = welch(
@@ -52,7 +59,7 @@ def choose_band(rig: Rig, logs: Sequence[Log]) -> Filtering:
             free = compute_share_near_limit(log.tau, rig.tau_max) < MOSTLY
             while 2 * cutoff <= WIDEST_BAND / log.dt and has_lines_beyond(frequency, power[:, free], cutoff):
                 cutoff *= 2
-    return replace(DIAGNOSIS_BAND, cutoff=cutoff)
+    return replace(band, cutoff=cutoff)
 
 
 def has_lines_beyond(frequency: Array, power: Array, cutoff: float) -> bool:

@@ -29,7 +29,7 @@ from gimbal_pin.errors import DataError
 from gimbal_pin.identification import greatest_base_motion, split_logs
 from gimbal_pin.log.io.columns import LEAST_TRAVEL, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
-from gimbal_pin.regression import Filtering, subsample_log
+from gimbal_pin.regression import Filtering, limit_cutoff, subsample_log
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng
 
@@ -139,7 +139,7 @@ def diagnose_checked_logs(
     evidence = gather(rig, train, filtering, wholes)
     check_moved(evidence, train[0].name)
     base = greatest_base_motion(rig, train)
-    exchanged = check_assignment_of_logs(rig, train, base, Filtering())
+    exchanged = check_assignment_of_logs(rig, train, base, limit_cutoff(Filtering(), train))
     if exchanged is not None:
         return report_unusable_logs(rig, logs, with_fault(checked, exchanged), filtering)
     held = gather_for_judgement(rig, test, filtering, wholes) if test else evidence

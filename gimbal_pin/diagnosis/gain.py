@@ -9,7 +9,7 @@ from math import isfinite, nan
 import numpy as np
 
 from gimbal_pin.checks import check_log
-from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
+from gimbal_pin.diagnosis.band import limit_band
 from gimbal_pin.diagnosis.evidence import Evidence, LogStretch, gather
 from gimbal_pin.diagnosis.extended import compute_acting_torque, compute_asked_torque
 from gimbal_pin.dynamics.model import Model, is_inertia_positive
@@ -156,18 +156,19 @@ class TorqueTrace:
         return {"measured": self.measured, "model": self.model, "residual": self.residual}
 
 
-def trace_torques(model: Model, log: Log, filtering: Filtering = DIAGNOSIS_BAND) -> TorqueTrace:
+def trace_torques(model: Model, log: Log, filtering: Filtering | None = None) -> TorqueTrace:
     """``model = tau - (drive(tau) - inverse(q, v, a))`` along a log, checked and smoothed as for `diagnose`.
 
     Args:
         model: The model, with drives and terms, of a rig with the log's joints.
         log: The log, with torques.
-        filtering: As for `diagnose`: all channels are low-passed there.
+        filtering: As for `diagnose`: all channels are low-passed there; None: `limit_band`.
 
     Raises:
         DataError: The log is too short to be judged.
         UsageError: It holds no torque.
     """
+    filtering = filtering or limit_band([log])
     if model.estimated is not None:
         filtering = replace(filtering, lags=model.estimated.lags)
     checked = check_log(model.rig, log.ordered(model.rig), filtering=filtering).log

@@ -48,6 +48,7 @@ from gimbal_pin.regression import (
     classify_base_motion,
     compute_blocks,
     fit_weighted,
+    limit_cutoff,
     resolution,
 )
 from gimbal_pin.regression.consistency import Consistent, find_likeliest_bodies, find_nearest_bodies
@@ -189,7 +190,7 @@ def given_beta(rig: Rig, reduction: Reduction) -> Array:
 def _choose_filter(logs: Sequence[Log], base: BaseMotion) -> Filtering:
     """Return the filter for logs where none is given: wider where the base turns and joint rates were measured."""
     measured = all(log.v is not None for log in logs)
-    return Filtering(cutoff=SHAKEN) if base == "rotating" and measured else Filtering()
+    return limit_cutoff(Filtering(cutoff=SHAKEN) if base == "rotating" and measured else Filtering(), logs)
 
 
 def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:

@@ -23,6 +23,12 @@ FALSE_CHANGE = 1e-3
 """Chance of a score beyond the limit on two halves of one rig."""
 SQUARES = 12.0
 """From how many squares the noise of a half is taken to be known: heavy tails for what its covariance leaves out."""
+MATERIAL_CHANGE = 0.01
+"""Change of the predicted torque, as a share of a joint's rms, below which two halves are of one rig for any use.
+
+It is the share below which the checks of the data call a fault harmless. Twice as much leaves a camera that is heavier
+by some 2 % of what the joint carries unnoticed.
+"""
 TELLING = 3.0
 """Rows per parameter that each half must have."""
 
@@ -51,11 +57,13 @@ def payload_directions(rows: Design) -> Array:
 
 
 def compare_halves(blocks: Sequence[Block], rows: Design) -> float:
-    """``dᵀP⁻¹D (DᵀP⁻¹D)⁻¹ DᵀP⁻¹d / r`` over the limit for it: above one, the halves are of two rigs (Chow 1960).
+    """Return significance or size of the halves' difference, each over its limit, whichever is less.
 
-    d is the difference of the two halves' parameters and P the sum of their covariances under coloured residuals; of it
-    only what lies along D counts, what a payload can move: friction that warms up is no other rig. Zero where a half
-    has too few rows.
+    ``dᵀP⁻¹D (DᵀP⁻¹D)⁻¹ DᵀP⁻¹d / r`` is the significance (Chow 1960): d is the difference of the two halves' parameters
+    and P the sum of their covariances under coloured residuals; of it only what lies along D counts, what a payload can
+    move: friction that warms up is no other rig. The size is what that difference changes in the torque of the rows, as
+    a share of its rms, at the joint that feels it most. Above one, the halves are of two rigs; zero where a half has
+    too few rows.
 
     `rows`: what the blocks are of.
     """
@@ -66,22 +74,37 @@ def compare_halves(blocks: Sequence[Block], rows: Design) -> float:
     factors = factor_rows(blocks)
     *_, scale = weigh_and_solve(factors, lambda theta: compute_residual_power(factors, theta, count))
     each = [solve(part, scale=scale) for part in parts]
-    return score_halves([(one.theta, one.covariance) for one in each], payload_directions(rows))
+    significance, change = score_halves([(one.theta, one.covariance) for one in each], payload_directions(rows))
+    torque = np.concatenate([block.b for block in blocks])
+    moved = np.concatenate([block.A @ change for block in blocks])
+    power = np.mean(torque**2, axis=0)
+    felt = np.where(power > 1e-6 * power.max(), power, np.inf)
+    size = float(np.sqrt(np.max(np.mean(moved**2, axis=0) / felt)))
+    return min(significance, size / MATERIAL_CHANGE)
 
 
-def score_halves(parts: Sequence[tuple[Array, Array]], directions: Array) -> float:
-    """Return what `compare_halves` does, of parameters (k,) and covariance (k, k) of two halves."""
+def score_halves(parts: Sequence[tuple[Array, Array]], directions: Array) -> tuple[float, Array]:
+    """Return the significance of the difference of two halves over its limit, and what it moves along `directions`.
+
+    Args:
+        parts: Parameters, (k,), and covariance, (k, k), of each half.
+        directions: How a payload moves the parameters, (k, r).
+
+    Returns:
+        As `compare_halves`, and the most likely difference along the directions, (k,).
+    """
     (first, one), (second, two) = parts
     P = one + two
     seen = np.isfinite(np.diag(P)) & (np.diag(P) > 0)
     if not seen[np.any(directions != 0, axis=1)].all():
-        return 0.0
+        return 0.0, np.zeros(len(first))
     unit = np.sqrt(np.diag(P)[seen])
     values, vectors = np.linalg.eigh(P[np.ix_(seen, seen)] / np.outer(unit, unit))
     white = vectors.T / np.sqrt(np.maximum(values, 1e-9 * values[-1]))[:, None] / unit
-    basis, _ = np.linalg.qr(white @ directions[seen])
-    found = float(np.sum((basis.T @ white @ (first - second)[seen]) ** 2)) / basis.shape[1]
-    return found / float(fdtri(basis.shape[1], SQUARES, 1 - FALSE_CHANGE))
+    columns, difference = white @ directions[seen], white @ (first - second)[seen]
+    moves = np.linalg.lstsq(columns, difference, rcond=None)[0]
+    found = float(np.sum((columns @ moves) ** 2)) / columns.shape[1]
+    return found / float(fdtri(columns.shape[1], SQUARES, 1 - FALSE_CHANGE)), directions @ moves
 
 
 def describe_two_rigs(logs: int) -> str:

@@ -62,6 +62,7 @@ from gimbal_pin.regression import (
     compute_blocks,
     find_camera_body,
     fit_weighted,
+    limit_cutoff,
     map_phi_to_base,
     solve,
 )
@@ -238,7 +239,7 @@ def _build_part(
     """Return the rows of the logs with one payload, parted at two thirds of every log."""
     if holdout not in (None, "none", "last-third"):
         raise UsageError("--holdout", f"cannot be '{holdout}' for several payloads", "use last-third or none")
-    filters = filtering or Filtering()
+    filters = filtering or limit_cutoff(Filtering(), logs)
     checked = tuple(check_log(rig, log, filtering=filtering) for log in logs)
     logs = [one.log for one in checked]
     notes = check_time(rig, logs, filters)

@@ -85,6 +85,7 @@ from gimbal_pin.regression.physical import fit_ridge as fit_ridge
 from gimbal_pin.regression.recursive import TRUSTED as TRUSTED
 from gimbal_pin.regression.recursive import PastRows as PastRows
 from gimbal_pin.regression.recursive import loosen_prior as loosen_prior
+from gimbal_pin.regression.samples import HIGHEST_CUTOFF as HIGHEST_CUTOFF
 from gimbal_pin.regression.samples import Filtering as Filtering
 from gimbal_pin.regression.samples import Samples as Samples
 from gimbal_pin.regression.samples import Segment as Segment
@@ -94,6 +95,7 @@ from gimbal_pin.regression.samples import compute_decimation as compute_decimati
 from gimbal_pin.regression.samples import compute_lost_impulse as compute_lost_impulse
 from gimbal_pin.regression.samples import compute_settling_time as compute_settling_time
 from gimbal_pin.regression.samples import find_moving_base as find_moving_base
+from gimbal_pin.regression.samples import limit_cutoff as limit_cutoff
 from gimbal_pin.regression.samples import resample_torque as resample_torque
 from gimbal_pin.regression.samples import smooth_samples as smooth_samples
 from gimbal_pin.regression.samples import split_segments as split_segments

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -30,6 +30,11 @@ REST = 5e-4
 """A slow rate's deviation is taken to be at least this share of its rms: a joint at rest moves by rounding alone."""
 SHORTEST_SEGMENT = 8
 """A segment of fewer samples than this is too short to estimate noise from, and its filters leave no row."""
+HIGHEST_CUTOFF = 0.2
+"""Highest cutoff, as a share of the sampling rate: five samples per period of the fastest motion that is looked at.
+
+Twice as much would leave the third-order low-pass within a tenth of the rate of Nyquist's frequency.
+"""
 EXCERPT_SECONDS = 120.0
 """Time that is looked at, s, or as many rows as that has at `LEAST_RATE`."""
 EXCERPT_PARTS = 8
@@ -60,6 +65,11 @@ class Filtering:
     lags: tuple[float, ...] = ()
     direction: float | None = None
     compact: bool = False
+
+
+def limit_cutoff(filtering: Filtering, logs: Sequence[Log], share: float = HIGHEST_CUTOFF) -> Filtering:
+    """Return a filter whose cutoff is at most a share of the sampling rate of the slowest of some logs."""
+    return replace(filtering, cutoff=min([filtering.cutoff, *(share / log.dt for log in logs)]))
 
 
 def compute_settling_time(filtering: Filtering) -> float:

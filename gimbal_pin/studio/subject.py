@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from gimbal_pin.control.tuning import Tuning, TuningBasis, tune
-from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
+from gimbal_pin.diagnosis.band import limit_band
 from gimbal_pin.diagnosis.evidence import Evidence, gather_for_judgement
 from gimbal_pin.dynamics.model import Estimated, Model, is_inertia_positive, nominal
 from gimbal_pin.dynamics.reduction import reduce_parameters
@@ -25,7 +25,7 @@ from gimbal_pin.identification import identify, split_logs
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.log.platform import BASE_MOTIONS, Platform
 from gimbal_pin.pointing import WANTED, Recipe, Station, draw_profile, learn_recipe, unable
-from gimbal_pin.regression import Filtering
+from gimbal_pin.regression import Filtering, limit_cutoff
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.studio.state import StudioState
@@ -98,10 +98,10 @@ def prepare_subject(
     how = None if parts is logs else f"log:{len(parts)}"
     if model is None:
         model = identify(rig, parts, holdout=how, filtering=filters).model if logs else nominal(rig)
-        judges = split_logs(parts, how, filters or Filtering())[1] if logs else ()
+        judges = split_logs(parts, how, filters or limit_cutoff(Filtering(), logs))[1] if logs else ()
     else:
         judges = logs if parts is logs else parts[-1:]
-    evidence = gather_for_judgement(rig, judges, DIAGNOSIS_BAND) if judges else None
+    evidence = gather_for_judgement(rig, judges, limit_band(judges)) if judges else None
     if payload is not None:
         other = mount_payload(rig, payload)
         is_stated = source.model is None and not logs

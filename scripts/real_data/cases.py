@@ -39,6 +39,8 @@ SERVO_CONSTANT = 0.1302
 """N m per V of the XL330: torque constant over resistance, by the data's README."""
 EMPS_CONSTANT = 35.15065188
 """N per V, by the log's authors."""
+STIFFNESS = 67.32
+"""N m per rad of the STS3250's own proportional law, by the log's authors."""
 PLATFORM = ("t=time", *(f"gyro_base_{x.lower()}=Gyr_{x}*pi/180" for x in "XYZ"),
             *(f"accel_base_{x.lower()}=Acc_{x}" for x in "XYZ"))  # fmt: skip
 UR10E = {"12": "ur-20_02_12-50sec_12harm.csv", "14": "ur-20_02_19_14harm50sec.csv"}
@@ -153,8 +155,10 @@ def others(data: Path, made: Path) -> list[Case]:
 
 
 def benchmarks(data: Path) -> list[Case]:
-    """Return an axis, a servo, an arm and a pendulum that others have published as benchmarks."""
+    """Return an axis, servos, arms and a pendulum that others have published as benchmarks."""
     emps, servo, arm, pendulum = (data / name for name in ("emps", "bam_xl330", "staubli_tx40", "dfki_simple_pendulum"))
+    stiff, ur10, fer = (data / name for name in ("feetech_sts3250", "ur10_unisa", "franka_fer_unisa"))
+    asked = ("t=timestamp", "q_servo=position", "q_ref_servo=goal_position", f"tau_servo=error*{STIFFNESS}")
     volts = ("t=timestamp", "q_servo=position", f"tau_servo=motor_volts*{SERVO_CONSTANT}")
     force = ("t=t", "q_axis=qm", f"tau_axis=vir*{EMPS_CONSTANT}")
     single = ("t=time", "q_shoulder=position", "dq_shoulder=velocity", "tau_shoulder=torque")
@@ -164,6 +168,12 @@ def benchmarks(data: Path) -> list[Case]:
             Case(f"servo_{gain}", servo / "xl330.urdf", (servo / f"xl330_sin_sin_kp{gain}.csv.gz",), volts)
             for gain in (100, 200, 400, 800)
         ),
+        *(
+            Case(f"feetech_{time}", stiff / "sts3250.urdf", (stiff / f"{time}.csv.gz",), asked)
+            for time in ("12h23m27", "12h24m55", "12h27m27")
+        ),
+        Case("ur10_unisa", ur10 / "ur10.urdf", (ur10 / "ur10_exciting.db3",), ()),
+        Case("fer_unisa", fer / "fer.urdf", (fer / "panda_unisa.db3",), ()),
         Case("staubli", arm / "tx40.urdf", (arm / "tx40_4s.csv.gz",), (), flawed=True),
         Case(
             "simple_gravity_compensation",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.signal import butter, sosfilt
 
-from gimbal_pin.log import Log, signals
+from gimbal_pin.log import Log
 
 
 def plant_clock(
@@ -91,14 +91,11 @@ def plant_filtered_velocity(log: Log, rng: np.random.Generator, *, corner: float
     return replace(log, v=sosfilt(sections, raw - raw[0], axis=0) + raw[0])
 
 
-def plant_commanded_torque(log: Log, rng: np.random.Generator, *, noise: float = 0.01) -> Log:
-    """Replace the torque's own noise by a controller's answer, of so large a share, to angle's and rate's noise."""
-    assert log.tau is not None
-    sections = signals.lowpass(min(20.0, 0.05 / log.dt), 1.0 / log.dt)
-    rough = [x - signals.zero_phase(x, sections) for x in (log.q, log.v) if x is not None]
-    wanted = noise * np.sqrt(np.mean(log.tau**2, axis=0)) / len(rough)
-    answer = sum(wanted / np.maximum(np.std(x, axis=0), 1e-300) * x for x in rough)
-    return replace(log, tau=signals.zero_phase(log.tau, sections) - answer)
+def plant_commanded_torque(log: Log, rng: np.random.Generator, *, damping: float = 0.0) -> Log:
+    """Replace the torque by a servo's law of the reference and the angle, and of the rate where there is one."""
+    assert log.tau is not None and log.q_ref is not None
+    pull = log.q_ref - log.q - (0.0 if log.v is None else damping * log.v)
+    return replace(log, tau=pull * np.sqrt(np.mean(log.tau**2, axis=0) / np.maximum(np.mean(pull**2, axis=0), 1e-300)))
 
 
 def plant_acceleration_noise(log: Log, rng: np.random.Generator, *, angle: float = 0.02, rate: float = 1.0) -> Log:

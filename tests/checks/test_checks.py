@@ -18,7 +18,7 @@ from gimbal_pin.checks import CHECKS, CHECKS_WITHOUT_REPAIR, REASONS, Fault, che
 from gimbal_pin.checks.harm import build_design
 from gimbal_pin.control import bench_run, tune
 from gimbal_pin.dynamics import compute_gravity, nominal
-from gimbal_pin.log import Array, Log, read_log, write_log
+from gimbal_pin.log import Array, Log, read_log, signals, write_log
 from gimbal_pin.regression import Filtering, fit_weighted
 from gimbal_pin.rig import Rig
 from tests.bench_logs import fourier, prescribed
@@ -89,14 +89,15 @@ def test_a_fault_is_found_by_its_own_check_alone(turret: tuple[Rig, Log], plante
 
 
 SIZES: list[tuple[str, dict[str, Any]]] = [
-    ("commanded-torque", {}),
+    ("commanded-torque", {"damping": 0.003}),
     ("clock", {"jitter": 0.0, "holes": 6}),
     ("clock", {"jitter": 0.0, "stale": 0.15}),
     ("stuck-channel", {"channel": "q", "seconds": 0.5}),
     ("stuck-channel", {"channel": "v", "rail": 0.85}),
     ("stuck-channel", {"channel": "tau", "rail": 0.85}),
     ("outliers", {"channel": "q", "share": 0.0005, "size": 4.0}),
-    ("outliers", {"channel": "tau", "seconds": 1.0}),
+    ("outliers", {"channel": "v", "seconds": 1.0}),
+    ("outliers", {"channel": "tau", "share": 0.0005, "size": 30.0}),
     ("filtered-velocity", {"corner": 5.0, "order": 2}),
     ("acceleration-noise", {"angle": 0.005, "rate": 0.3}),
 ]
@@ -212,29 +213,36 @@ def test_clean_logs_are_reliable_however_dirty_the_sensors(name: str, dirt: str)
     assert [fault.cause for fault in found.faults] in ([], ["acceleration-noise"])
 
 
-def test_a_command_without_noise_is_told_and_harms_nothing() -> None:
-    """The drive's own report has noise; a simulator's has none, and is the controller's formula."""
-    rig, model = Rig.load("turret"), nominal(Rig.load("turret"))
-    rng, reference = np.random.default_rng(0), fourier(rig, 0, 8.0)
-    log = bench_run(model, tune(model).controller, rng=rng, torque_noise=0.0, reference=reference)
-    found = check_log(rig, log)
-    assert [fault.cause for fault in found.faults] == ["commanded-torque"] and found.is_reliable
-    beyond = replace(log, tau=np.asarray(log.tau) * 1.5 * rig.tau_max / np.abs(log.tau).max(axis=0))
-    clipped = check_log(rig, beyond)
-    assert unreliable(clipped.faults) == ["commanded-torque"]
-    assert np.all(np.abs(clipped.log.tau) <= rig.tau_max)
+@pytest.mark.parametrize("name", BENCH)
+def test_a_servos_law_harms_nothing_within_the_motors_limit_and_is_clipped_beyond(name: str) -> None:
+    rig, log = bench(name)
+    commanded = corrupted(log, "commanded-torque")
+    found = CHECKS["commanded-torque"](rig, commanded, FILTER)
+    assert found is not None and not found.fault.makes_physics_unreliable and not found.repairs
+    size = 1.5 * rig.tau_max / np.abs(commanded.tau).max(axis=0)
+    beyond = CHECKS["commanded-torque"](rig, replace(commanded, tau=commanded.tau * size), FILTER)
+    assert beyond is not None and beyond.fault.makes_physics_unreliable
+    assert np.all(np.abs(beyond.repairs[-1].tau) <= rig.tau_max)
+
+
+@pytest.mark.parametrize(("name", "corner"), [("turret", 2.0), ("thesis", 5.0), ("handheld", 20.0)])
+def test_a_torque_that_was_smoothed_off_line_is_not_commanded(name: str, corner: float) -> None:
+    rig, log = bench(name)
+    smooth = replace(log, tau=signals.zero_phase(np.asarray(log.tau), signals.lowpass(corner, 1.0 / log.dt)))
+    for q_ref in (log.q_ref, None):
+        assert not check_log(rig, replace(smooth, q_ref=q_ref)).faults
 
 
 # ---- what the checks measure, and what they mend ----
 
 
-@pytest.mark.parametrize(("corner", "order"), [(5.0, 1), (10.0, 2), (25.0, 1)])
-def test_the_corner_of_a_filtered_rate(turret: tuple[Rig, Log], corner: float, order: int) -> None:
-    rig, log = turret
+@pytest.mark.parametrize(("corner", "order"), [(2.0, 1), (5.0, 1), (4.0, 2)])
+def test_the_corner_of_a_filtered_rate(corner: float, order: int) -> None:
+    rig, log = bench("thesis")
     found = CHECKS["filtered-velocity"](rig, corrupted(log, "filtered-velocity", corner=corner, order=order), FILTER)
     assert found is not None and found.repairs[-1].v is None
     seen = figures(found.fault)
-    assert abs(seen["corner"] / corner - 1) < 0.05 and seen["order"] == order
+    assert abs(seen["corner"] / corner - 1) < 0.15 and seen["order"] == order
 
 
 def test_a_drive_that_filters_counts_of_its_own_is_seen_by_its_lag(turret: tuple[Rig, Log]) -> None:
@@ -339,10 +347,10 @@ def test_spikes_are_counted_in_words_that_agree(turret: tuple[Rig, Log], share: 
 
 def test_garbage_is_cut_out(turret: tuple[Rig, Log]) -> None:
     rig, log = turret
-    bad = corrupted(log, "outliers", seconds=1.5)
+    bad = corrupted(log, "outliers", channel="v", seconds=1.5)
     found = CHECKS["outliers"](rig, bad, FILTER)
     assert found is not None and found.fault.makes_physics_unreliable
-    touched = log.t[np.any(bad.tau != log.tau, axis=1)]
+    touched = log.t[np.any(bad.v != log.v, axis=1)]
     assert np.mean(np.isin(touched, found.repairs[-1].t)) < 0.05
     assert len(log) - len(found.repairs[-1]) < len(touched) + 0.3 / log.dt
 
@@ -356,6 +364,22 @@ def test_a_knock_is_not_cut_out(turret: tuple[Rig, Log], seed: int) -> None:
         tau[k : k + 100] += 8.0 * np.std(tau, axis=0) * np.exp(-np.arange(100) / 3.0)[:, None]
     found = CHECKS["outliers"](rig, replace(log, tau=tau), FILTER)
     assert found is None or figures(found.fault)["garbage"] == 0.0
+
+
+@pytest.mark.parametrize("name", BENCH)
+def test_a_drive_that_chatters_has_no_outliers(name: str) -> None:
+    """Kicks at encoder steps, bursts that change sign with every sample, and noise of heavy tails."""
+    rig, log = bench(name)
+    rng, size = np.random.default_rng(2), np.std(log.tau, axis=0)
+    length = round(0.2 / log.dt)
+    burst = ((-1.0) ** np.arange(length) * np.hanning(length))[:, None]
+    bursts = np.zeros(log.q.shape)
+    for begin in rng.integers(0, len(log) - length, 15):
+        bursts[begin : begin + length] += 3.0 * burst
+    kicks = np.diff(np.floor(log.q / 0.1), axis=0, prepend=np.floor(log.q[:1] / 0.1))
+    for chatter in (kicks, bursts, 0.05 * rng.standard_t(3, log.q.shape)):
+        found = CHECKS["outliers"](rig, replace(log, tau=log.tau + size * chatter), FILTER)
+        assert found is None, found.fault.sentence
 
 
 # ---- noise in the regressor ----
@@ -397,6 +421,16 @@ def test_a_coarse_encoder_is_told_with_its_step() -> None:
     found = {fault.cause: fault for fault in check_log(rig, coarse).faults}
     assert "9 bits per turn" in found["acceleration-noise"].sentence
     assert figures(found["acceleration-noise"])["noise_share"] > 1
+
+
+@pytest.mark.parametrize(("bits", "jitter"), [(19, 0.05), (16, 0.05), (19, 0.02)])
+def test_stamps_that_jitter_are_no_noise_of_the_encoders(bits: int, jitter: float) -> None:
+    """At 100 Hz 5 % of a period are worth 9 bits of an encoder of 19; the angles are true and the stamps are not."""
+    rig, step = Rig.load("turret"), 2 * np.pi / 2**bits
+    log = prescribed(nominal(rig), seconds=20.0, torque_noise=0.01, dt=0.01)
+    late = jitter * log.dt * np.random.default_rng(1).standard_normal(len(log))
+    bad = replace(log, t=log.t + late, q=step * np.round(log.q / step), v=None)
+    assert CHECKS["acceleration-noise"](rig, bad, FILTER) is None
 
 
 @pytest.mark.parametrize(("name", "speed"), [("turret", 1.0), ("thesis", 0.1)])
@@ -479,20 +513,20 @@ PENDULUM = {"t": "time", "q_shoulder": "position", "dq_shoulder": "velocity", "t
 def test_the_simple_pendulums_acceleration_is_noise_and_the_answer_is_the_physical_arm() -> None:
     rig, log = real("dfki_simple_pendulum", "pendulum.urdf", "system_identification.csv", PENDULUM)
     found = check_log(rig, log)
-    assert unreliable(found.faults) == ["acceleration-noise"]
+    assert [fault.cause for fault in found.faults if not fault.slight] == ["acceleration-noise"] and found.is_reliable
     answer = {parameter.name: parameter.value for parameter in found.faults[-1].answer}
     assert 0.116 <= answer["arm.Iyy"] <= 0.173
     assert 0.230 <= abs(answer["arm.mz"]) <= 0.345
 
 
 @pytest.mark.parametrize("run", ["061157", "055640", "060143"])
-def test_the_double_pendulums_torque_is_a_formula_and_its_logs_show_physics(run: str) -> None:
+def test_the_double_pendulums_logs_show_physics(run: str) -> None:
     columns = {"t": "time"}
     for k, joint in enumerate(("shoulder", "elbow"), start=1):
         columns |= {f"q_{joint}": f"pos{k}", f"dq_{joint}": f"vel{k}", f"tau_{joint}": f"tau{k}"}
     rig, log = real("dfki_double_pendulum", "double_pendulum.urdf", f"20220812-{run}-PM_measured.csv", columns)
     found = check_log(rig, log)
-    assert found.is_reliable and "commanded-torque" in [fault.cause for fault in found.faults]
+    assert found.is_reliable
 
 
 def test_the_speed_loops_current_is_its_formula_with_its_gain_and_delay() -> None:
@@ -515,3 +549,14 @@ def test_gravity_compensation_is_the_controllers_formula_of_the_angle() -> None:
 def test_the_turning_motors_logs_are_reliable(part: str) -> None:
     columns = {"t": "time_s", "q_motor": "pos_counts*0.00076699", "tau_motor": "iq_a*0.0276"}
     assert check_log(*real("odrive_cogging", "rotor.urdf", f"slow_{part}.csv", columns)).is_reliable
+
+
+@pytest.mark.parametrize(
+    ("folder", "urdf", "file"),
+    [("ur10_unisa", "ur10.urdf", "ur10_exciting.db3"), ("franka_fer_unisa", "fer.urdf", "panda_unisa.db3")],
+)
+def test_torques_of_an_arm_that_were_smoothed_or_sampled_at_30_hz_are_no_command(
+    folder: str, urdf: str, file: str
+) -> None:
+    found = check_log(*real(folder, urdf, file, {}))
+    assert found.is_reliable and "commanded-torque" not in [fault.cause for fault in found.faults]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.identification import Identified, compare_payload, identify, keep_held_out_accuracy
@@ -35,6 +36,19 @@ def test_a_swapped_payload_is_suspected_and_none_where_none_was() -> None:
     assert swapped.is_of_two_rigs and not same.is_of_two_rigs
     told, of_two = (show_parameters(one, compare_payload(one)).to_text() for one in (same, swapped))
     assert "balance" in told and "balance" not in of_two
+
+
+@pytest.mark.parametrize(("rig", "seed"), [("thesis", 3), ("handheld", 4), ("turret", 5)])
+def test_a_log_almost_without_noise_is_of_one_rig(rig: str, seed: int) -> None:
+    """Its halves differ by more than their deviations say, and by next to nothing of the torque.
+
+    What differs is what the sensors add to the angles, which is not white.
+    """
+    loaded = Rig.load(rig)
+    log = prescribed(nominal(loaded), seed, SECONDS)
+    q = log.q + 2e-5 * np.sin(40 * log.q + seed) + 1e-6 * (log.t[:, None] - SECONDS / 2)
+    found = identify(loaded, [replace(log, q=q)], filtering=Filtering(alignment=0.0), examined="noisy")
+    assert found.parting is not None and not found.is_of_two_rigs and not found.notes
 
 
 def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() -> None:
