@@ -1,7 +1,8 @@
 """Run the verbs on measured logs and judge them by what is known of the devices.
 
-Every diagnosis is *right*, *honest*, *wrong*, *refused* or an *error*, one line each with the reason, and the counts
-last; before them stand a table of all runs and what else is required. Exit code 1: something is not as it must be.
+Every diagnosis is *right*, *honest*, *wrong*, *refused*, an *error* or, of a device of which nothing is known,
+*unknown*, one line each with the reason, and the counts last; before them stand a table of all runs and what else is
+required. Exit code 1: something is not as it must be.
 
 Every run is a process of its own; what is in the folder of results is not run again, so that a run that was stopped
 goes on where it was. ``--only NAME`` runs logs again whose names begin so, and no others. ``--compare A B`` prints the
@@ -109,12 +110,12 @@ def count(lines: Sequence[Line]) -> str:
 
 
 def judged(every: Sequence[Case], outcomes: Outcomes) -> list[Judgement]:
-    """Return the class of every diagnosis that there is, and of which something is known."""
+    """Return the class of every diagnosis that there is."""
     found = []
     for case in every:
-        known, outcome = known_of(case.name), outcomes.get((case.name, "diagnose"))
-        if known is not None and outcome is not None:
-            found.append(judge(case.name, known, outcome, partial(explained_share, case, CUTOFF)))
+        outcome = outcomes.get((case.name, "diagnose"))
+        if outcome is not None:
+            found.append(judge(case.name, known_of(case.name), outcome, partial(explained_share, case, CUTOFF)))
     return found
 
 
@@ -173,7 +174,7 @@ def main(
         )
     print(count(lines))
     print(", ".join(f"{sum(x.judged is one for x in classes)} {one}" for one in Class))
-    bad = Class.WRONG, Class.REFUSED, Class.ERROR
+    bad = Class.WRONG, Class.REFUSED, Class.ERROR, Class.UNKNOWN
     sys.exit(any(line.passed is False for line in lines) or any(x.judged in bad for x in classes))
 
 

@@ -27,7 +27,7 @@ from tests.rigs import bundled, chain
 
 URDF = cases.CAMERA.replace("tilt", "motor")
 SOUND = Outcome(0, 1.0, "", "", {"held_out": None})
-DATA = ("acceleration-noise", "controller-formula", "filtered-velocity")
+DATA = ("acceleration-noise", "clock", "commanded-torque", "controller-formula", "filtered-velocity", "logs-disagree")
 COLUMNS = ("t=t", "q_motor=q", "tau_motor=tau")
 
 
@@ -185,14 +185,36 @@ def test_classes_of_a_log_without_an_answer(code: int | None, error: str, share:
 def test_the_table_knows_causes_and_parameters_that_there_are(tmp_path: Path) -> None:
     """Else a renamed cause or parameter would pass whatever is named; and every log with torque has a device."""
     for device in DEVICES:
-        for cause in (*(c for one in device.found for c in one.split("|")), *device.denied):
+        for cause in (*(c for one in device.found for c in one.split("|")), *device.denied, *device.faults):
             assert cause.partition("@")[0] in {"*", *CAUSES, *DATA}, cause
         for size in device.sizes:
             kind = CAUSES[size.cause]
             coefficients = kind("motor").coefficients if size.cause == "armature" else ()
             assert size.parameter in {parameter.name for parameter in (*kind.shapes, *coefficients)}, size
     every = [*cases.measured(tmp_path, tmp_path), *cases.benchmarks(tmp_path)]
-    assert {case.name for case in every if known_of(case.name) is None} == {"rub_gimbal", "phantom4_motion"}
+    assert not [case.name for case in every if known_of(case.name) is None]
+
+
+def test_a_device_of_which_nothing_is_known_fails() -> None:
+    for outcome in (diagnosed(), diagnosed(found("cogging", "motor")), replace(SOUND, exit=3, result=None)):
+        assert judge("tiny", None, outcome, lambda: 0.0).judged == Class.UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("cause", "unreliable", "judged"),
+    [("clock", True, Class.WRONG), ("outliers", True, Class.WRONG), ("clock", False, Class.HONEST),
+     ("filtered-velocity", True, Class.HONEST)],
+)  # fmt: skip
+def test_a_fault_that_the_data_do_not_have_is_wrong(cause: str, unreliable: bool, judged: Class) -> None:
+    fault = found(cause, "motor", "data") | {"makes_physics_unreliable": unreliable}
+    known = replace(KNOWN, faults=("filtered-velocity",))
+    assert judge("tiny", known, diagnosed(fault), lambda: 1.0).judged == judged
+
+
+def test_a_log_without_torque_is_rightly_refused_and_never_diagnosed() -> None:
+    known = Known("gimbal", ("tiny",), has_torque=False)
+    assert judge("tiny", known, replace(SOUND, exit=3, error="no\n", result=None), lambda: 1.0).judged == Class.HONEST
+    assert judge("tiny", known, diagnosed(), lambda: 1.0).judged == Class.WRONG
 
 
 def test_a_probability_is_printed_where_there_is_one() -> None:

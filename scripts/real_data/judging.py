@@ -27,6 +27,8 @@ class Class(StrEnum):
     WRONG = "wrong"
     REFUSED = "refused"
     ERROR = "error"
+    UNKNOWN = "unknown"
+    """Nothing is known of the device, so that no diagnosis can be judged."""
 
 
 @dataclass(frozen=True)
@@ -45,13 +47,15 @@ class Judgement:
         return f"{self.device:24.24}  {self.log:28}  {self.judged:8}  {self.verdict}{why}"
 
 
-def judge(log: str, known: Known, outcome: Outcome, explained: Callable[[], float]) -> Judgement:
+def judge(log: str, known: Known | None, outcome: Outcome, explained: Callable[[], float]) -> Judgement:
     """Return a diagnosis's class; `explained` is least squares' share of the held-out torque, asked at a refusal."""
     told = outcome.result
+    if known is None:
+        return Judgement("?", log, Class.UNKNOWN, describe(outcome), "add what is known of the device to known.py")
     if not outcome.sound or (told is None and outcome.exit == 0):
         return Judgement(known.device, log, Class.ERROR, outcome.said, "no answer and no single line that says why")
     if told is None:
-        share = explained()
+        share = explained() if known.has_torque else 0.0
         refused = share > PREDICTS
         why = f"least squares explains {100 * share:.0f} % of the held-out torque" if refused else ""
         return Judgement(known.device, log, Class.REFUSED if refused else Class.HONEST, outcome.said, why)
@@ -99,6 +103,12 @@ def errors(told: Json) -> dict[str, tuple[float, float]]:
 
 def contradictions(told: Json, known: Known) -> Iterator[str]:
     """Yield why what is named or stated cannot be."""
+    if not known.has_torque:
+        yield "the log holds no torque"
+    for finding in told["findings"]:
+        is_fault = finding["status"] == "data" and finding.get("makes_physics_unreliable", True)
+        if is_fault and finding["cause"] not in known.faults:
+            yield f"{finding['cause']}: the data have no such fault"
     for finding in named(told):
         where = f"{finding['cause']} at {finding['joint'] or 'rig'}"
         if any(is_of(finding, cause) for cause in known.denied):

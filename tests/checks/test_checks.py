@@ -89,7 +89,7 @@ def test_a_fault_is_found_by_its_own_check_alone(turret: tuple[Rig, Log], plante
 
 
 SIZES: list[tuple[str, dict[str, Any]]] = [
-    ("commanded-torque", {"damping": 0.003}),
+    ("commanded-torque", {}),
     ("clock", {"jitter": 0.0, "holes": 6}),
     ("clock", {"jitter": 0.0, "stale": 0.15}),
     ("stuck-channel", {"channel": "q", "seconds": 0.5}),
