@@ -69,7 +69,8 @@ class Filtering:
 
 def limit_cutoff(filtering: Filtering, logs: Sequence[Log], share: float = HIGHEST_CUTOFF) -> Filtering:
     """Return a filter whose cutoff is at most a share of the sampling rate of the slowest of some logs."""
-    return replace(filtering, cutoff=min([filtering.cutoff, *(share / log.dt for log in logs)]))
+    highest = [share / log.dt for log in logs if len(log) > 1]
+    return replace(filtering, cutoff=min([filtering.cutoff, *highest]))
 
 
 def compute_settling_time(filtering: Filtering) -> float:
