@@ -273,7 +273,7 @@ def test_a_line_of_units_below_the_names_ends_them(separator: str, tmp_path: Pat
     path = tmp_path / "log.dat"
     path.write_text("\n".join(map(separator.join, lines)) + "\n")
     table = io.open_table(path)
-    assert table.columns == ("Time_ms", "State", "Imu1Pitch_deg", "EncYaw*_deg", "DPitch")
+    assert table.columns == ("Time_ms", "State", "Imu1Pitch_deg", "EncYaw*_deg", "DPitch [deg/s]")
     data = table.read(["Time_ms", "Imu1Pitch_deg"])
     assert (data["Time_ms"].tolist(), data["Imu1Pitch_deg"].tolist()) == ([0.0, 1.5], [10.5, 11.0])
     assert table.place(1, "State") == f"{path}:4 column 'State'"

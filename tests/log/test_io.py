@@ -170,6 +170,8 @@ DIALECTS = {
     "trailing rows only": HEADER + "\n" + ROWS.replace("\n", ",\n"),
     "other columns": f"state,{HEADER},note\n" + "".join(f'ok,{row},"a, b #1"\n' for row in ROWS.splitlines()),
     "other order": "tau_tilt,t,q_tilt,q_yaw,tau_yaw\n4,0.0,2,1,3\n8,0.1,6,5,7\n",
+    "decimal commas": f"{HEADER}\n{ROWS}".replace(",", ";").replace(".", ","),
+    "decimal commas and tabs": f"{HEADER}\n{ROWS}".replace(",", "\t").replace(".", ","),
     "exponents": f"{HEADER}\n0,1e0,+2.,3.0E+0,40e-1\n100e-3,5,6,7,8\n",
 }
 
@@ -249,11 +251,11 @@ BAD = {
         "10 values under 5 column names",
         "decimal commas must be points",
     ),
-    "semicolons": (
-        f"{HEADER}\n".replace(",", ";") + "0;1;2;3,5;4\n",
-        ":2 column 'tau_yaw'",
-        "decimal comma (3,5)",
-        "points",
+    "mixed decimals": (
+        f"{HEADER}\n".replace(",", ";") + "0;1;2;3,5;4\n0,1;1;2;3.5;4\n",
+        ":3 column 'tau_yaw'",
+        "text '3.5'",
+        "write a number",
     ),
     "endless field": (f'{HEADER}\n{ROWS}0.2,"{"x" * 200000}\n', ":4", "is not CSV", "quotes"),
     "quotes": (f'{HEADER}\n0,1,2,3,4\n1,1,"2,3,4\n2,1,2,3,4\n', ":3", "3 values under 5", "complete the row"),

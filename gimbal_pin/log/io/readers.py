@@ -11,7 +11,6 @@ import struct
 import zipfile
 import zlib
 from array import array
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
@@ -28,6 +27,7 @@ from gimbal_pin.errors import GimbalPinError, LogError, UsageError
 from gimbal_pin.log.io.candump import CANDUMP_MAGIC, open_candump
 from gimbal_pin.log.io.csv import GZIP_MAGIC, open_csv, write_csv
 from gimbal_pin.log.io.files import open_replacement, wrap_os_errors
+from gimbal_pin.log.io.joint_states import choose_names, drop_empty_columns, list_joint_values, open_topic_echo
 from gimbal_pin.log.io.mavlink import read_tlog
 from gimbal_pin.log.io.tables import (
     DEEPEST_NESTING,
@@ -48,7 +48,6 @@ from gimbal_pin.rig.reading import LARGEST_LOG, check_size, read_beginning, read
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _BAG_SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3\0": ".db3", b"\x89MCAP0\r\n": ".mcap"}
 """How a bag's file begins → the suffix that rosbags knows it by."""
-_JOINT_STATE_COLUMNS = {"position": "q", "velocity": "dq", "effort": "tau"}
 _IMU_MESSAGE_COLUMNS = {"angular_velocity": "gyro", "linear_acceleration": "accel", "orientation": "quat"}
 _LARGEST_MESSAGE = 2**16
 """Largest message of a bag that is read, bytes: pictures and clouds of points are larger, a drive's are not."""
@@ -111,6 +110,11 @@ def _open_file(path: Path) -> ColumnTable:
 
 
 # --- NumPy ----------------------------------------------------------------------------------------------------------
+
+
+def _open_text(path: Path) -> ColumnTable:
+    """Read text of rows and columns, joint states by the names in each row; `LogError` as `open_csv`."""
+    return open_topic_echo(open_csv(path))
 
 
 def _open_npy(path: Path) -> ColumnTable:
@@ -447,7 +451,8 @@ def _read_bag(path: Path) -> Streams:
                 if not values:
                     continue
                 stamp = getattr(getattr(message, "header", None), "stamp", None)
-                stamps, columns = found.setdefault((connection.topic, tuple(values)), ([], {}))
+                # The order of the joints may change from message to message.
+                stamps, columns = found.setdefault((connection.topic, tuple(sorted(values))), ([], {}))
                 stamps.append((stamp and int(stamp.sec) * 10**9 + int(stamp.nanosec)) or recorded)
                 for name, value in values.items():
                     columns.setdefault(name, array("d")).append(value)
@@ -457,27 +462,22 @@ def _read_bag(path: Path) -> Streams:
     start = (start - start % 10**9) * late
     if start:
         notes.insert(0, f"its times count from {start // 10**9} s since 1970")
-    # A name that several topics have gets its topic in front.
-    names = Counter(name for _, columns in found.values() for name in columns)
-    topics, streams = Counter(topic for topic, _ in found), list[Stream]()
-    joints_first = sorted(found.items(), key=lambda item: not any(name.startswith("q_") for name in item[1][1]))
-    for k, ((topic, _), (stamps, columns)) in enumerate(joints_first):
-        label = topic if topics[topic] == 1 else f"{topic}#{k}"
+    joints_first = sorted(found.items(), key=lambda item: not any(name.startswith("q_") for name in item[0][1]))
+    streams = list[Stream]()
+    chosen = choose_names([(topic, [*columns]) for (topic, _), (_, columns) in joints_first])
+    for (label, names), (_, (stamps, columns)) in zip(chosen, joints_first):
         time = "t" if len(found) == 1 else f"{label}.t"
         rows = np.argsort(stamps, kind="stable")
         data = {time: (np.array(stamps)[rows] - start) / 1e9}
-        for name, series in columns.items():
-            own = label + name.removeprefix(topic) if name.startswith(topic) else f"{label}.{name}"
-            data[name if names[name] == 1 else own] = np.array(series)[rows]
-        streams.append(Stream(time, data))
+        data |= {names[name]: np.array(series)[rows] for name, series in columns.items()}
+        streams.append(drop_empty_columns(Stream(time, data)))
     return streams, notes
 
 
 def _message_values(message: Any, kind: str, topic: str) -> Iterator[tuple[str, float]]:
     """Yield name and value of every number in a message."""
     if kind == "sensor_msgs/msg/JointState":
-        for field, prefix in _JOINT_STATE_COLUMNS.items():
-            yield from ((f"{prefix}_{joint}", float(x)) for joint, x in zip(message.name, getattr(message, field)))
+        yield from list_joint_values(message.name, vars(message))
     elif kind == "sensor_msgs/msg/Imu" and message.header.frame_id:
         for field, prefix in _IMU_MESSAGE_COLUMNS.items():
             if getattr(message, f"{field}_covariance")[0] != -1:  # by its definition: no estimate of this one
@@ -536,13 +536,13 @@ class Format(NamedTuple):
 
 
 FORMATS: Mapping[str, Format] = {
-    ".csv": Format(open_csv, write_csv),
-    ".tsv": Format(open_csv, partial(write_csv, separator="\t")),
-    ".txt": Format(open_csv, write_csv),
+    ".csv": Format(_open_text, write_csv),
+    ".tsv": Format(_open_text, partial(write_csv, separator="\t")),
+    ".txt": Format(_open_text, write_csv),
     ".parquet": Format(_open_parquet, _write_parquet, (b"PAR1",)),
-    ".gz": Format(open_csv, magic=(GZIP_MAGIC,)),
-    ".log": Format(open_csv),
-    ".dat": Format(open_csv),
+    ".gz": Format(_open_text, magic=(GZIP_MAGIC,)),
+    ".log": Format(_open_text),
+    ".dat": Format(_open_text),
     ".candump": Format(open_candump, magic=CANDUMP_MAGIC),
     ".npy": Format(_open_npy, magic=(b"\x93NUMPY",)),
     ".npz": Format(_open_npz, magic=(b"PK\3\4",)),

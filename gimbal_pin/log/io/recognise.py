@@ -39,8 +39,11 @@ _KINDS: Mapping[str, frozenset[str]] = {
     }.items()
 }
 """Kind of channel → words of which one stands in its name; the first kind that has one."""
-_WANTED = {"des", "desired", "ref", "reference", "cmd", "command", "commanded", "target", "setpoint", "sp", "goal"}
-"""Words of references and commands, which are not measured."""
+COMMAND_WORDS = frozenset((
+    "des", "desired", "ref", "reference", "references", "cmd", "cmds", "command", "commands", "commanded", "target",
+    "targets", "setpoint", "setpoints", "sp", "goal", "goals",
+))  # fmt: skip
+"""Words in the names of what was asked for, not measured."""
 _RANKED = ("meas measured actual raw", "", "filt filtered filter est estimated smooth lp",
            "con control ctrl fric friction ff feedforward ext int")  # fmt: skip
 _RANK = {word: rank for rank, text in enumerate(_RANKED) for word in text.split()}
@@ -231,7 +234,7 @@ def _read_name(column: str, values: Array, joints: Sequence[str] = ()) -> Channe
         kind = next((kind for kind, is_so in kinds.items() if is_so), None)
     elif kind == "torque" and {*written} & _UNITS["current"].keys():
         kind = "current"
-    channel.wanted = bool(_WANTED & set(split))
+    channel.wanted = bool(COMMAND_WORDS & set(split))
     if kind is not None:
         channel.quantity = kind
         channel.reasons.append(f"its name says {kind}")

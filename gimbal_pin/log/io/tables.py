@@ -17,8 +17,13 @@ DEEPEST_NESTING = 8
 """Deepest nesting of groups that are read; a Simulink log has four."""
 WIDEST_ARRAY = 64
 """Most numbers of one array in a sample that each get a column: a pose's covariance has 36, an image far more."""
-_TIMES = {"t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit"}
+_TIMES = frozenset((
+    "t", "time", "timestamp", "timestamps", "stamp", "tout", "times", "seconds", "sec", "zeit", "uhrzeit", "clock",
+    "elapsed", "datetime", "millis", "micros",
+))  # fmt: skip
 """Words of which one stands in the name of a column of times."""
+_DATES = {"date", "datum"}
+"""Words in the name of a column of times where no name holds one of `_TIMES`: a date alone is none."""
 
 
 class ColumnTable(Protocol):
@@ -51,8 +56,11 @@ def quote_names(names: Sequence[str], most: int = 24) -> str:
 
 def _find_time_name(names: Iterable[str]) -> str | None:
     """Return the name of the times: of those with one of `_TIMES` the first with the fewest other words, or None."""
-    found = [(len(split), k, name) for k, name in enumerate(names) if set(split := split_words(name)) & _TIMES]
-    return min(found)[2] if found else None
+    split = [(split_words(name), k, name) for k, name in enumerate(names)]
+    for known in (_TIMES, _DATES):
+        if found := [(len(words), k, name) for words, k, name in split if known & {*words}]:
+            return min(found)[2]
+    return None
 
 
 def find_time(table: ColumnTable) -> str:
