@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import functools
 import io
 import os
 import re
+import resource
 import signal
 import sys
 import threading
@@ -21,8 +23,14 @@ from gimbal_pin.cli import paths
 from gimbal_pin.cli.present import complain, say
 from gimbal_pin.errors import GimbalPinError, UsageError
 
-AGAIN = 0.2
-"""Time after which a signal is heard that a library has swallowed, s."""
+LEAST_OPEN_FILES = 20
+"""Open files that POSIX grants every process (``_POSIX_OPEN_MAX``). Event loops and pipes of workers take up to ten;
+twice as many would refuse shells that POSIX allows."""
+LEAST_ADDRESS_SPACE = 1 << 30
+"""Address space of `identify` on a bundled rig, B, as measured on two cores. With half of it imports fail and OpenBLAS
+waits for memory without end; twice as much would refuse small machines that can do the work."""
+NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread")
+"""Messages of the dynamic loader and of Python's threads where no memory is left."""
 VERBS: Mapping[str, Callable[..., None]] = {
     name.replace("_", "-"): getattr(import_module(f"gimbal_pin.cli.{name}"), name)
     for name in (
@@ -36,7 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the verb that the arguments name, and leave with its exit code."""
     os.environ["MPLBACKEND"] = "agg"  # no verb opens a window of Matplotlib's, whatever a notebook or shell asks for
     try:
-        with ending_orderly():
+        check_limits()
+        with exit_on_signals():
             parse_arguments(sys.argv[1:] if arguments is None else arguments)()
     except GimbalPinError as error:
         complain(str(error))
@@ -45,46 +54,70 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(130) from None
     except BrokenPipeError:
         raise SystemExit(0) from None
-    except OSError as error:  # a path that the system refuses to look up: its name is too long, or links in a circle
-        if error.filename is None:
+    except (OSError, MemoryError, ImportError, AttributeError, RuntimeError) as error:
+        if (said := describe_exhaustion(error)) is None:
             raise
-        complain(f"{error.filename}: cannot be used ({error.strerror}); give another path")
+        complain(said)
         raise SystemExit(2) from None
 
 
-@contextlib.contextmanager
-def ending_orderly() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the program as an error does: temporary files go, servers end; status 128 + signal.
+def check_limits() -> None:
+    """Raise `UsageError` where a limit of this process is below what the libraries need."""
+    for kind, command, least, unit in (
+        (resource.RLIMIT_NOFILE, "ulimit -n", LEAST_OPEN_FILES, "open files"),
+        (resource.RLIMIT_AS, "ulimit -v", LEAST_ADDRESS_SPACE, "bytes of address space"),
+    ):
+        limit, _ = resource.getrlimit(kind)
+        if limit != resource.RLIM_INFINITY and limit < least:
+            raise UsageError(command, f"allows {limit} {unit}", f"allow at least {least}")
 
-    A signal that is ignored (``nohup``) stays so. Other threads than the first may not say what a signal does.
-    Libraries that are being loaded catch whatever is raised in them, and raise what they like: so it is raised again
-    every `AGAIN` until it is on its way, and however the program ends then, the signal has ended it.
+
+def describe_exhaustion(error: Exception) -> str | None:
+    """Return a line on what the system lacks or refuses, or None for a defect of this package."""
+    cause: BaseException | None = error
+    while cause is not None:
+        number, said = getattr(cause, "errno", None), str(cause).lower()
+        if number in (errno.EMFILE, errno.ENFILE):
+            return "open files: as many as the limit allows are open; raise it (ulimit -n)"
+        if isinstance(cause, MemoryError) or number == errno.ENOMEM or any(words in said for words in NO_MEMORY):
+            return "memory: is used up; free some, raise the limit (ulimit -v), or ask for less"
+        cause = cause.__cause__ or cause.__context__
+    if isinstance(error, FileNotFoundError) and not is_in_folder():
+        return "working folder: does not exist any longer; change to another folder"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: cannot be used ({error.strerror}); give another path"
+    return None
+
+
+def is_in_folder() -> bool:
+    """Tell whether the working folder exists."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
+
+
+@contextlib.contextmanager
+def exit_on_signals() -> Iterator[None]:
+    """Turn SIGTERM and SIGHUP into `SystemExit` with status 128 + signal, so that temporary files are removed.
+
+    A signal that is ignored (``nohup``) stays so, and only the main thread may set handlers.
     """
-    told: list[int] = []
 
     def leave(number: int, frame: object) -> None:
-        told.append(number)
-        signal.signal(signal.SIGALRM, lambda *_: leave(number, frame))
-        signal.setitimer(signal.ITIMER_REAL, AGAIN)
-        if not isinstance(sys.exc_info()[1], SystemExit):
-            raise SystemExit(128 + number)
+        raise SystemExit(128 + number)
 
-    first = threading.current_thread() is threading.main_thread()
-    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP) if first}
-    before = {number: handler for number, handler in before.items() if handler is signal.SIG_DFL}
-    for number in before:
+    is_main = threading.current_thread() is threading.main_thread()
+    signals = (signal.SIGTERM, signal.SIGHUP) if is_main else ()
+    ours = [number for number in signals if signal.getsignal(number) is signal.SIG_DFL]
+    for number in ours:
         signal.signal(number, leave)
     try:
         yield
-    except BaseException:
-        if told:
-            raise SystemExit(128 + told[0]) from None
-        raise
     finally:
-        if told:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)
 
 
 def parse_arguments(arguments: Sequence[str]) -> Callable[[], None]:

@@ -13,7 +13,6 @@ from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import read_logs
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import check_shown, play, say, tell
-from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
 from gimbal_pin.report import PRESETS, VIEWS
 
@@ -52,7 +51,6 @@ def animate(
     beside: Annotated[opt.Maybe[str], arg(metavar="LOG")] = None,
     camera: opt.Maybe[View] = None,
     preset: opt.Maybe[Preset] = None,
-    yes: opt.Yes = False,
     live: opt.LiveView = False,
 ) -> None:
     """Recorded animation (.html .gif .webp .mp4 .png); HTML needs no display, browser or server.
@@ -69,7 +67,6 @@ def animate(
     """
     from gimbal_pin.log.io import read_log, split_payload
     from gimbal_pin.report import view
-    from gimbal_pin.report.view.output import ENCODERS, FRAME_RATES
 
     check_shown(output, live)
     if not logs:
@@ -82,10 +79,6 @@ def animate(
     other = None if beside is None else read_log(beside, loaded, map, need_tau=False)
     if output is not None:
         suffix, fps = output.suffix.lower(), fps or rate
-        frames = sum(read.t[-1] - read.t[0] for read in every) / speed * (fps or FRAME_RATES.get(suffix, 1.0))
-        pixels = size[0] * size[1] / (USUAL_SIZE[0] * USUAL_SIZE[1])
-        rendered = frames * max(pixels, 1.0) if suffix in ENCODERS else 0
-        check_cost(yes, frame_of_a_joint=frames * loaded.n, rendered_frame=rendered)
         for read, path in zip(every, list_films(output, {"logs": logs}), strict=True):
             started = perf_counter()
             shown = view.animate(

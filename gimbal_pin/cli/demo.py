@@ -8,7 +8,6 @@ from typing import Annotated
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import describe_origin, describe_run, load_rig
 from gimbal_pin.cli.present import present, tell
-from gimbal_pin.cli.work import check_cost
 
 
 def demo(
@@ -19,7 +18,6 @@ def demo(
     seconds: Annotated[float, opt.between("--seconds", 1, 3600, "s")] = 22.0,
     plants: opt.Plants = 50,
     seed: opt.Seed = 0,
-    yes: opt.Yes = False,
     verbose: opt.Verbose = False,
     json: opt.Json = None,
 ) -> None:
@@ -36,7 +34,6 @@ def demo(
     from gimbal_pin.report.pipeline import describe_outcome
 
     loaded = load_rig(rig, payload)
-    check_cost(yes, second_of_a_joint_in_a_demo=seconds * loaded.n)
     rng = np.random.default_rng(seed)
     found = run(loaded, output, rng=rng, seconds=seconds, run=asked, plants=plants, origin=origin)
     tell(found.notes)

@@ -11,7 +11,6 @@ from tyro.conf import arg
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_logs, load_rig, read_payload, read_plant
 from gimbal_pin.cli.present import present
-from gimbal_pin.cli.work import check_cost
 
 
 def excite(
@@ -38,7 +37,6 @@ def excite(
     torque_noise: Annotated[opt.Maybe[float], opt.between("--torque-noise", 0, 10)] = None,
     form_error: Annotated[opt.Maybe[float], opt.between("--form-error", 0, 1)] = None,
     seed: opt.Seed = 0,
-    yes: opt.Yes = False,
     json: opt.Json = None,
 ) -> None:
     """Design an excitation trajectory under the rig's limits.
@@ -75,8 +73,6 @@ def excite(
     plant = read_plant(model, loaded)
     plant = replace(plant, rig=replace(plant.rig, limits=read_limits(limit, plant.rig.joints, plant.rig.limits)))
     shown = list_shown_effects(plant, effect)
-    terms = (harmonics or 10) * plant.rig.n
-    check_cost(yes, squared_variable_of_a_start=starts * terms**2, sample_of_a_motion=seconds * rate)
     found = run(
         plant.rig, seconds=seconds, periods=count_periods(seconds) if periods is None else periods, harmonics=harmonics,
         criterion=build_sequential_criterion(plant.rig, read, seconds, shown) if read else criterion, starts=starts,

@@ -10,7 +10,6 @@ from tyro.conf import Positional, arg
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import describe_origin
 from gimbal_pin.cli.present import present
-from gimbal_pin.cli.work import check_cost
 
 
 def fleet(
@@ -23,7 +22,6 @@ def fleet(
     quick: bool = False,
     workers: opt.Workers = 0,
     scheduler: opt.Scheduler = None,
-    yes: opt.Yes = False,
     seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
@@ -42,9 +40,6 @@ def fleet(
     from gimbal_pin.report.pages import describe_record
 
     manifest = read_manifest(logs)
-    if scheduler is None:
-        kind = "identified_log" if quick else "diagnosed_log"
-        check_cost(yes, workers or 4096, **{kind: len(manifest.logs)})
     with open_executors(scheduler, workers) as (executor, several):
         found = compare_fleet(
             manifest, rig=rig, payload=payload, folder=output, reference=reference, quick=quick, seed=seed,

@@ -17,7 +17,6 @@ from gimbal_pin.cli.following import learn
 from gimbal_pin.cli.inputs import choose_filter, load_logs, load_rig, read_payload
 from gimbal_pin.cli.paths import Reads
 from gimbal_pin.cli.present import present, say
-from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -49,7 +48,6 @@ def identify(
     trust: Annotated[opt.Maybe[float], opt.between("--trust", 0.001, 10)] = None,
     bootstrap: Annotated[int, opt.between("--bootstrap", 0, 100000, kind=int)] = 0,
     seed: opt.Seed = 0,
-    yes: opt.Yes = False,
     follow: bool = False,
     forget: Annotated[opt.Maybe[float], opt.between("--forget", 0.1, 1e6, "s")] = None,
     anew: Literal["payload", "everything"] = "payload",
@@ -109,7 +107,6 @@ def identify(
         found = learn(online, logs[0], map, idle, plot, json == Path("-"))
     else:
         loaded, read = load_logs(rig, payload, logs, map, moving=True)
-        check_cost(yes, sample_of_a_repetition=bootstrap * sum(log.q.size for log in read))
         when: WhenTested = "always" if bias else "noisy"
         fit = partial(run, loaded, read, estimator=chosen, filtering=filters, trust=trusted, examined=when)
         found = identify_beside_causes(fit, loaded, extended, holdout, refit)

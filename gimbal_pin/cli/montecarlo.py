@@ -11,7 +11,6 @@ from tyro.conf import Positional, arg
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import describe_origin, load_rig, read_payload, read_plant
 from gimbal_pin.cli.present import present
-from gimbal_pin.cli.work import check_cost
 
 
 def montecarlo(
@@ -30,7 +29,6 @@ def montecarlo(
     seconds: Annotated[float, opt.between("--seconds", 0.6, 600, "s")] = 5.0,
     workers: opt.Workers = 0,
     scheduler: opt.Scheduler = None,
-    yes: opt.Yes = False,
     seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
@@ -60,10 +58,6 @@ def montecarlo(
     variation = Variation(known, varied, "variation" if vary is None else str(vary))
     variation.check()
     stored = None if controller is None else read_controller(controller, loaded)
-    if scheduler is None:
-        kind = "second_of_a_joint_on_a_platform" if platform == "S" else "second_of_a_joint_in_a_fleet"
-        rigs = count * (len(variation.inputs) + 2 if sobol else 1)
-        check_cost(yes, workers or 4096, **{kind: rigs * seconds * loaded.n})
     with open_executors(scheduler, workers) as (executor, several):
         found = monte_carlo(
             loaded, known, count=count, folder=output, vary=varied, spec=spec, controller=stored, retune=retune,

@@ -117,7 +117,6 @@ Rrd = Annotated[File, Writes((".rrd",)), arg(help="write the same with the movin
 Page = Annotated[File, Writes((".html",))]
 Plotted = Annotated[File, Writes(paths.list_plot_suffixes)]
 Json = Annotated[File, Writes((".json", ".jsonl")), arg(help="write the result as JSON; - for standard output")]
-Yes = Annotated[bool, arg(help="begin even what takes over ten minutes, or over half of the memory")]
 Verbose = Annotated[bool, arg(help="print all that was found, not the outcome alone")]
 LiveView = Annotated[bool, arg(help="show the result in a browser on this machine")]
 Seed = Annotated[int, between("--seed", 0, 2**32 - 1, kind=int), arg(help="seed of everything random")]

@@ -6,7 +6,6 @@ import inspect
 import os
 import re
 import shlex
-import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
@@ -122,7 +121,7 @@ def check_outputs(verb: Callable[..., None], given: Mapping[str, Any]) -> None:
     written = [
         (label, Path(value), mark) for label, value, mark in every if isinstance(mark, Writes) and value != Path("-")
     ]
-    taken: dict[object, tuple[str, str]] = {}
+    taken: dict[str | None, tuple[str, str]] = {}
     for label, value, mark in every if written else ():
         if isinstance(mark, Reads) and isinstance(value, (str, Path, tuple)) and not given.get(mark.unless):
             mend = f", or add --{mark.unless}" if mark.unless else ""
@@ -150,13 +149,9 @@ def check_file(path: Path, mark: Writes, label: str) -> None:
         raise UsageError(label, f"names {path}", f"give it a name that ends in {', '.join(known)}")
 
 
-def identify_file(path: str | Path) -> object:
-    """Return what two names of one file share: its inode, or where it will be; None for a device, pipe or folder."""
-    try:
-        found = os.stat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return os.path.realpath(path)
-    return (found.st_dev, found.st_ino) if stat.S_ISREG(found.st_mode) else None
+def identify_file(path: str | Path) -> str | None:
+    """Return a file's path without links, or None for a device, pipe or folder."""
+    return os.path.realpath(path) if os.path.isfile(path) or not os.path.exists(path) else None
 
 
 def list_options(of: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:

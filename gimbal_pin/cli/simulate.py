@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import load_rig, read_payload, read_plant, read_platform
 from gimbal_pin.cli.present import check_shown, play, say, tell
-from gimbal_pin.cli.work import check_cost
 
 if TYPE_CHECKING:
     from gimbal_pin.dynamics.model import Model
@@ -39,7 +38,6 @@ def simulate(
     imus: bool = False,
     live: opt.LiveView = False,
     seed: opt.Seed = 0,
-    yes: opt.Yes = False,
 ) -> None:
     """Simulate the closed loop and write what its sensors say as a log.
 
@@ -69,7 +67,6 @@ def simulate(
     known = read_plant(model, loaded)
     motion = None if reference is None else read_motion(reference, loaded)
     length = seconds if motion is None else float(motion.t[-1] - motion.t[0])
-    check_cost(yes, simulated_second_of_a_joint=length * loaded.n)
     law, tuned = choose_law(controller, known, bandwidth_hz)
     late = tuned if delay_samples is None else delay_samples
     carrier = read_platform(loaded, platform, platform_log, map)

@@ -12,7 +12,6 @@ from tyro.conf import Positional, arg
 from gimbal_pin.cli import options as opt
 from gimbal_pin.cli.inputs import describe_origin, load_logs, load_rig, read_payload, read_plant, read_platform
 from gimbal_pin.cli.present import present, tell, write_figure
-from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
@@ -47,7 +46,6 @@ def track(
     animation: opt.Page = None,
     plants: opt.Plants = 50,
     seed: opt.Seed = 0,
-    yes: opt.Yes = False,
     verbose: opt.Verbose = False,
     json: opt.Json = None,
 ) -> None:
@@ -96,8 +94,6 @@ def track(
         recorded = read_platform(loaded, platform, platform_log, map)
         known, law = (None, None) if tuned is None else (tuned.model, tuned.law)
         late = delay_samples if delay_samples is not None else 1 if tuned is None else tuned.wish.holding_samples
-        runs = seeds * (2 + (machine is not None))
-        check_cost(yes, jobs, second_of_a_joint_on_a_platform=runs * seconds * loaded.n)
         held = verify(
             loaded, log=log, plant=plant, known=known, law=law, machine=machine, recorded=recorded, size=platform_size,
             causes=effect, faults=tuple(parse_fault(one) for one in fault), seeds=seeds, seconds=seconds, jobs=jobs,

@@ -1,17 +1,15 @@
-"""Numbers on the command line, work that is too much, and what a terminal is shown."""
+"""Numbers on the command line, limits of the system, and text for a terminal."""
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import pickle
-import resource
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from contextlib import suppress
 from inspect import get_annotations, signature
 from pathlib import Path
 from typing import Any, get_args
@@ -21,10 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tyro.constructors import PrimitiveConstructorSpec
 
-from gimbal_pin.cli import VERBS, ending_orderly, options
+from gimbal_pin.cli import VERBS, exit_on_signals, options
 from gimbal_pin.cli.paths import label
 from gimbal_pin.cli.present import say
-from gimbal_pin.cli.work import check_cost
 from gimbal_pin.errors import LONGEST_MESSAGE, UNSAFE, DataError, GimbalPinError, UsageError
 from gimbal_pin.identification import ESTIMATORS
 from gimbal_pin.log.io import files
@@ -69,32 +66,6 @@ def test_a_number_is_refused_before_anything_is_read(run: Run) -> None:
     refused(run("track", "nowhere.urdf", "--seeds", "2.5"), 2, "--seeds: is '2.5'; give a whole number from 1 to 10000")
 
 
-@pytest.mark.parametrize(
-    "call",
-    [
-        "simulate turret --seconds 86400 -o x.csv",
-        "excite turret --harmonics 200 --starts 1000 -o x.csv",
-        "excite turret --seconds 3600 --rate 20000 -o x.csv",
-        "demo --seconds 3600 -o x",
-        "track turret --platform S --seeds 10000",
-        "montecarlo turret --count 100000 -o x",
-    ],
-)
-def test_work_of_hours_is_asked_for_twice(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
-    monkeypatch.chdir(tmp_path)
-    refused(run(*call.split()), 2, "would take about", " GB; add --yes")
-    assert not list(tmp_path.iterdir())
-
-
-def test_work_asks_where_it_needs_more_than_half_of_what_a_limit_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
-    check_cost(False, frame_of_a_joint=1e6)
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (10**9, 10**9))
-    monkeypatch.setattr(Path, "exists", lambda _: False)
-    with pytest.raises(UsageError, match=r"0\.6 GB; add --yes"):
-        check_cost(False, frame_of_a_joint=1e6)
-    check_cost(True, frame_of_a_joint=1e6)
-
-
 @given(parts=st.tuples(*[st.text() | st.text(min_size=200, max_size=2000)] * 3))
 def test_a_message_is_one_short_line_that_a_terminal_shows(parts: tuple[str, str, str]) -> None:
     error = GimbalPinError(*parts)
@@ -129,26 +100,66 @@ def test_a_name_that_holds_escapes_is_told_without_them(run: Run, tmp_path: Path
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_it_orderly(number: int, tmp_path: Path) -> None:
     before = signal.signal(number, signal.SIG_DFL)  # under nohup it is ignored
-    with pytest.raises(SystemExit) as stop, ending_orderly(), files.open_replacement(tmp_path / "x"):
+    with pytest.raises(SystemExit) as stop, exit_on_signals(), files.open_replacement(tmp_path / "x"):
         os.kill(os.getpid(), number)
     assert stop.value.code == 128 + number and not list(tmp_path.iterdir())
     assert signal.signal(number, before) is signal.SIG_DFL
 
 
-def test_a_signal_that_a_library_swallows_as_it_is_loaded_is_heard_all_the_same() -> None:
-    """trimesh keeps whatever an import raises, to raise what it likes when it is used."""
-    number = signal.SIGTERM
-    with pytest.raises(SystemExit) as stop, ending_orderly():
-        with suppress(BaseException):
-            os.kill(os.getpid(), number)
-        time.sleep(2.0)
-    assert stop.value.code == 128 + number
-    with pytest.raises(SystemExit) as stop, ending_orderly():
-        with suppress(BaseException):
-            os.kill(os.getpid(), number)
-        raise TypeError("half of a library is there")
-    assert stop.value.code == 128 + number
-    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0
+@pytest.mark.parametrize("call", ["identify turret {}", "simulate turret -o {}", "montecarlo turret --count 1 -o out"])
+def test_a_working_folder_that_was_deleted_is_one_line(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir("gone")
+    (tmp_path / "gone").rmdir()
+    try:
+        refused(run(*call.format(tmp_path / "log.csv").split()), 2, "")
+    finally:
+        monkeypatch.chdir(tmp_path)
+
+
+LIMITED = "import resource as r, sys; r.setrlimit(r.{0}, ({1}, {1})); from gimbal_pin.cli import main; main(['rigs'])"
+
+
+@pytest.mark.parametrize(("kind", "limit"), [("RLIMIT_NOFILE", 4), ("RLIMIT_AS", 500_000_000)])
+def test_a_limit_that_no_verb_can_work_under_is_one_line(kind: str, limit: int) -> None:
+    done = subprocess.run([sys.executable, "-c", LIMITED.format(kind, limit)], capture_output=True, text=True)
+    refused((done.returncode, done.stdout, done.stderr), 2, "ulimit", str(limit))
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.EMFILE, "Too many open files"), "ulimit -n"),
+        (MemoryError(), "memory"),
+        (ImportError("pandas.so: failed to map segment from shared object"), "memory"),
+        (RuntimeError("can't start new thread"), "memory"),
+        (OSError(errno.ENAMETOOLONG, "File name too long", "aaa.csv"), "aaa.csv"),
+    ],
+)
+def test_what_the_system_lacks_is_one_line(
+    run: Run, monkeypatch: pytest.MonkeyPatch, error: Exception, said: str
+) -> None:
+    """Also where a library raises an error of its own over it."""
+
+    def fail(*words: object) -> None:
+        try:
+            raise error
+        except (OSError, MemoryError, ImportError, RuntimeError):
+            if said == "aaa.csv":
+                raise
+            raise AttributeError("half of a library is there")  # noqa: B904
+
+    monkeypatch.setattr("gimbal_pin.cli.parse_arguments", fail)
+    refused(run("rigs"), 2, said)
+
+
+def test_a_defect_keeps_its_traceback(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gimbal_pin.cli.parse_arguments", lambda words: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        run("rigs")
 
 
 def test_a_closed_stream_is_one_line() -> None:

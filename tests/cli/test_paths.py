@@ -23,7 +23,6 @@ from tests.command_line import Run, refused
 
 CLASHES = [
     ("identify rig.urdf log.csv -o log.csv", "-o", "LOG"),
-    ("identify rig.urdf log.csv --json hard.csv", "--json", "LOG"),
     ("identify rig.urdf soft.csv --urdf log.csv", "--urdf", "LOG"),
     ("identify rig.urdf log.csv@camera.urdf -o camera.urdf", "-o", "LOG"),
     ("identify rig.urdf log.csv --urdf rig.urdf", "--urdf", "RIG"),
@@ -38,7 +37,7 @@ CLASHES = [
     ("check rig.urdf --payload camera.urdf --json camera.urdf", "--json", "--payload"),
     ("simulate rig.urdf --reference log.csv -o log.csv", "-o", "--reference"),
     ("simulate rig.urdf --controller model.yaml -o model.yaml", "-o", "--controller"),
-    ("simulate rig.urdf --platform-log log.csv -o hard.csv", "-o", "--platform-log"),
+    ("simulate rig.urdf --platform-log log.csv -o soft.csv", "-o", "--platform-log"),
     ("excite rig.urdf --after log.csv --json log.csv -o x.csv", "--json", "--after"),
     ("animate rig.urdf log.csv -o log.csv", "-o", "LOG"),
     ("tune rig.urdf model.yaml -o model.yaml", "-o", "LOG|MODEL"),
@@ -69,7 +68,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).write_text("{")
     earlier = {"earlier.csv": files.hash_file(tmp_path / "out" / "earlier.csv")}
     (tmp_path / "out" / "run.json").write_text(json.dumps({"schema": 1, "files": earlier}))
-    (tmp_path / "hard.csv").hardlink_to(tmp_path / "log.csv")
     (tmp_path / "soft.csv").symlink_to("log.csv")
     return tmp_path
 
@@ -278,7 +276,7 @@ CALLS = (
     "auto turret log.csv -o out --plants 5 --verbose --map tau_pan=i*0.1 --map tau_tilt=j",
     "diagnose turret log.csv other.csv --cutoff 8.0 --seed 3",
     "track turret controller.yaml --platform S --effect a --effect b --report page.html",
-    "demo -o out --rig handheld --seconds 10.0 --yes",
+    "demo -o out --rig handheld --seconds 10.0",
 )
 
 
