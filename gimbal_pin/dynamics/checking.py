@@ -151,7 +151,12 @@ def _warn_of_joints(joints: Mapping[str, JointCheck]) -> list[str]:
     for name, joint in joints.items():
         share = joint.gravity_torque / joint.tau_max
         if share > 0.5:
-            out.append(f"{name}: gravity takes up to {100 * share:.0f} % of the motor's torque: balance the payload")
+            mend = (
+                "balance the payload"
+                if share < 1
+                else "correct mass (kg), centre (m) or torque limit (N m), or balance"
+            )
+            out.append(f"{name}: gravity takes up to {100 * share:.0f} % of the motor's torque: {mend}")
         if np.isinf(joint.tau_max):
             out.append(f"{name}: no torque limit is stated: give effort in the URDF or tau_max in the YAML")
     return out

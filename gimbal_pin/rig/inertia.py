@@ -91,7 +91,7 @@ def remove_unfelt_inertials(robot: etree._Element, place: str, carried: bool = F
     empty, idle = list[str](), list[str]()
     for link in robot.xpath("link[inertial]"):
         name, inertial = link.get("name"), link.find("inertial")
-        if is_weightless(inertial):
+        if is_weightless(inertial, is_fixed=name not in starts):
             empty.append(name)
         elif carried or name in moving:
             check_inertial(link, place)
@@ -104,7 +104,7 @@ def remove_unfelt_inertials(robot: etree._Element, place: str, carried: bool = F
             idle.append(name)
         link.remove(inertial)
     kinds = (
-        ("no mass and no inertia, so its <inertial> counts for nothing", empty),
+        ("no mass, so its <inertial> counts for nothing", empty),
         ("no joint moves it, so its inertia, which no body has, does not matter", idle),
     )
     return [f"{what}: {join_names(links)}" for what, links in kinds if links]

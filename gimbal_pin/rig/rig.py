@@ -21,6 +21,7 @@ from gimbal_pin.rig.config import Config, Limits, Motor, overlay_config
 from gimbal_pin.rig.files import YAML_SUFFIXES, find_payload, find_rig
 from gimbal_pin.rig.formats import convert_to_urdf
 from gimbal_pin.rig.inertia import join_names, mend_inertias, remove_unfelt_inertials
+from gimbal_pin.rig.plausibility import find_implausible_values
 from gimbal_pin.rig.reading import parse_decimal
 from gimbal_pin.rig.records import LARGEST_NUMBER
 from gimbal_pin.rig.types import Array
@@ -123,7 +124,8 @@ class Rig(Record):
             f"{joint.get('name')} ({joint.find('mimic').get('joint')})" for joint in element.xpath("joint[mimic]")
         ]
         mimicking = [f"a joint that mimics another is held where the other's zero has it: {join_names(mimics)}"]
-        return replace(built, notes=(*notes, *built.notes, *mimicking * bool(mimics)), source=str(rig))
+        doubts = find_implausible_values(built)
+        return replace(built, notes=(*notes, *built.notes, *mimicking * bool(mimics), *doubts), source=str(rig))
 
     def __str__(self) -> str:
         """Name, payload and joints; the URDF and the model would fill the screen."""
@@ -249,6 +251,9 @@ def build_rig(
     if sound != text:
         model = to_pinocchio(sound, str(path))
     config = replace(config, motors=overlay_config(Config(motors=_read_transmissions(element, joints)), config).motors)
+    limits = tuple(_read_limits(by_name[joint], config.limits.get(joint, {}), stated) for joint in joints)
+    if idle := [joint for joint, limit in zip(joints, limits) if limit.lower == limit.upper]:
+        notes.append(f"lower and upper limit are equal, so the travel counts as not stated: {join_names(idle)}")
     friction = [
         [float(urdf.read_numbers(by_name[joint].find("dynamics"), key, "0")[0]) for key in ("friction", "damping")]
         for joint in joints
@@ -260,7 +265,7 @@ def build_rig(
         joints=joints,
         links=moved,
         motors=tuple(config.motors.get(joint, Motor()) for joint in joints),
-        limits=tuple(_read_limits(by_name[joint], config.limits.get(joint, {}), stated) for joint in joints),
+        limits=tuple(replace(x, lower=-math.inf, upper=math.inf) if x.lower == x.upper else x for x in limits),
         friction=np.array(friction),
         base=urdf.find_root_link(element, str(path)),
         camera_frame=camera,

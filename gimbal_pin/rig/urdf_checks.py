@@ -177,12 +177,16 @@ def check_joints(robot: etree._Element, place: str) -> None:
         raise RigError(place, "has no movable joint", "give at least one revolute, continuous or prismatic joint")
 
 
-def is_weightless(inertial: etree._Element) -> bool:
-    """Whether an ``<inertial>`` states less than `_LIGHTEST` of mass and of inertia: exporters write zeros."""
+def is_weightless(inertial: etree._Element, is_fixed: bool) -> bool:
+    """Return true if an ``<inertial>`` states no body: its mass and inertia are under `_LIGHTEST`.
+
+    Exporters write such a mass for frames, often with a token inertia. The inertia of a link that is fixed to another
+    (`is_fixed`) is therefore not looked at.
+    """
     mass, inertia = inertial.find("mass"), inertial.find("inertia")
-    given = [] if inertia is None else [float(inertia.get(name)) for name, _, _ in INERTIA_ENTRIES]
-    heavy = mass is None or not 0 <= float(mass.get("value")) < _LIGHTEST
-    return not heavy and max(map(abs, given), default=0) < _LIGHTEST
+    if mass is None or not 0 <= float(mass.get("value")) < _LIGHTEST:
+        return mass is None and inertia is None
+    return is_fixed or inertia is None or bool(np.abs(read_inertia(inertia)).max() < _LIGHTEST)
 
 
 def check_inertial(link: etree._Element, place: str) -> None:
