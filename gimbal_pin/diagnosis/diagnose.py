@@ -27,14 +27,13 @@ from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import CAUSES, Cause
 from gimbal_pin.errors import DataError
 from gimbal_pin.identification import greatest_base_motion, split_logs
+from gimbal_pin.identification.validation import LEAST_JUDGED_SHARE
 from gimbal_pin.log.io.columns import LEAST_TRAVEL, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, limit_cutoff, subsample_log
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng
 
-LIVELY = 1e-3
-"""Least share of a joint's samples that must be away from standstill."""
 DRIVEN = 5.0
 """Least F by which the rigid model and friction must explain a joint's torque."""
 
@@ -143,7 +142,7 @@ def diagnose_checked_logs(
     if exchanged is not None:
         return report_unusable_logs(rig, logs, with_fault(checked, exchanged), filtering)
     held = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
-    if np.all(held.used < LIVELY):
+    if np.all(held.used < LEAST_JUDGED_SHARE):
         raise DataError(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
         )
@@ -156,10 +155,11 @@ def diagnose_checked_logs(
     apart = find_disagreement(rig, [one.log for one in checked], filtering, found.final.causes)
     if apart is not None:
         return report_unusable_logs(rig, logs, with_fault(checked, apart), filtering)
-    resting = check_torque_moves_joints(found, find_joints_asked_to_rest(train))
+    idle = check_torque_moves_joints(found, find_joints_asked_to_rest(train))
+    resting = tuple(f"{joint}: not excited, as its reference asks for rest: nothing is said of it" for joint in idle)
     held = retimed(held, found.alignment)
     said = report_findings(found, held, checked, filtering)
-    said = replace(said, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
+    said = replace(said, idle=idle, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
     state = said.state
     assert state is not None
     said = add_sensor_findings(said, checked, train, test, filtering)
@@ -178,7 +178,7 @@ def with_fault(checked: Sequence[CheckedLog], fault: Fault) -> list[CheckedLog]:
 
 def unjudged(held: Evidence) -> list[str]:
     """Say of which joints the held-out part shows nothing, so that no error there is one."""
-    dumb = [joint for joint, used in zip(held.rig.joints, held.used) if used < LIVELY]
+    dumb = [joint for joint, used in zip(held.rig.joints, held.used) if used < LEAST_JUDGED_SHARE]
     what = "in the held-out part hardly a sample tells its direction: its errors before and after say nothing"
     return [f"{', '.join(dumb)}: {what}; give another --holdout"] if dumb else []
 
@@ -189,16 +189,16 @@ def check_moved(evidence: Evidence, name: str) -> None:
     still = tuple(joint for joint, seen in zip(joints, evidence.seen) if seen.travel < LEAST_TRAVEL)
     if still:
         raise DataError(name, "its motion shows nothing of", "move every joint: see 'gimbal-pin excite'", still)
-    dumb = tuple(joint for joint, used in zip(joints, evidence.used) if used < LIVELY)
+    dumb = tuple(joint for joint, used in zip(joints, evidence.used) if used < LEAST_JUDGED_SHARE)
     if dumb:
         what = "so slow, or turning round so often, that hardly a sample tells its direction"
         raise DataError(name, what, "move faster; of a loop that swings, lower its gains", dumb)
 
 
 def check_torque_moves_joints(found: Explained, resting: Collection[int]) -> tuple[str, ...]:
-    """Raise `DataError` if a joint's torque is noise that has nothing to do with its motion.
+    """Return the joints at rest whose torque is noise; raise `DataError` if another joint's torque is.
 
-    Of a joint whose reference asks for rest that is no wonder, and said.
+    Of a joint whose reference asks for rest that is no wonder.
 
     ``F = (explained / parameters) / (left / rows)`` of a fit to that joint alone: noise gives one, any rig hundreds.
     Where a function of the state predicts what is left, it is not noise, but unknown.
@@ -216,4 +216,4 @@ def check_torque_moves_joints(found: Explained, resting: Collection[int]) -> tup
     if len(dumb) > len(idle):
         what, mend = "their torque has nothing to do with the motion of", "check the torque's column, sign and time"
         raise DataError("the logs", what, mend, tuple(joint for joint in dumb if joint not in idle))
-    return tuple(f"{joint}: not excited, as its reference asks for rest: nothing is said of it" for joint in idle)
+    return idle

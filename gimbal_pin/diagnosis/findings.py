@@ -35,9 +35,11 @@ from gimbal_pin.diagnosis.gain import (
     compare_errors,
     measure_errors,
     measure_gain,
+    torque_rmse,
 )
 from gimbal_pin.diagnosis.probability import moderate
 from gimbal_pin.diagnosis.result import (
+    Candidate,
     Curve,
     Diagnosis,
     Finding,
@@ -76,7 +78,7 @@ def report_findings(found: Explained, held: Evidence, checked: Sequence[CheckedL
     state, best, curves = add_tables(found, held, model.baseline, model.figures)
     residual = _list_residuals(found, curves)
     after = _add_rest(widen_estimates(build_extended_model(state), state), residual, best["torque_rmse"], held.band)
-    return replace(
+    said = replace(
         said,
         notes=(*model.denied, *said.notes),
         findings=findings,
@@ -95,6 +97,8 @@ def report_findings(found: Explained, held: Evidence, checked: Sequence[CheckedL
         state=found.final,
         instead=tuple(rival.cause for cause in found.final.causes for rival in found.rivals_of(cause)),
     )
+    is_open = said.verdict == "unknown"
+    return replace(said, candidate=_find_candidate(found, held, model.baseline)) if is_open else said
 
 
 def _add_rest(model: Model, residual: Mapping[str, Residual], errors: Mapping[str, float], band: float) -> Model:
@@ -172,6 +176,19 @@ def _list_immaterial(found: Explained) -> tuple[Slight, ...]:
             size = np.sqrt(np.maximum(left - less, 0.0) / np.maximum(torque, 1e-300))
             small.append(Slight(cause.name, get_joint(cause), float(size.max())))
     return tuple(small)
+
+
+def _find_candidate(found: Explained, held: Evidence, baseline: Figures) -> Candidate | None:
+    """Return the cause, of those that were not accepted, with which the held-out error of the rig falls most."""
+    best, most = None, 0.0
+    for cause in found.state.causes or promising(found.first, found.search):
+        state = fitted(found.search.problem, (cause,), found.first)
+        errors = dict(zip(held.rig.joints, torque_rmse(held, build_extended_model(state)).tolist()))
+        gain = measure_gain(baseline, {"torque_rmse": errors}, held.used)
+        if gain > most:
+            at = _locate_cause(state, cause)
+            best, most = Candidate(cause.name, get_joint(cause), at, baseline["torque_rmse"][at], errors[at]), gain
+    return best
 
 
 class Confirmed(NamedTuple):

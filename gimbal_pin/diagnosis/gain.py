@@ -25,7 +25,7 @@ CONFIRMED = 1.01
 
 
 def measure_errors(held: Evidence, model: Model) -> Figures:
-    """Held-out figures of a model: "torque_rmse", "fit_percent" and "rollout_rmse"."""
+    """Return held-out figures of a model: "torque_rmse", "fit_percent" and "rollout_rmse"."""
     rmse, mean = torque_rmse(held, model), np.mean(np.concatenate(held.torque), axis=0)
     torque = _compute_rms(held, [x - mean for x in held.torque])
     fit = 100 * (1 - rmse / np.maximum(torque, 1e-300))

@@ -21,6 +21,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
 from gimbal_pin.identification import PayloadStatement
 from gimbal_pin.identification.model_file import write_extended
+from gimbal_pin.identification.validation import Opinion, is_degraded, judge_joint
 from gimbal_pin.log.log import Log
 from gimbal_pin.rig.brief import Record, brief
 
@@ -215,6 +216,32 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Candidate:
+    """A cause that was not accepted.
+
+    Attributes:
+        cause: Its name.
+        joint: Where it sits, or None.
+        at: The joint whose torque it changes most.
+        before: Held-out torque error there without it, N m rms.
+        after: The same with it.
+    """
+
+    cause: str
+    joint: str | None
+    at: str
+    before: float
+    after: float
+
+    @property
+    def sentence(self) -> str:
+        """State its held-out gain."""
+        change = 100 * (self.after / self.before - 1)
+        errors = f"{digits(self.before, 2)} → {digits(self.after, 2)} N m ({change:+.0f} %)"
+        return f"{self.cause} at {self.joint or 'the rig'} comes nearest: held-out torque error of {self.at} {errors}"
+
+
+@dataclass(frozen=True)
 class Slight:
     """A cause that is significant and too small to matter.
 
@@ -259,6 +286,8 @@ class Diagnosis(Record):
         after: The extended model.
         findings: Causes, the strongest first.
         residual: Joint → what is left after all findings.
+        idle: Joints at rest, of which nothing is said.
+        candidate: The cause that predicts held-out torque best where none was accepted; None: there is none.
         immaterial: Significant and too small to matter.
         untestable: What the logs cannot show.
         detection_limit: Joint → torque that would have been found, N m rms.
@@ -285,6 +314,8 @@ class Diagnosis(Record):
     after: Model
     findings: tuple[Finding, ...] = ()
     residual: Mapping[str, Residual] = field(default_factory=dict)
+    idle: tuple[str, ...] = ()
+    candidate: Candidate | None = None
     immaterial: tuple[Slight, ...] = ()
     untestable: tuple[Untestable, ...] = ()
     detection_limit: Mapping[str, float] = field(default_factory=dict)
@@ -349,15 +380,51 @@ class Diagnosis(Record):
             return "data"
         if findings:
             return "named" if any(one.status == "named" for one in findings) else "ambiguous"
-        return "unknown" if any(left.state == "structured" for left in self.residual.values()) else "nothing"
+        return "unknown" if self.unexplained else "nothing"
+
+    @property
+    def opinions(self) -> dict[str, Opinion]:
+        """Joint → state of its held-out torque after all findings.
+
+        A simpler model is better where the refitted one is degraded against it, and the findings do not undo that.
+        """
+        if self.held is None:
+            states = {"structured": Opinion.STRUCTURE_LEFT, "noise": Opinion.NOISE_LEFT}
+            return {joint: states[left.state] for joint, left in self.residual.items()}
+        used, found = dict(zip(self.held.rig.joints, self.held.used.tolist())), dict[str, Opinion]()
+        for joint, left in self.residual.items():
+            *simpler, refitted, extended = (errors["fit_percent"][joint] for errors in self.stages.values())
+            is_worse = any(is_degraded(refitted, one) and extended <= one for one in simpler)
+            is_worse = is_worse or any(is_degraded(extended, one) for one in simpler)
+            structured = left.state == "structured"
+            judged = 0.0 if joint in self.idle else used[joint]
+            found[joint] = judge_joint(extended, judged, structured, structured, is_worse)
+        return found
+
+    @property
+    def unexplained(self) -> list[str]:
+        """Joints at which something is left that is not known to be noise."""
+        return [joint for joint, state in self.opinions.items() if state.is_open]
+
+    @property
+    def deteriorations(self) -> list[str]:
+        """Sentences about unexplained joints at which the refitted model is materially worse than a simpler one."""
+        said = []
+        for joint in self.unexplained if self.held is not None else ():
+            *simpler, refitted, _ = ((model, each["fit_percent"][joint]) for model, each in self.stages.items())
+            model, fit = max(simpler, key=lambda one: one[1])
+            if is_degraded(refitted[1], fit):
+                worse, better = digits(100 - refitted[1], 2), digits(100 - fit, 2)
+                said.append(f"{joint}: refitting raises the held-out error from {better} % ({model}) to {worse} %")
+        return said
 
     @property
     def hidden(self) -> str:
         """What may hide in noise of more than a tenth of a joint's torque, a hundredth of its power; else nothing."""
         most = " and ".join(
             self.after.rig.in_units(joint, f"{digits(self.extended['torque_rmse'][joint], 2)} N m at {joint}")
-            for joint, left in self.residual.items()
-            if left.state == "noise" and self.extended["fit_percent"][joint] < 90
+            for joint, state in self.opinions.items()
+            if state is Opinion.NOISE_LEFT
         )
         return f"the noise may hide up to {most} of what knocks, or has a form that nobody looks for" if most else ""
 
@@ -377,7 +444,11 @@ class Diagnosis(Record):
             "notes": list(self.notes),
             "altered": list_alterations(self.altered),
             **{key: value or {} for key, value in self.given.to_dict().items()},
-            "residual": {joint: asdict(left) for joint, left in self.residual.items()},
+            "residual": {
+                joint: {**asdict(left), "opinion": self.opinions[joint].value} for joint, left in self.residual.items()
+            },
+            "candidate": None if self.candidate is None else asdict(self.candidate),
+            "cutoff_hz": None if self.held is None else self.held.band,
             "immaterial": [asdict(slight) for slight in self.immaterial],
             "alignment_s": self.alignment,
             "untestable": [asdict(row) for row in self.untestable],

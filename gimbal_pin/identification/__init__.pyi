@@ -49,4 +49,5 @@ from .requirements import check_seen as check_seen
 from .requirements import find_unseen as find_unseen
 from .validation import Accuracy as Accuracy
 from .validation import Opinion as Opinion
+from .validation import judge_joint as judge_joint
 from .validation import measure_accuracy as measure_accuracy

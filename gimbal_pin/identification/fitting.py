@@ -29,7 +29,7 @@ from gimbal_pin.identification.agreement import assess_agreement
 from gimbal_pin.identification.bias_test import WhenTested, check_bias
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.requirements import check_enough, check_seen, find_unseen
-from gimbal_pin.identification.validation import Validation, measure_accuracy
+from gimbal_pin.identification.validation import Accuracy, Validation, measure_accuracy
 from gimbal_pin.log.log import Array, Log, find_interval
 from gimbal_pin.log.platform import BASE_MOTIONS, BaseMotion
 from gimbal_pin.regression import (
@@ -116,7 +116,7 @@ def assemble_result(
         model = replace(model, rig=model.rig.with_phi(consistent.phi))
     moved = np.concatenate([block.A[:, :, : len(shift)] @ shift for block in blocks])
     change = np.sqrt(np.mean(moved**2, axis=0))
-    return Identified(
+    found = Identified(
         model=model,
         reduction=design.reduction,
         estimate=estimate,
@@ -131,6 +131,15 @@ def assemble_result(
         given=rig.phi,
         trust=trust,
     )
+    return replace(found, simpler=_measure_simpler_models(found, blocks if tested is None else tested))
+
+
+def _measure_simpler_models(found: Identified, blocks: Sequence[Block]) -> tuple[Accuracy, ...]:
+    """Return the accuracy of the URDF, and of its bodies with the fitted friction and effects, on some rows."""
+    given, width = np.nan_to_num(found.stated), len(found.reduction.independent)
+    rubbing = np.concatenate([given[:width], found.estimate.theta[width:]])
+    models = {"the URDF": given, "the URDF with the fitted friction": rubbing}
+    return tuple(measure_accuracy(found.model.rig.joints, blocks, theta, how) for how, theta in models.items())
 
 
 def add_misfit_and_lags(found: Identified, missed: Sequence[Misfit], late: Array) -> Identified:
@@ -378,7 +387,8 @@ def keep_held_out_accuracy(judged: Identified, whole: Identified) -> Identified:
     note = f"the parameters are of all data; the accuracy on '{judged.held_out.how}' is that of a fit without it"
     model = replace(whole.model, doubts=judged.model.doubts)
     notes = (*whole.notes, note)
-    return replace(whole, model=model, held_out=judged.held_out, holdout=judged.holdout, notes=notes)
+    kept = replace(whole, held_out=judged.held_out, simpler=judged.simpler, holdout=judged.holdout)
+    return replace(kept, model=model, notes=notes)
 
 
 def _fit_shown(

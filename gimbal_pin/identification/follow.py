@@ -325,7 +325,8 @@ class Online:
             how = "predicted before it was learned"
             tested = measure_accuracy(self.joints, [predicted.to_block()], np.ones(1), how)
         missing = dict(zip(self.joints, missed))
-        return replace(found, held_out=tested, logs=(memory.name,), notes=notes, swapped=swapped, missed=missing)
+        found = replace(found, held_out=tested, simpler=(), missed=missing)
+        return replace(found, logs=(memory.name,), notes=notes, swapped=swapped)
 
     def torque_error(self, memory: LogMemory) -> Mapping[str, float]:
         """Joint → rms of what the newest two seconds' torque was mispredicted by, N m; empty until it was predicted."""

@@ -18,7 +18,7 @@ from gimbal_pin.errors import UsageError, digits, finite_or_none, format_estimat
 from gimbal_pin.identification.agreement import Agreement
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, estimate_bodies
-from gimbal_pin.identification.validation import Accuracy, Opinion
+from gimbal_pin.identification.validation import Accuracy, Opinion, is_degraded
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base
 from gimbal_pin.regression.consistency import Consistent
@@ -68,11 +68,17 @@ def _iterate_warnings(found: Identified) -> Iterator[str]:
 def _iterate_unexplained(found: Identified) -> Iterator[str]:
     """Yield the joints whose torque follows from their motion in a way that the model does not hold."""
     for joint, opinion in found.opinions.items():
-        if opinion is Opinion.NOT_EXPLAINED:
-            fit = (found.held_out or found.train).fit_percent[joint]
-            size = f"{digits(found.missed[joint].size, 2)} {found.model.rig.in_units(joint, 'N m')} rms of its torque"
-            size = f"{size} are a function of its motion that the model lacks"
-            yield f"{joint} is {opinion.value}: {digits(fit, 2)} %; run diagnose ({size}; deviations hold it)"
+        if opinion is not Opinion.NOT_EXPLAINED:
+            continue
+        judged = found.held_out or found.train
+        fit = judged.fit_percent[joint]
+        parts = [f"the model fits the {judged.how} to {digits(fit, 2)} %"]
+        others = [(one.how, one.fit_percent[joint]) for one in found.simpler]
+        parts += [f"{how} fits it to {digits(other, 2)} %" for how, other in others if is_degraded(fit, other)]
+        unit = found.model.rig.in_units(joint, "N m")
+        if (size := found.missed[joint].size) > 0:
+            parts.append(f"{digits(size, 2)} {unit} rms are a function of its motion that the model lacks")
+        yield f"{joint} is {opinion.value}: {', '.join(parts)}; run 'gimbal-pin diagnose'"
 
 
 def _iterate_negative(found: Identified) -> Iterator[str]:
@@ -128,6 +134,8 @@ class Identified(Record):
         faults: What is wrong with the logs as they were recorded, in sentences, see `describe_faults`.
         altered: Log → what was altered in it before it was fitted, see `checks.check_log`.
         missed: Joint → what of its torque the model misses, see `regression.fit_misfit`.
+        simpler: Accuracy of simpler models on the rows by which the model is judged: the URDF, and its bodies with the
+            fitted friction.
         holdout: What was held out, as `identify` takes it: "last-third", "log:N" or "none".
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
         data: The logs as they were fitted, mended where something was wrong with them; () where they came bit by bit.
@@ -156,6 +164,7 @@ class Identified(Record):
     holdout: str = "none"
     swapped: bool = False
     missed: Mapping[str, Misfit] = field(default_factory=dict)
+    simpler: tuple[Accuracy, ...] = ()
     faults: tuple[str, ...] = ()
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
     data: tuple[Log, ...] = ()
@@ -185,9 +194,9 @@ class Identified(Record):
 
     @property
     def opinions(self) -> dict[str, Opinion]:
-        """Joint → what the model leaves of its torque, by the rows that were not fitted, where there are any."""
+        """Joint → state of its torque, by the rows that were not fitted, where there are any."""
         judged = self.held_out or self.train
-        return {joint: judged.judge(joint, missed) for joint, missed in self.missed.items()}
+        return {joint: judged.judge(joint, missed, self.simpler) for joint, missed in self.missed.items()}
 
     @property
     def physical(self) -> bool:

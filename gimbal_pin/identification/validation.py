@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from math import isnan
 
 import numpy as np
 from scipy.special import fdtri
@@ -24,6 +25,11 @@ from gimbal_pin.regression import (
 )
 from gimbal_pin.rig.brief import brief
 
+POOR_FIT = 50.0
+"""Held-out fit, %, up to which no joint counts as explained: the model leaves half of the torque, or more. At twice the
+value, none would; at half of it, a model may leave three quarters of the torque."""
+LEAST_JUDGED_SHARE = 1e-3
+"""Least share of a joint's samples away from standstill from which its torque is judged."""
 EXPLAINED = 90.0
 """Held-out fit, %, from which a joint's misfit is a matter of accuracy: a tenth of the torque's deviation is what rigid
 bodies with dry and viscous friction leave of a real arm (double pendulum: 0.18 of 1.8 N m)."""
@@ -36,18 +42,53 @@ OVERFITTED = 2.0
 
 
 class Opinion(str, Enum):
-    """What a model leaves of a joint's torque: noise, some structure, or structure that is more than accuracy."""
+    """State of a joint's torque beside a model; `identify` and `diagnose` state no other.
+
+    `EXPLAINED`: the fit is above `EXPLAINED`, and the rest looks like noise. `NOISE_LEFT`: the rest looks like noise
+    and is larger than that. `STRUCTURE_LEFT`: a function of the motion predicts some of the rest. `NOT_EXPLAINED`: it
+    predicts more than a matter of accuracy, the fit is at most `POOR_FIT`, or fitting made the error larger than that
+    of a simpler model. `NOT_JUDGED`: the torque does not change, or the joint hardly moves.
+    """
 
     EXPLAINED = "explained"
+    NOISE_LEFT = "noise left"
     STRUCTURE_LEFT = "structure left"
     NOT_EXPLAINED = "not explained"
+    NOT_JUDGED = "not judged"
 
-    @staticmethod
-    def of(structured: bool, fit: float) -> Opinion:
-        """Return it: whether what is left has a structure, and the fit, %, over which that is a matter of accuracy."""
-        if not structured:
-            return Opinion.EXPLAINED
-        return Opinion.STRUCTURE_LEFT if fit > EXPLAINED else Opinion.NOT_EXPLAINED
+    @property
+    def is_open(self) -> bool:
+        """Whether something is left that is not known to be noise."""
+        return self in (Opinion.STRUCTURE_LEFT, Opinion.NOT_EXPLAINED)
+
+
+def is_degraded(fit: float, simpler: float) -> bool:
+    """Return whether a fit, %, is materially below a simpler model's on unseen rows.
+
+    ``√((100 - fit)² - (100 - simpler)²) > 100 - EXPLAINED``: what fitting added to the error is more than a matter of
+    accuracy.
+    """
+    return max((100 - fit) ** 2 - (100 - simpler) ** 2, 0.0) ** 0.5 > 100 - EXPLAINED
+
+
+def judge_joint(fit: float, used: float, structured: bool, lacks_form: bool, is_worse: bool) -> Opinion:
+    """Return the state of a joint's torque.
+
+    Args:
+        fit: Of the torque, %; nan where it does not change.
+        used: Share of the joint's samples away from standstill.
+        structured: Whether a function of the motion predicts some of what is left.
+        lacks_form: Whether it predicts most of it.
+        is_worse: Whether a simpler model fits better, see `is_degraded`.
+    """
+    if isnan(fit) or used < LEAST_JUDGED_SHARE:
+        return Opinion.NOT_JUDGED
+    is_accurate = fit > EXPLAINED
+    if fit <= POOR_FIT or is_worse or (structured and lacks_form and not is_accurate):
+        return Opinion.NOT_EXPLAINED
+    if structured:
+        return Opinion.STRUCTURE_LEFT
+    return Opinion.EXPLAINED if is_accurate else Opinion.NOISE_LEFT
 
 
 @dataclass(frozen=True)
@@ -78,12 +119,19 @@ class Accuracy:
         each = (f"{j} {error:.3g} N m ({digits(self.fit_percent[j], 4)} %)" for j, error in self.torque_rmse.items())
         return f"{self.how}: torque error rms (fit)  {', '.join(each)}"
 
-    def judge(self, joint: str, missed: Misfit) -> Opinion:
-        """Say what is left of a joint's torque beside what a flexible function of its motion would predict of it."""
+    def judge(self, joint: str, missed: Misfit, simpler: Sequence[Accuracy] = ()) -> Opinion:
+        """Return the state of a joint's torque.
+
+        Args:
+            joint: Its name.
+            missed: What a flexible function of its motion predicts of what the model leaves.
+            simpler: Accuracies of simpler models on the same rows.
+        """
         fit = self.fit_percent[joint]
         torque = self.torque_rmse[joint] / max(1.0 - fit / 100.0, 1e-9)
         structured = missed.share > STRUCTURED and missed.size > FORM_ERROR * torque
-        return Opinion.of(structured, fit if missed.share > UNEXPLAINED_SHARE else 100.0)
+        is_worse = any(is_degraded(fit, one.fit_percent[joint]) for one in simpler)
+        return judge_joint(fit, self.used[joint], structured, missed.share > UNEXPLAINED_SHARE, is_worse)
 
     def exceeds(self, other: Accuracy, joint: str, ratio: float = 1.0) -> bool:
         """Whether the error at a joint is surely more than so many times the other's."""

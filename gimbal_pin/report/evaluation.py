@@ -10,7 +10,6 @@ import numpy as np
 from gimbal_pin.effects import TorqueTable
 from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.identification import Identified, split_logs
-from gimbal_pin.identification.validation import Accuracy, measure_accuracy
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Block, Design, compute_blocks
 from gimbal_pin.report.elements import Content, toned
@@ -57,13 +56,11 @@ class Evaluated:
         joints: Joint names (n).
         parts: The trajectories.
         columns: Root mean square of the torque per unit of each parameter, N m per unit, (n, k).
-        stated: The rig as its URDF states it on the same rows; nan where that says nothing of it.
     """
 
     joints: tuple[str, ...]
     parts: tuple[EvaluatedPart, ...]
     columns: Array
-    stated: Accuracy
 
     def stacked(self, name: str) -> Array:
         """Return "v", "measured", "predicted", "error" or "share" of all trajectories, (rows, n)."""
@@ -106,11 +103,10 @@ def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
             error = np.concatenate([block.b - block.A @ theta for block in judged])
             share = np.concatenate([block.share for block in judged])
             parts.append(EvaluatedPart(log.name, t, q, v, measured, predicted, error, share))
-    given, count = found.stated, np.sum([np.sum(block.share**2, axis=0) for block in every], axis=0)
-    given[len(found.reduction.independent) :] = np.nan_to_num(given[len(found.reduction.independent) :])
+    count = np.sum([np.sum(block.share**2, axis=0) for block in every], axis=0)
     power = np.sum([np.sum(block.A**2, axis=0) for block in every], axis=0)
     columns = np.sqrt(power / np.maximum(count, 1e-300)[:, None])
-    return Evaluated(rig.joints, tuple(parts), columns, measure_accuracy(rig.joints, every, given, "URDF"))
+    return Evaluated(rig.joints, tuple(parts), columns)
 
 
 def find_worst(t: Array, squares: Array, longest: float) -> tuple[float, slice]:

@@ -159,6 +159,8 @@ def describe_auto(found: Auto) -> Document:
     """Return what every step of a run found, from logs to a tuned controller."""
     wrong, held, identified = found.diagnosis, found.held, found.identified
     evaluated = evaluate(identified, identified.data) if identified.data else None
+    if wrong is not None and not wrong.spoiling:  # the diagnosis states what is left at each joint
+        identified = replace(identified, missed={})
     sections = [found.summary.section]
     if wrong is not None:
         sections.append(show_diagnosis(wrong))

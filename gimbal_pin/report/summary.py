@@ -202,20 +202,14 @@ def missed(wrong: Diagnosis | None) -> str:
         faults = listed(dict.fromkeys(fault.cause for fault in wrong.spoiling))
         return f"The log itself is at fault ({faults}): nothing that it seems to say about the rig should be believed"
     found = listed(named(finding) for finding in wrong.lacking) if wrong.lacking else ""
-    rest = structured(wrong)
-    foreign = f"something at {listed(rest)} that no known cause explains" if rest else ""
-    return f"The rigid model misses {', and '.join(part for part in (found, foreign) if part)}"
+    rest = f"torque at {listed(wrong.unexplained)} for which no cause was accepted" if wrong.unexplained else ""
+    return f"The rigid model misses {', and '.join(part for part in (found, rest) if part)}"
 
 
 def list_questioned(wrong: Diagnosis | None) -> list[str]:
     """Return the joints at which a diagnosis found something, or left more than noise."""
-    found = [] if wrong is None else [*(one.joint for one in wrong.lacking), *structured(wrong)]
+    found = [] if wrong is None else [*(one.joint for one in wrong.lacking), *wrong.unexplained]
     return [joint for joint in dict.fromkeys(found) if joint is not None]
-
-
-def structured(wrong: Diagnosis) -> list[str]:
-    """Return the joints at which more than noise is left."""
-    return [joint for joint, left in wrong.residual.items() if left.state == "structured"]
 
 
 def named(finding: Finding) -> str:
@@ -258,9 +252,12 @@ def unexplained(wrong: Diagnosis | None) -> list[str]:
     """Say what the diagnosis could not explain, or what noise may hide."""
     if wrong is None:
         return []
-    rest = structured(wrong)
-    found = [f"More than noise is left at {listed(rest)}, and no known cause explains it."] if rest else []
-    return [*found, to_sentence(wrong.hidden)] if wrong.hidden else found
+    lines = []
+    if wrong.unexplained:
+        nearest = "" if wrong.candidate is None else f": {wrong.candidate.sentence}"
+        lines.append(f"Torque is left unexplained at {listed(wrong.unexplained)}, and no cause was accepted{nearest}")
+    lines += [*wrong.deteriorations, *([wrong.hidden] if wrong.hidden else [])]
+    return [to_sentence(line) for line in lines]
 
 
 def cautions(tuning: Tuning | None, result: Tracking | None, judged: Judgement | None = None) -> list[str]:

@@ -52,8 +52,8 @@ PHASE_DEG, GAIN_DB = 45.0, 6.0
 """Margins from which on a loop is usually called safe."""
 MOST = 6
 """Most rivals in a table."""
-OPINIONS = {"explained": "", "structure left": "fair", "not explained": "poor"}
-"""Tone of what is left of a joint's torque: noise is no merit."""
+OPINION_TONES = {"structure left": "fair", "not explained": "poor"}
+"""Tones of the states of a joint's torque: noise is no merit."""
 
 
 def better(text: str, own: float, every: Sequence[float]) -> Content:
@@ -149,23 +149,23 @@ def regrouping(name: str) -> Markup:
 def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Table:
     """How well the model predicts each joint's torque; with `evaluated`, the rows themselves, beside what it was."""
     held, train, joints = found.held_out or found.train, found.train, list_shown_joints(found.model.rig)
-    force = forces(joints)
+    force, opinions = forces(joints), found.opinions
     scale, name = torque_unit(max(held.torque_rmse.values()), force)
-    head = ["Joint", f"Error, {name} rms", "Fit", "What is left", "Samples judged"]
+    head = ["Joint", f"Error, {name} rms", "Fit", *["What is left"] * bool(opinions), "Samples judged"]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
     head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}", "URDF's fit"] * (evaluated is not None)
     rows: list[list[Content]] = []
     for j, joint in enumerate(joints):
-        rmse, fit, opinion = held.torque_rmse[joint.name], held.fit_percent[joint.name], found.opinions.get(joint.name)
+        rmse, fit, opinion = held.torque_rmse[joint.name], held.fit_percent[joint.name], opinions.get(joint.name)
         row: list[Content] = [joint.label, figures(scale * rmse), toned(percent(fit), grade(fit))]
-        row.append(DASH if opinion is None else toned(opinion.value, OPINIONS[opinion.value]))
+        row += [] if opinion is None else [toned(opinion.value, OPINION_TONES.get(opinion.value, ""))]
         row.append(f"{100 * held.used[joint.name]:.0f} %")
         if held is not train:
             row += [figures(scale * train.torque_rmse[joint.name]), percent(train.fit_percent[joint.name])]
         if evaluated is not None:
             torque, largest = float(evaluated.torque_rms[j]), float(np.abs(evaluated.stacked("error")[:, j]).max())
             share = f"{figures(100 * rmse / torque, 2)} %" if torque else DASH  # nothing drove this joint
-            stated = evaluated.stated.fit_percent[joint.name]
+            stated = nan if found.swapped or not found.simpler else found.simpler[0].fit_percent[joint.name]
             row += [figures(torque), share, figures(scale * largest), percent(stated)]
         rows.append(row)
     return Table(head, rows, label="Torque error")
@@ -185,21 +185,20 @@ def residual(found: Diagnosis) -> Table:
     Held-out errors are shares of the torque's deviation from its mean. What can be found is less than the noise that is
     left: over a whole log noise averages out, and a cause's form does not.
     """
-    from gimbal_pin.identification import Opinion
-
     most = max(found.baseline.get("torque_rmse", {}).values(), default=0.0)
     joints = {} if found.held is None else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
     rows: list[list[Content | None]] = []
     for name, left in found.residual.items():
         limit, force = found.detection_limit.get(name), joints[name].force if joints else "N m"
-        said = Opinion.of(left.state == "structured", found.extended.get("fit_percent", {}).get(name, nan)).value
+        said = found.opinions[name].value if found.opinions else left.state
         row: list[Content | None] = [joints[name].label if joints else name]
-        row.append(toned(f"{said} {left.where}".strip(), OPINIONS[said]))
+        row.append(toned(f"{said} {left.where}".strip(), OPINION_TONES.get(said, "")))
         row += [share_off(part, name) for part in found.stages.values()]
         row.append(torque_text(found.extended["torque_rmse"][name], most, force))
         rows.append([*row, torque_text(limit, most, force) if limit else None])
-    head = ["Joint", "Left where fitted", *(f"Error, {model}" for model in found.stages), "That is", "Detectable from"]
-    return Table(head, rows, texts=2, label="Torque error held out")
+    head = ["Joint", "What is left", *(f"Error, {model}" for model in found.stages), "That is", "Detectable from"]
+    band = "" if found.held is None else f" up to {found.held.band:g} Hz"
+    return Table(head, rows, texts=2, label=f"Torque error held out{band}")
 
 
 def share_off(errors: Mapping[str, Mapping[str, float]], joint: str) -> str:

@@ -187,7 +187,7 @@ def test_the_headline_says_what_was_found(found: Diagnosis) -> None:
     either = replace(finding, blurred=("cable-spring",))
     assert missed(replace(found, findings=(either,))).endswith("cogging or cable-spring at tilt")
     left = {"pan": Residual("structured", 0.1, 9.0, 1.0)}
-    assert "something at pan that no known cause" in missed(replace(found, findings=(), residual=left))
+    assert "pan" in missed(replace(found, findings=(), residual=left))
     assert missed(None) == missed(replace(found, findings=())) == ""
     said = verdict(99.0, missed(found))
     assert "cogging at tilt" in said and "explains" not in said
@@ -204,7 +204,8 @@ def test_a_cause_that_is_left_open_is_nowhere_said_to_be_named(found: Diagnosis)
     first, sure = (
         show_diagnosis(one).to_text().splitlines()[0] for one in (mixed, replace(found, findings=(finding,)))
     )
-    assert "It leaves open whether it is cogging or cable-spring at roll." in first and sure.endswith("says what.")
+    open_ = "cogging or cable-spring at roll"
+    assert open_ in first and open_ not in sure and all("cogging at tilt." in line for line in (first, sure))
 
 
 def test_a_diagnosis_has_a_page_of_its_own(

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from types import SimpleNamespace
-from typing import cast
 
 import numpy as np
 import pytest
@@ -12,15 +10,12 @@ import pytest
 from gimbal_pin.checks import CHECKS
 from gimbal_pin.diagnosis import (
     LISTED,
-    Diagnosis,
     Finding,
-    Residual,
     Rival,
     find_credible,
 )
 from gimbal_pin.effects import CAUSES, TorqueRipple
 from gimbal_pin.report.sections import diagnosis as sections
-from gimbal_pin.rig import Rig
 from tests.command_line import Run
 from tests.diagnosis.test_forms import SEEN
 
@@ -78,23 +73,3 @@ def test_less_than_one_turn_of_a_ripple_is_a_bend(harmonic: tuple[float, ...], b
     alike = TorqueRipple("tilt", harmonic).blurred(SEEN._replace(travel=1.0))
     assert ("encoder-offset" in alike) == ("torque-gain" in alike) == bent
     assert TorqueRipple("tilt", harmonic).blurred(SEEN._replace(travel=4 * np.pi)) == ()
-
-
-def test_beside_an_unknown_residual_the_payload_is_told_as_rough() -> None:
-    left = {"pan": Residual("noise", 0.1, 1.0), "tilt": Residual("structured", 0.1, 9.0, 1.0, "slow")}
-    some, none = (SimpleNamespace(findings=[], residual=rest) for rest in (left, {"pan": left["pan"]}))
-    assert str(sections.qualify_payload(cast(Diagnosis, some))[0]).endswith("unknown is left at tilt.")
-    assert sections.qualify_payload(cast(Diagnosis, none)) == []
-
-
-@pytest.mark.parametrize(
-    ("fit", "state", "told"), [(80.0, "noise", True), (97.0, "noise", False), (80.0, "slow", False)]
-)
-def test_what_may_hide_in_the_noise_is_told_where_that_is_much_of_the_torque(
-    fit: float, state: str, told: bool
-) -> None:
-    figures = {"torque_rmse": {"pan": 0.02}, "fit_percent": {"pan": fit}}
-    shown = SimpleNamespace(residual={"pan": Residual(state, 1e-3, 1.0)}, extended=figures)
-    shown.after = SimpleNamespace(rig=Rig.load("turret"))
-    said = Diagnosis.__dict__["hidden"].fget(shown)
-    assert said.startswith("the noise may hide up to 0.02 N m at pan") if told else not said

@@ -153,7 +153,7 @@ def test_a_joint_that_is_not_explained_is_said_first(turret: Rig) -> None:
     log = prescribed(nominal(turret), 1, 20.0, torque_noise=0.01, dt=4e-3)
     found = identify(turret, [rippling(log, 1.0)], filtering=EXACT)
     first, fit = found.warnings[0], found.held_out.fit_percent["pan"]
-    assert first.startswith("pan is not explained: ") and "run diagnose" in first and fit < 90
+    assert first.startswith("pan is not explained: ") and "gimbal-pin diagnose" in first and fit < 90
     assert show_parameters(found, compare_payload(found)).to_text().startswith(f"Warning\n  {first}\n")
     assert not any(said.startswith("tilt is not explained") for said in found.warnings)
     assert not any("not explained" in said for said in identify(turret, [log], filtering=EXACT).warnings)

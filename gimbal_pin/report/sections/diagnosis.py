@@ -14,7 +14,6 @@ from markupsafe import Markup
 from gimbal_pin.diagnosis import Diagnosis, Finding
 from gimbal_pin.diagnosis.band import DIAGNOSIS_BAND
 from gimbal_pin.diagnosis.counterfactual import COMPENSATION
-from gimbal_pin.diagnosis.diagnose import LIVELY
 from gimbal_pin.diagnosis.evidence import Evidence
 from gimbal_pin.diagnosis.gain import (
     TorqueTrace,
@@ -25,6 +24,7 @@ from gimbal_pin.diagnosis.gain import (
 from gimbal_pin.diagnosis.probability import LISTED
 from gimbal_pin.effects import CAUSES
 from gimbal_pin.errors import DataError, digits
+from gimbal_pin.identification.validation import LEAST_JUDGED_SHARE
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering, Flags
 from gimbal_pin.report import plots, tables
@@ -45,10 +45,10 @@ from gimbal_pin.report.sections.model import describe_lags, show_payload
 
 WRONG = "What the simulation gets wrong"
 VERDICTS = {
-    "named": "Something is missing from the model, and this log says what.",
+    "named": "The model lacks {named}.",
     "ambiguous": "Something is missing from the model; this log leaves more than one cause possible.",
-    "unknown": "Something is missing from the model, and nothing that the library knows explains it.",
-    "nothing": "The refitted model is as good as the data: nothing more can be found in this log.",
+    "unknown": "The model leaves torque unexplained at {unexplained}, and no cause was accepted.",
+    "nothing": "No error was found in the refitted model beyond the limits below.",
     "data": "The log itself is at fault: nothing that it seems to say about the rig should be believed.",
 }
 BY_PLATFORM_ALONE = "This is by the platform's motion alone, as its IMU tells it: below stands what that is worth."
@@ -68,8 +68,7 @@ def show_diagnosis(found: Diagnosis) -> Section:
     tone = "good" if found.verdict_without_platform == "nothing" else "fair"
     named = ((f"{one.joint or 'rig'}: {' or '.join(one.alike)}", one) for one in found.findings)
     heads = [f"{name}; {tables.state_probability(one)}" for name, one in named]
-    odd = [joint for joint, rest in found.residual.items() if rest.state == "structured"]
-    questioned = list(dict.fromkeys([*(one.joint for one in found.findings if one.joint), *odd]))
+    questioned = list(dict.fromkeys([*(one.joint for one in found.findings if one.joint), *found.unexplained]))
     balance = found.given.balance if found.after.rig.aims else None
     decided = [paragraph(state_verdict(found), f"headline {tone}"), Markup(bullets(heads)), *state_model_errors(found)]
     parts: list[object] = [RigDrawing(found.after.rig, questioned, balance, decided)]
@@ -86,6 +85,7 @@ def show_diagnosis(found: Diagnosis) -> Section:
         parts += [heading("What is left"), tables.residual(found)]
         parts += [paragraph(f"{tables.ALONE}.", "side")] if len(found.findings) > 1 else []
         parts += [paragraph(to_sentence(found.hidden), "side")] if found.hidden else []
+        parts += [paragraph(f"{line}.") for line in found.deteriorations]
         parts += [paragraph(f"{line}.") for line in tables.list_curves(found)]
         left = picture_residuals(found, joints, found.held)
         parts.append(folded("What is left over angle, rate, time and frequency", left))
@@ -111,10 +111,20 @@ def show_diagnosis(found: Diagnosis) -> Section:
 
 def state_verdict(found: Diagnosis) -> str:
     """Return the verdict; a cause that is left open is not said to be named."""
-    open_ = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.findings if len(one.alike) > 1]
-    more = f" It leaves open whether it is {listed(open_)}." if found.verdict == "named" and open_ else ""
-    moved = "" if found.lacking == found.findings else f" {BY_PLATFORM_ALONE}"
-    return f"{VERDICTS[found.verdict_without_platform]}{more}{moved}"
+    verdict = found.verdict_without_platform
+    places = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.lacking]
+    named = [place for place, one in zip(places, found.lacking) if one.status == "named"]
+    open_ = [place for place, one in zip(places, found.lacking) if one.status != "named"]
+    parts = [VERDICTS[verdict].format(named=listed(named or [""]), unexplained=listed(found.unexplained or [""]))]
+    if verdict == "named" and open_:
+        parts.append(f"It may also lack {listed(open_)}: this log leaves open which.")
+    if verdict == "unknown" and found.candidate is not None:
+        parts.append(to_sentence(found.candidate.sentence))
+    if found.findings and found.unexplained and verdict != "data":
+        parts.append(f"Torque is left unexplained at {listed(found.unexplained)}.")
+    if found.lacking != found.findings:
+        parts.append(BY_PLATFORM_ALONE)
+    return " ".join(parts)
 
 
 def state_model_errors(found: Diagnosis) -> list[Element]:
@@ -123,7 +133,7 @@ def state_model_errors(found: Diagnosis) -> list[Element]:
     Of spoilt logs nothing.
     """
     judged = [] if found.held is None or found.spoiling else zip(found.residual, found.held.used.tolist())
-    moved = [joint for joint, used in judged if used > LIVELY]
+    moved = [joint for joint, used in judged if used >= LEAST_JUDGED_SHARE]
     if not moved:
         return []
     joint = min(moved, key=lambda name: found.stated["fit_percent"][name])
@@ -133,8 +143,8 @@ def state_model_errors(found: Diagnosis) -> list[Element]:
 
 def qualify_payload(found: Diagnosis) -> list[Element]:
     """Say whether the payload's figures are only rough."""
-    odd = [joint for joint, left in found.residual.items() if left.state == "structured"]
-    said = f"These figures are rough: something unknown is left at {listed(odd)}." if odd else ""
+    odd = found.unexplained
+    said = f"These figures are rough: torque is left unexplained at {listed(odd)}." if odd else ""
     return [paragraph(said, "side")] if said else []
 
 
@@ -169,7 +179,7 @@ def picture_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Ev
     """
     place = {joint.name: j for j, joint in enumerate(joints)}
     named = [place[each.joint] for each in found.findings if each.joint in place]
-    open_ = [place[name] for name, left in found.residual.items() if left.state == "structured"]
+    open_ = [place[name] for name in found.unexplained]
     order = sorted(list(dict.fromkeys([*named, *open_, *place.values()]))[:MOST_DRAWN_JOINTS])
     shown = [joints[j] for j in order]
     alt = f"Held-out residual torque of {', '.join(joint.name for joint in shown)} over angle, rate, time and frequency"
