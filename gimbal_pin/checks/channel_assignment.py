@@ -85,8 +85,8 @@ def find_assignment(blocks: DesignBlocks, estimate: Estimate) -> AssignmentTrial
     if not is_impossible(blocks, estimate):
         return None
     given = compute_bounded_misfit(blocks)
-    for tried in (try_orders, try_torques):
-        best = min(tried(blocks), key=lambda one: one.missed, default=None)
+    for trials in (try_orders(blocks), try_smaller_rotors(blocks, estimate), try_torques(blocks)):
+        best = min(trials, key=lambda one: one.missed, default=None)
         if best is not None and best.missed < LEAST_IMPROVEMENT * given:
             then = f"bodies miss {100 * best.missed:.2g} % of the torque then, {100 * given:.2g} % now"
             return best._replace(words=f"{best.words}: {then}")
@@ -137,29 +137,47 @@ def is_impossible(blocks: DesignBlocks, estimate: Estimate) -> bool:
 
 
 def compute_mass_matrices(rows: Design, beta: Array) -> Array:
-    """``D(q)`` of base parameters over the rig's poses, (N, n, n): column j is what a unit acceleration of j takes."""
+    """``D(q)`` of base parameters over the rig's poses, (N, n, n): column j is what a unit acceleration of j takes.
+
+    The stated rotors are left out: a log that shows less inertia than they have contradicts them.
+    """
     rig, q = rows.rig.with_phi(rows.to_bodies(beta)), spread_reference_states(rows.rig).q
     matrices = np.stack([compute_inertia_column(rig, q, j) for j in range(rig.n)], axis=2)
-    return (matrices + matrices.transpose(0, 2, 1)) / 2
+    return (matrices + matrices.transpose(0, 2, 1)) / 2 - np.diag(rig.armature)
+
+
+def try_smaller_rotors(blocks: DesignBlocks, estimate: Estimate) -> Iterator[AssignmentTrial]:
+    """Yield the torques with those stated rotors unstated that are larger than all inertia at their joints."""
+    rows, width = blocks.design, len(blocks.design.reduction.independent)
+    bodies = np.diagonal(compute_mass_matrices(rows, estimate.theta[:width]), axis1=1, axis2=2).min(axis=0)
+    large = (rows.rig.armature > 0) & (bodies <= 0)
+    if large.any():
+        without = [block._replace(b=block.b + block.known * large) for block in blocks]
+        at = [f"{rows.rig.joints[j]} ({rows.rig.armature[j]:.3g} kg m^2)" for j in np.flatnonzero(large)]
+        words = f"has less inertia than the stated rotor of {' and '.join(at)}"
+        mend = "correct rotor_inertia or gear_ratio in the rig"
+        yield AssignmentTrial(compute_bounded_misfit(DesignBlocks(rows, tuple(without))), words, mend)
 
 
 def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
     """Yield single signs and all at once, and every two joints' torques exchanged where there are logs to do it in.
 
-    No sign is turned that the given rig agrees with: bodies are free to take either side of what a limit has bent.
+    No sign is turned that the given rig agrees with: bodies are free to take either side of what a limit has bent. Nor,
+    without logs, that of a joint whose stated rotor takes a part of the torque: rows without a log do not hold it.
     """
     rows = blocks.design
     joints, n = rows.rig.joints, rows.rig.n
     sources = rows.logs[0].sources if rows.logs else {}
     right = correlate_with_given(blocks) > AGREEING_CORRELATION
+    right |= (rows.rig.armature > 0) & (not rows.logs)
     for signs in list_sign_patterns(n):
         if np.any(right & (np.array(signs) < 0)):
             continue
         wrong = [f"tau_{joint}" for joint, sign in zip(joints, signs) if sign < 0]
-        turned = DesignBlocks(rows, tuple(block._replace(b=block.b * np.array(signs)) for block in blocks))
+        turned = [block._replace(b=(block.b + block.known) * np.array(signs) - block.known) for block in blocks]
         words = f"{' and '.join(wrong)} {'has' if len(wrong) == 1 else 'have'} the wrong sign (or the angle has)"
         mend = format_remapping(sources, {name: (name, -1.0) for name in wrong})
-        yield AssignmentTrial(compute_bounded_misfit(turned), words, f"turn it: {mend}")
+        yield AssignmentTrial(compute_bounded_misfit(DesignBlocks(rows, tuple(turned))), words, f"turn it: {mend}")
     for pair in combinations(range(n) if rows.logs else (), 2):
         first, second = (f"tau_{joints[j]}" for j in pair)
         words = f"{first} and {second} hold each other's torque"

@@ -160,11 +160,11 @@ def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list
             if keep.start >= keep.stop:
                 continue
             samples = smooth_samples(segment, filtering, 0, segment.length, carrier)
-            way, stated = design.build_row_filter(samples, keep, 1 / dt), design.compute_stated_torque(samples)
-            few, tau = samples.t[way.few], samples.tau - stated
+            way, block = design.build_row_filter(samples, keep, 1 / dt), design.build_block(samples, keep, 1 / dt)
+            few, tau = samples.t[way.few], samples.tau
             each = [np.stack([np.interp(few - by, samples.t, x) for x in tau.T], axis=1) for by in shifts]
-            rows.append(design.build_block(samples, keep, 1 / dt))
-            torques.append(np.stack([way.filter_torque(one) for one in each], axis=2))
+            rows.append(block)
+            torques.append(np.stack([way.filter_torque(one) - block.known for one in each], axis=2))
     return rows, torques
 
 

@@ -98,6 +98,11 @@ class RigidColumns:
         return [compute_regressor(self.rig, *row, places=self.places) for row in rows]
 
     @cached_property
+    def rotors(self) -> list[Array]:
+        """Torque of the stated rotors, which is known, N m, (m, n) per part."""
+        return [c.a * self.rig.armature for c in self.channels]
+
+    @cached_property
     def masses(self) -> list[list[Array]]:
         """Columns of what a unit acceleration of each joint asks of all joints, (m, n, b) per part."""
         every = range(self.rig.n)
@@ -127,7 +132,8 @@ class RigidColumns:
 
     def couple_joints(self, j: int, beta: Array) -> list[Array]:
         """What base parameters, (b,), say that 1 N m at one joint's link asks of every joint, (m, n) per part."""
-        return [compute_coupling(columns @ beta, j) for columns in self.masses[j]]
+        own = self.rig.armature * (np.arange(self.rig.n) == j)
+        return [compute_coupling(columns @ beta + own, j) for columns in self.masses[j]]
 
     @cached_property
     def inertia(self) -> Array:

@@ -23,12 +23,13 @@ STALE_CHANGE = 0.05
 
 
 def list_candidates(evidence: Evidence, kinds: Mapping[str, type[Cause]]) -> list[Cause]:
-    """Every cause at every joint, on the coarse grid of its shape parameters."""
+    """Every cause at every joint, on the coarse grid of its shape parameters, but those that the rig states."""
     rig, seen = evidence.rig, evidence.seen
     found: list[Cause] = []
     for kind in kinds.values():
         for joint, ranges in zip(rig.joints, seen) if kind.of_joint else ((rig.joints[0], seen[0]),):
-            found += kind.tried(joint, ranges)
+            if not kind.is_stated(joint, rig):
+                found += kind.tried(joint, ranges)
     return found
 
 

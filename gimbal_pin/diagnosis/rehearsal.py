@@ -200,7 +200,8 @@ def rehearse(
     state = solve_causes(search.problem, ())
     bar = tqdm(library.causes, "rehearsal", unit="cause", disable=None, leave=False, delay=2)
     columns = [library.of(cause, state) for cause in bar]
-    places = [CauseAt(name, joint) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint]
+    of_joints = [(joint, name, kind) for joint in rig.joints for name, kind in kinds.items() if kind.of_joint]
+    places = [CauseAt(name, joint) for joint, name, kind in of_joints if not kind.is_stated(joint, rig)]
     places += [CauseAt(name, None) for name, kind in kinds.items() if not kind.of_joint]
     grids: dict[CauseAt, list[Columns]] = {at: [] for at in places}
     for one in columns:

@@ -175,7 +175,8 @@ class State:
             j = evidence.rig.joint_index(effect.joint)
             for brake, columns in zip(braked, problem.plain(effect, self.load)):
                 brake[:, j] += columns @ values
-        inertial = [(x - y) @ theta[:at] for x, y in zip(problem.motion.full, problem.motion.resting)]
+        accelerated = zip(problem.motion.full, problem.motion.resting, problem.motion.rotors)
+        inertial = [(x - y) @ theta[:at] + rotor for x, y, rotor in accelerated]
         totals = self.torque if self.learned else [x - y for x, y in zip(self.acting, self.unexplained)]
         loads = [total - brake - x for total, brake, x in zip(totals, braked, inertial)]
         rows = [
@@ -269,11 +270,12 @@ class State:
             if effect.joint == spring.joint:
                 columns = self.problem.plain(effect, self.load)
                 brakes = [brake + x[:, 0] * value for brake, x in zip(brakes, columns)]
-        rows = zip(brakes, loads, own, torque, evidence.parts)
-        return [JointLoad.along(x, y @ beta, tau[:, j], part.still[:, j], z @ beta) for x, y, z, tau, part in rows]
+        inertial = [x @ beta + rotor[:, j] for x, rotor in zip(own, self.problem.motion.rotors)]
+        rows = zip(brakes, loads, inertial, torque, evidence.parts)
+        return [JointLoad.along(x, y @ beta, tau[:, j], part.still[:, j], z) for x, y, z, tau, part in rows]
 
     def swung(self, spring: Signal, torque: list[Array]) -> tuple[Array, Array]:
-        """``argmin ‖τ - felt(load, inertial) β - friction φ - ringing c‖``: β, (b,), and φ, (f,), of one joint alone.
+        """``argmin ‖τ - felt(0, I_a a) - felt(load, inertial) β - friction φ - ringing c‖``: β, (b,), and φ, (f,).
 
         A resonance takes the rigid model's parameters far from what they are, so they are fitted with the spring in.
 
@@ -290,7 +292,10 @@ class State:
         # Every part begins with a swing of its own.
         begun = [np.hstack([x if k == i else 0 * x for i in range(len(swings))]) for k, x in enumerate(swings)]
         columns = np.hstack([evidence.whiten(felt, j), beside, evidence.whiten(begun, j)])
-        found = np.linalg.lstsq(columns, evidence.whiten([x[:, j] for x in torque], j), rcond=1e-10)[0]
+        rotors = [x[:, [j]] for x in self.problem.motion.rotors]
+        known = [spring.felt(0 * x, x, part.dt)[:, 0] for x, part in zip(rotors, evidence.parts)]
+        target = evidence.whiten([x[:, j] - y for x, y in zip(torque, known)], j)
+        found = np.linalg.lstsq(columns, target, rcond=1e-10)[0]
         b = felt[0].shape[1]
         return found[:b], found[b : b + beside.shape[1]]
 
@@ -351,7 +356,7 @@ def solve_causes(problem: Problem, causes: Sequence[Cause], before: State | None
     for cause in causes:
         if isinstance(cause, Signal):
             acting = apply_signal(evidence, cause, acting, before.bearing_for(cause, acting) if before else None)
-    b = evidence.whiten_all(acting)
+    b = evidence.whiten_all([x - rotor for x, rotor in zip(acting, problem.motion.rotors)])
     effects = [*problem.friction, *(c for c in causes if not isinstance(c, Signal))]
     built = (problem.build(c, build_stand(rig, causes, c), load, acting) for c in effects)
     A = np.concatenate([problem.rigid, *built], axis=2)
@@ -380,7 +385,7 @@ def refit_rig(problem: Problem, theta: Array) -> Rig:
 def predict_torque(problem: Problem, effects: Sequence[Cause], theta: Array, load: Load) -> list[Array]:
     """The model's total torque at full rate, N m, (m, n) per part."""
     width_ = len(problem.reduction.independent)
-    out: list[Array] = [x @ theta[:width_] for x in problem.motion.full]
+    out: list[Array] = [x @ theta[:width_] + y for x, y in zip(problem.motion.full, problem.motion.rotors)]
     at = width_
     for effect in effects:
         size = width(effect)

@@ -35,6 +35,7 @@ class JointCheck:
         tau_max: Limit of the torque, N m.
         gravity_torque: Largest gravity torque over poses within the limits, N m.
         encoder_bits: Resolution of its encoder, or None.
+        armature: Stated inertia of the motor's rotor at the joint, kg m².
     """
 
     link: str
@@ -47,6 +48,7 @@ class JointCheck:
     tau_max: float
     gravity_torque: float
     encoder_bits: float | None
+    armature: float
 
 
 @dataclass(frozen=True)
@@ -101,6 +103,7 @@ def check(rig: Rig) -> Checked:
             tau_max=float(tau_max),
             gravity_torque=float(torque),
             encoder_bits=motor.encoder_bits,
+            armature=motor.armature,
         )
         for joint, link, slides, body, limit, motor, tau_max, torque in rows
     }

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from gimbal_pin.dynamics.reduction import spread_states
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_rnea
-from gimbal_pin.effects import ALWAYS, Armature, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
+from gimbal_pin.effects import ALWAYS, Coulomb, Effect, RigEffect, Sample, Signal, Term, Viscous
 from gimbal_pin.effects.base import AMBIENT
 from gimbal_pin.effects.losses import Losses
 from gimbal_pin.effects.plain import read_cause, read_term
@@ -167,7 +167,7 @@ class Model(Record):
 
     @cached_property
     def armature(self) -> Array:
-        """Inertia that the terms add for each joint's own motor, kg m², (n,): their torque per acceleration."""
+        """Inertia that the terms add to `Rig.armature`, kg m², (n,): their torque per acceleration."""
         still, moving = (Sample(0.0, 0.0, 0.0, a, 0.0, 0.0) for a in (0.0, 1.0))
         per_joint = [sum(t.torque(moving) - t.torque(still) for t in terms) for terms in self.by_joint]
         return np.array(per_joint, dtype=np.float64)
@@ -347,14 +347,8 @@ def is_motor_friction(effect: Effect) -> bool:
 
 
 def nominal(rig: Rig) -> Model:
-    """Return the model as the rig's URDF states it, friction from ``<dynamics>``, rotors from the motors."""
+    """Return the model as the rig's URDF states it, friction from ``<dynamics>``."""
     terms = []
     for joint, (dry, viscous) in zip(rig.joints, rig.friction):
         terms += [Term(Coulomb(joint), (float(dry),)), Term(Viscous(joint), (float(viscous),))]
-    return Model(rig, (*terms, *build_rotor_terms(rig)))
-
-
-def build_rotor_terms(rig: Rig) -> tuple[Term, ...]:
-    """Return the inertias of the motors' own rotors as far as the rig states them."""
-    motors = zip(rig.joints, rig.motors)
-    return tuple(Term(Armature(joint), (motor.armature,)) for joint, motor in motors if motor.armature > 0)
+    return Model(rig, tuple(terms))

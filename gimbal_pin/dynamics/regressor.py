@@ -32,7 +32,9 @@ def name_columns(rig: Rig, diagonal: bool = False) -> tuple[tuple[str, ...], Arr
 def compute_regressor(
     rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None, places: Array | None = None
 ) -> Array:
-    """``Y`` with ``rnea(q, v, a) = Y phi``, every sample in full; call it chunk by chunk on long trajectories.
+    """``Y`` with ``rnea(q, v, a) = Y phi + I_a a``, every sample in full; I_a is `Rig.armature`.
+
+    Call it chunk by chunk on long trajectories.
 
     Args:
         rig: The rig (its inertial parameters do not matter).
@@ -73,7 +75,10 @@ def compute_inertia_column(rig: Rig, q: Array, joint: int) -> Array:
 
 
 def compute_inertia_regressor(rig: Rig, q: Array, joint: int, places: Array | None = None) -> Array:
-    """Columns of `compute_inertia_column`, (N, n, 10 n): torque per unit of each entry of `Rig.phi`, or of some."""
+    """Columns of `compute_inertia_column` without its rotor: torque per unit of each entry of `Rig.phi`, or of some.
+
+    Shape (N, n, 10 n).
+    """
     return compute_regressor(rig.weightless, q, np.zeros_like(q), _build_unit_acceleration(q, joint), places=places)
 
 
@@ -96,7 +101,8 @@ def compute_coupling(mass: Array, joint: int, rotor: float = 0.0) -> Array:
 def compute_rnea(rig: Rig, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
     """``D(q) a + C(q, v) v + G(q)`` of the rigid rig (thesis 3.70 without F), N m, for q, v, a of shape (N, n).
 
-    On a platform that moves, G and C v hold what its specific force and its turning ask of the joints.
+    D includes the stated rotors, `Rig.armature`. On a platform that moves, G and C v hold what its specific force and
+    its turning ask of the joints.
     """
     model, states = convert_states(rig, q, v, a, platform)
     torque = np.empty((len(q), model.nv))

@@ -10,11 +10,12 @@ from typing import ClassVar
 from gimbal_pin.effects.base import Effect, Sample
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 
 @dataclass(frozen=True)
 class Armature(Effect):
-    """``tau = inertia a``: inertia felt by its own motor and by no other."""
+    """``tau = inertia a``: inertia felt by its own motor and by no other, beside the rotor that the rig states."""
 
     name: ClassVar[str] = "armature"
     linear: ClassVar[tuple[Parameter, ...]] = (
@@ -22,6 +23,11 @@ class Armature(Effect):
     )
     like_inertia: ClassVar[bool] = True
     experiment: ClassVar[str] = "fast accelerations of all axes together, at poses that couple them"
+
+    @classmethod
+    def is_stated(cls, joint: str, rig: Rig) -> bool:
+        """Whether the rig states a rotor with inertia at a joint."""
+        return bool(rig.armature[rig.joint_index(joint)])
 
     def basis(self, at: Sample) -> tuple[float | Array, ...]:
         """The joint's acceleration."""

@@ -11,6 +11,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.effects.seen import OperatingRange
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.rig import Rig
 
 C = TypeVar("C", bound="Cause")
 
@@ -94,6 +95,11 @@ class Cause(ABC):
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Return itself with the shape parameters that a search over a log starts from: a coarse grid."""
         return (cls(joint),) if cls.of_joint else (cls(),)  # type: ignore[call-arg]
+
+    @classmethod
+    def is_stated(cls, joint: str, rig: Rig) -> bool:
+        """Whether the rig states it at a joint: then it is a part of every model, and never a finding."""
+        return False
 
     def moved(self, name: str, value: float) -> Cause:
         """Return it with one shape parameter at another value, and with it what a fit would move along."""

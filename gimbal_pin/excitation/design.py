@@ -230,7 +230,6 @@ def slow_down(problem: ExcitationProblem, x: Array, samples: int) -> tuple[Excit
         raise problem.explain_infeasibility()
     rig, motion = problem.model.rig, problem.motion(repaired, problem.dense)
     push = compute_rnea(rig, motion.q, motion.v, motion.a) - compute_gravity(rig, motion.q)
-    push += motion.a * np.array([motor.armature for motor in rig.motors])
     slower = np.sqrt(max(1.0, float((np.abs(push) / (FIRST_SHARE * problem.envelope.torque)).max())))
     longer = ceil(samples * slower - 1e-9)
     series = replace(problem.series, seconds=problem.series.seconds * longer / samples)

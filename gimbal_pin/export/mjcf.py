@@ -94,7 +94,7 @@ def _write_body(parent: etree._Element, model: Model, j: int) -> etree._Element:
     data, limits, joint = rig.model.joints[j].createData(), rig.limits[j - 1], rig.joints[j - 1]
     rig.model.joints[j].calc(data, np.zeros(1))
     way, sliding = np.asarray(data.S).ravel(), rig.slides[j - 1]
-    resistance, rotor = Resistance(model.by_joint[j - 1 : j]), float(model.armature[j - 1])
+    resistance, rotor = Resistance(model.by_joint[j - 1 : j]), float((rig.armature + model.armature)[j - 1])
     written = {
         "type": "slide" if sliding else "hinge",
         "axis": format_numbers(way[:3] if sliding else way[3:]),

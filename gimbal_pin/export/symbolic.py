@@ -153,13 +153,13 @@ class Chain:
             swings.append(ca.mtimes(back, swing) + axis * a[j] + ca.cross(carried, own))
         firsts, inertias = lumped(self.joints)
         h, tau = [ca.SX(x) for x in firsts], [ca.SX(0)] * self.n
-        pushes, moments = [ca.SX(3, 1)] * self.n, [ca.SX(3, 1)] * self.n
+        pushes, moments, rotors = [ca.SX(3, 1)] * self.n, [ca.SX(3, 1)] * self.n, self.rig.armature
         for j in reversed(range(self.n)):
             joint, rate, swing = self.joints[j], rates[j], swings[j]
             first, inertia = ca.SX(firsts[j]), ca.SX(inertias[j])
             push = pushes[j] + ca.cross(swing, first) + ca.cross(rate, ca.cross(rate, first))
             moment = moments[j] + ca.mtimes(inertia, swing) + ca.cross(rate, ca.mtimes(inertia, rate))
-            tau[j] = ca.dot(ca.SX(joint.axis), moment + ca.cross(h[j], origins[j]))
+            tau[j] = ca.dot(ca.SX(joint.axis), moment + ca.cross(h[j], origins[j])) + float(rotors[j]) * a[j]
             if joint.parent >= 0:
                 k, place = joint.parent, ca.SX(joint.place)
                 beyond, through, turned = (ca.mtimes(self.turns[j], x) for x in (h[j], push, moment))

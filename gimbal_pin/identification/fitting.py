@@ -15,7 +15,6 @@ from gimbal_pin.dynamics.model import (
     Estimated,
     Model,
     build_friction_effects,
-    build_rotor_terms,
     is_inertia_positive,
 )
 from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
@@ -178,7 +177,7 @@ def to_model(design: Design, estimate: Estimate) -> Model:
     known = Estimated(
         design.names, design.units, estimate.theta, estimate.covariance, dt, angle_noise=tuple(noise.tolist())
     )
-    return Model(design.rig.with_phi(phi), (*design.to_terms(estimate.theta), *design.stated), known)
+    return Model(design.rig.with_phi(phi), design.to_terms(estimate.theta), known)
 
 
 def _find_nearest_physical(design: Design, estimate: Estimate, trust: float) -> tuple[Consistent, Array]:
@@ -349,8 +348,8 @@ class _LogSplit:
 def refittable_effects(model: Model) -> tuple[Effect, ...]:
     """Return the effects of a model beside Coulomb and viscous friction that logs can be fitted with again.
 
-    Not those that read the model's own torque: the rows have but the measured one, whose noise would leak. Nor rotors
-    whose inertia the rig states, nor tables, whose values nothing but their prior holds where the logs did not go.
+    Not those that read the model's own torque: the rows have but the measured one, whose noise would leak. Nor tables,
+    whose values nothing but their prior holds where the logs did not go.
     """
     return tuple(effect for effect in _list_further_effects(model) if not _reads_torque_or_table(effect))
 
@@ -363,9 +362,9 @@ def describe_omitted_effects(model: Model) -> tuple[str, ...]:
 
 
 def _list_further_effects(model: Model) -> list[Effect]:
-    """Return the effects beside Coulomb and viscous friction and the rotors that the rig states."""
-    always, stated = {kind.name for kind in ALWAYS}, build_rotor_terms(model.rig)
-    return [term.effect for term in model.terms if term not in stated and term.effect.name not in always]
+    """Return the effects beside Coulomb and viscous friction."""
+    always = {kind.name for kind in ALWAYS}
+    return [term.effect for term in model.terms if term.effect.name not in always]
 
 
 def _reads_torque_or_table(effect: Effect) -> bool:

@@ -354,7 +354,7 @@ class Online:
         """Return what is known before the first row."""
         n, k = self.design.rig.n, len(self.design.names)
         nothing = np.zeros((0, n))
-        rows = Block(np.zeros(0), np.zeros((0, n, k)), *[nothing] * 5)
+        rows = Block(np.zeros(0), np.zeros((0, n, k)), *[nothing] * 6)
         return Learned(rows, PastRows.empty(n, k), PastRows.empty(n, 1), prior)
 
     def answer(self, memory: LogMemory) -> tuple[Estimate, Block]:

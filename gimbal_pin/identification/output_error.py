@@ -93,12 +93,12 @@ def _find_nearest_model(rows: Design, theta: Array, covariance: Array) -> Model:
     for term in rows.to_terms(theta):
         limits = zip(term.values, term.effect.coefficients)
         terms.append(Term(term.effect, tuple(min(max(x, c.lower), c.upper) for x, c in limits)))
-    return Model(rows.rig.with_phi(phi), (*terms, *rows.stated))
+    return Model(rows.rig.with_phi(phi), tuple(terms))
 
 
 def _gather_theta(rows: Design, model: Model) -> Array:
     """Return a model's base parameters and coefficients, (k,)."""
-    values = [value for term in model.terms[: len(rows.effects)] for value in term.values]
+    values = [value for term in model.terms for value in term.values]
     return np.concatenate([rows.mixing @ model.rig.phi, values])
 
 
@@ -260,6 +260,7 @@ def _build_error_block(rows: Design, model: Model, theta: Array, run: SimulatedS
         run.q[keep].copy(),
         run.v[keep].copy(),
         np.ones_like(error),
+        np.zeros_like(error),
         np.zeros_like(error),
     )
 

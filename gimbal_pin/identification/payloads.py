@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from gimbal_pin.checks import CheckedLog, check_assignment, check_log, check_time, collect_alterations
-from gimbal_pin.dynamics.model import Estimated, Model, build_friction_effects, build_rotor_terms
+from gimbal_pin.dynamics.model import Estimated, Model, build_friction_effects
 from gimbal_pin.dynamics.reduction import (
     Reduction,
     format_sum,
@@ -489,9 +489,10 @@ def _widen_blocks(blocks: Sequence[Block], own: CarrierEstimate, place: int, cou
         if place:
             A[:, :, place, width + size * (place - 1) : width + size * place] = own.compute_columns(block)
         apart = np.eye(count)[place, :, None]
-        b, share, slope = ((apart * x[:, None]).reshape(m, -1) for x in (block.b, block.share, block.slope))
+        placed = (block.b, block.share, block.slope, block.known)
+        b, share, slope, known = ((apart * x[:, None]).reshape(m, -1) for x in placed)
         q, v = (np.tile(x, count) for x in (block.q, block.v))
-        yield Block(block.t, A.swapaxes(1, 2).reshape(m, n * count, -1), b, q, v, share, slope)
+        yield Block(block.t, A.swapaxes(1, 2).reshape(m, n * count, -1), b, q, v, share, slope, known)
 
 
 def _fit_with_wide_prior(estimator: Estimator, blocks: Sequence[Block], prior: Array) -> Estimate:
@@ -530,7 +531,7 @@ def identify_new(
     """
     rig, before = apply_changes(rig, known.changes), get_known_parameters(known)
     reduction = reduce_parameters(rig)
-    effects = [term.effect for term in known.terms if term not in build_rotor_terms(known.rig)]
+    effects = [term.effect for term in known.terms]
     width, count = len(reduction.independent), sum(len(effect.coefficients) for effect in effects)
     if before.names[:width] != reduction.base_names or len(before.names) != width + count:
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")

@@ -13,7 +13,6 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 from tqdm import tqdm
 
-from gimbal_pin.dynamics.model import build_rotor_terms
 from gimbal_pin.dynamics.reduction import Reduction, list_units
 from gimbal_pin.dynamics.regressor import compute_gravity, compute_regressor, compute_rnea, name_columns
 from gimbal_pin.effects import Effect, Sample, Term
@@ -133,11 +132,12 @@ class Block(NamedTuple):
     Attributes:
         t: Time, s, (m,).
         A: Torque per parameter, filtered, (m, n, k).
-        b: Torque, filtered, N m, (m, n).
+        b: Torque less what is known of it, filtered, N m, (m, n).
         q: Angles, rad, (m, n).
         v: Rates, rad/s, (m, n).
         share: How much of a row's samples were not masked out, in [0, 1], (m, n).
         slope: The measured torque's derivative, filtered as it is, N m/s, (m, n).
+        known: Torque that is not fitted, filtered, N m, (m, n): that of the stated rotors among it.
     """
 
     t: Array
@@ -147,6 +147,7 @@ class Block(NamedTuple):
     v: Array
     share: Array
     slope: Array
+    known: Array
 
     def __repr__(self) -> str:
         """See `brief`."""
@@ -211,11 +212,6 @@ class Design:
         return list_units(leading) + tuple(
             self.rig.in_units(effect.joint, c.unit) for effect in self.effects for c in effect.coefficients
         )
-
-    @property
-    def stated(self) -> tuple[Term, ...]:
-        """Rotors' inertias that the rig states and no effect stands for: their torque is known, and is not fitted."""
-        return tuple(term for term in build_rotor_terms(self.rig) if term.effect not in self.effects)
 
     @property
     def mixing(self) -> Array:
@@ -309,37 +305,33 @@ class Design:
         jumping = _filter_columns(self.compute_effect_columns(moved), smoother, way.few)
         channels, moved = channels.select(way.few), moved.select(way.few)
         rigid = self.compute_rigid_columns(moved)
-        tau = channels.tau - self.compute_unfitted_torque(moved, rigid) - self.compute_stated_torque(moved)
+        known = self.compute_known_torque(moved, rigid)
         A = _filter_columns(np.concatenate([rigid, jumping], axis=2), way.low_pass, way.rows, way.moving)
         share = np.clip(way.low_pass(way.moving, way.rows), 0.0, 1.0)
         # Copies: a view would keep the whole chunk alive behind the few rows that it shows.
         t, q, v = (x[way.rows].copy() for x in (channels.t, channels.q, channels.v))
-        return Block(t, A, way.filter_torque(tau), q, v, share, slope)
+        rest, given = (way.filter_torque(x) for x in (channels.tau - known, known))
+        return Block(t, A, rest, q, v, share, slope, given)
 
     def compute_rigid_columns(self, channels: Samples) -> Array:
         """Base columns of the regressor, (m, n, b)."""
         places = find_base_columns(self.rig, self.reduction)
         return compute_regressor(self.rig, channels.q, channels.v, channels.a, channels.platform, places)
 
-    def compute_unfitted_torque(self, channels: Samples, rigid: Array) -> Array | float:
-        """``Y phi - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
+    def compute_known_torque(self, channels: Samples, rigid: Array) -> Array:
+        """``rnea - Y_base beta`` of the rig as given, N m, (m, n): what its base parameters do not hold.
 
-        Nothing, unless the base moves in a way that shows parameters which are not among them: these stay as given.
+        It is the torque of the stated rotors, ``I_a a``. Where the base moves in a way that shows parameters which are
+        not among the base parameters, these stay as given, too.
         """
         if channels.platform is None or self.reduction.base == "rotating":
-            return 0.0
+            return channels.a * self.rig.armature
         whole = compute_rnea(self.rig, channels.q, channels.v, channels.a, channels.platform)
         return whole - rigid @ (self.reduction.mixing @ self.rig.phi[name_columns(self.rig)[1]])
 
-    def compute_stated_torque(self, channels: Samples) -> Array:
-        """Torque of what is known, N m, (m, n)."""
-        columns = self.compute_effect_columns(channels, [term.effect for term in self.stated])
-        return columns @ np.array([value for term in self.stated for value in term.values])
-
-    def compute_effect_columns(self, channels: Samples, effects: Sequence[Effect] | None = None) -> Array:
-        """Columns of these effects, or of the rows' own, (m, n, e)."""
-        own = self.effects if effects is None else effects
-        return compute_effect_columns(self.rig, own, channels, np.sign(channels.slide))
+    def compute_effect_columns(self, channels: Samples) -> Array:
+        """Columns of the effects, (m, n, e)."""
+        return compute_effect_columns(self.rig, self.effects, channels, np.sign(channels.slide))
 
 
 def compute_effect_columns(

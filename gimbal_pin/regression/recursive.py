@@ -59,8 +59,9 @@ class PastRows:
         What weighs the joints then trusts the noise that was known beforehand.
         """
         nothing, one = np.zeros((1, *self.score.shape[:2])), np.ones((1, len(power)))
-        known = Block(one[:, 0], nothing, np.sqrt(TRUSTED * power) * one, one, one, np.sqrt(TRUSTED) * one, 0 * one)
-        return replace(self.add([known]), rows=self.rows)
+        none, share = 0 * one, np.sqrt(TRUSTED) * one
+        trusted = Block(one[:, 0], nothing, np.sqrt(power) * share, one, one, share, none, none)
+        return replace(self.add([trusted]), rows=self.rows)
 
     def add(self, blocks: Sequence[Block], processes: Sequence[Autoregression] | None = None) -> PastRows:
         """Return it with more rows; without their residuals' processes the score's covariance stays as it is."""
@@ -82,7 +83,9 @@ class PastRows:
         size = self.factors.shape[1]
         rows = self.factors.swapaxes(0, 1) * np.sqrt(size / max(self.rows, 1))
         nowhere = np.zeros(rows.shape[:2])
-        return Block(np.zeros(size), rows[:, :, :-2], rows[:, :, -2], nowhere, nowhere, rows[:, :, -1], nowhere)
+        return Block(
+            np.zeros(size), rows[:, :, :-2], rows[:, :, -2], nowhere, nowhere, rows[:, :, -1], nowhere, nowhere
+        )
 
 
 def loosen_prior(theta: Array, covariance: Array, directions: Array) -> Array:

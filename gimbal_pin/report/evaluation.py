@@ -98,8 +98,9 @@ def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
         judged, whole = compute_blocks(one), compute_blocks(replace(one, masked=False))
         every += judged
         if judged:
-            t, q, v, measured = (np.concatenate([getattr(block, name) for block in whole]) for name in "tqvb")
-            predicted = np.concatenate([block.A @ theta for block in whole])
+            t, q, v = (np.concatenate([getattr(block, name) for block in whole]) for name in "tqv")
+            measured = np.concatenate([block.b + block.known for block in whole])
+            predicted = np.concatenate([block.A @ theta + block.known for block in whole])
             error = np.concatenate([block.b - block.A @ theta for block in judged])
             share = np.concatenate([block.share for block in judged])
             parts.append(EvaluatedPart(log.name, t, q, v, measured, predicted, error, share))

@@ -18,7 +18,7 @@ from gimbal_pin.control.tuning import TunedLaw, Tuning, pair_rivals, tune, write
 from gimbal_pin.diagnosis import Diagnosis, diagnose, planned
 from gimbal_pin.diagnosis.file import DIAGNOSIS_FILES as DIAGNOSED
 from gimbal_pin.diagnosis.file import list_writers
-from gimbal_pin.dynamics.model import Model, build_rotor_terms, nominal
+from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import plant_with, simulate
 from gimbal_pin.effects import RigEffect, Signal, Term, TorqueTable
 from gimbal_pin.effects.parse import parse_effect
@@ -275,8 +275,7 @@ def finds_more(wrong: Diagnosis, known: Model | None) -> bool:
     """Whether a diagnosis finds a cause, or a table of what none explains, that a known model has not already."""
     if known is None:
         return wrong.is_extended
-    stated = build_rotor_terms(known.rig)
-    causes = (*(term.effect for term in known.terms if term not in stated), *known.changes)
+    causes = (*(term.effect for term in known.terms), *known.changes)
     found = {(finding.cause, finding.joint or "rig") for finding in wrong.lacking}
     found |= {(TorqueTable.name, joint) for joint, left in wrong.residual.items() if left.curve}
     return not found <= {(cause.name, cause.place) for cause in causes}

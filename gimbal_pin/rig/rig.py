@@ -43,7 +43,8 @@ class Rig(Record):
     Attributes:
         name: Bundled name or file stem.
         urdf: URDF text, payload included, joint types as written.
-        model: Pinocchio model on a fixed base; `continuous` joints are revolute in it: nq = nv = number of joints.
+        model: Pinocchio model on a fixed base; `continuous` joints are revolute in it: nq = nv = number of joints. Its
+            ``armature`` holds the rotors' inertia that `motors` state, so every torque and mass matrix includes it.
         joints: Joint names in the model's order (n).
         links: The link that each joint moves (n); links fixed to it are lumped into it.
         motors: One per joint.
@@ -77,6 +78,19 @@ class Rig(Record):
 
     ROWS: ClassVar[str] = "joints"
     __repr__ = brief
+
+    def __post_init__(self) -> None:
+        """Give the Pinocchio model the rotors that the motors state."""
+        stated = np.array([motor.armature for motor in self.motors])
+        if not np.array_equal(self.model.armature, stated):
+            model = self.model.copy()
+            model.armature = stated
+            object.__setattr__(self, "model", model)
+
+    @property
+    def armature(self) -> Array:
+        """Stated inertia of each motor's rotor at its joint, ``gear_ratio² rotor_inertia``, kg m², (n,)."""
+        return np.array(self.model.armature)
 
     @property
     def aims(self) -> bool:
@@ -399,6 +413,7 @@ def build_floating_model(model: pin.Model) -> pin.Model:
     for frame in model.frames[1:]:
         place = lean * frame.placement if frame.parentJoint == 0 else frame.placement
         out.addFrame(pin.Frame(frame.name, frame.parentJoint + root, 0, place, frame.type), False)
+    out.armature = np.concatenate([np.zeros(out.nv - model.nv), model.armature])
     return out
 
 

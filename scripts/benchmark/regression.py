@@ -125,7 +125,7 @@ def blocks(rows: Design, motion: Motion, tau: Array) -> Iterator[Block]:
         columns = [rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)]
         A = np.concatenate(columns, axis=2)
         c = channels
-        yield Block(c.t, A, c.tau, c.q, c.v, np.ones(c.q.shape), np.zeros(c.q.shape))
+        yield Block(c.t, A, c.tau, c.q, c.v, np.ones(c.q.shape), np.zeros(c.q.shape), np.zeros(c.q.shape))
 
 
 def solution(rows: Design, motion: Motion, tau: Array) -> Array:

@@ -64,7 +64,8 @@ def test_a_rotor_that_the_rig_states_is_known_and_stays_in_the_model(turret: Rig
     log = prescribed(nominal(geared), 1, seconds=8.0, dt=2e-3)
     found = identify(geared, [log], estimator=ESTIMATORS[estimator], filtering=EXACT)
     np.testing.assert_allclose(found.estimate.theta, planted(geared), atol=off)
-    np.testing.assert_allclose(found.model.armature, 0.0072)
+    np.testing.assert_allclose(found.model.rig.armature, 0.0072)
+    assert not found.model.armature.any()
 
 
 def test_swings_to_and_fro_keep_their_turns(turret: Rig) -> None:

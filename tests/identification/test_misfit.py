@@ -122,7 +122,7 @@ def test_what_comes_back_with_the_motion_is_no_noise() -> None:
     q, v, size = np.sin(phase) + 0.3 * np.cos(2 * phase), np.cos(phase) - 0.6 * np.sin(2 * phase), np.array([0.1, 3.0])
     lacking = np.tanh(9 * v) + np.cos(14 * q)
     none = np.zeros((rows, 2))
-    block = Block(np.arange(rows) / 8, np.zeros((rows, 2, 0)), lacking, q, v, none + 1, none)
+    block = Block(np.arange(rows) / 8, np.zeros((rows, 2, 0)), lacking, q, v, none + 1, none, none)
     assert measure_pure_error([block], np.zeros(0)).max() < 1e-9
     noisy = block._replace(b=lacking + size * rng.standard_normal((rows, 2)))
     assert measure_pure_error([noisy], np.zeros(0)) == pytest.approx(size, rel=0.12)

@@ -45,7 +45,7 @@ def repeatable(rng: np.random.Generator, pole: float, rows: int = 800) -> Block:
     A = np.stack([np.ones_like(t), np.sin(0.3 * t), np.sin(5 * t)], axis=1)[:, None, :]
     noise = lfilter([1.0], [1.0, -pole], rng.standard_normal(rows + 200))[200:]
     ones = np.ones((rows, 1))
-    return Block(t, A, (A[:, 0].sum(axis=1) + noise)[:, None], ones, ones, ones, ones)
+    return Block(t, A, (A[:, 0].sum(axis=1) + noise)[:, None], ones, ones, ones, ones, 0 * ones)
 
 
 def test_repetition_tells_the_deviations_of_slow_noise() -> None:

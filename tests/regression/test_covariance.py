@@ -18,7 +18,7 @@ def test_coloured_covariance_is_that_of_many_estimates() -> None:
     gain = np.linalg.inv(A[:, 0].T @ A[:, 0])
     for _ in range(count):
         b = lfilter([1.0], [1.0, -0.9], rng.standard_normal(3100))[100:, None]
-        block = Block(t, A, b, b, b, np.ones_like(b), b)
+        block = Block(t, A, b, b, b, np.ones_like(b), b, np.zeros_like(b))
         thetas.append(gain @ A[:, 0].T @ b[:, 0])
         stated.append(np.diag(compute_coloured_covariance([block], [A], thetas[-1], gain, np.ones(1))))
     true, white = np.var(thetas, axis=0), np.diag(gain) * 1.0 / (1 - 0.81)
@@ -33,7 +33,7 @@ def test_the_bound_is_the_one_of_the_noises_own_covariance(memory: float) -> Non
     A = lfilter([1.0], [1.0, -0.9], rng.standard_normal((m, 1, 3)), axis=0)
     noise = lfilter([1.0], [1.0, -memory], rng.standard_normal((m, 1)), axis=0)
     theta, ones = np.array([1.0, -2.0, 0.5]), np.ones((m, 1))
-    block = Block(0.1 * np.arange(m), A, (A @ theta) + noise, ones, ones, ones, ones)
+    block = Block(0.1 * np.arange(m), A, (A @ theta) + noise, ones, ones, ones, ones, 0 * ones)
     gamma = memory ** np.abs(np.subtract.outer(np.arange(m), np.arange(m))) / (1 - memory**2)
     flat = A[:, 0]
     exact = np.sqrt(np.diag(np.linalg.inv(flat.T @ np.linalg.solve(gamma, flat))))
@@ -50,7 +50,7 @@ def draw_short(rng: np.random.Generator, rows: int, poles: tuple[float, float], 
     share = np.clip(1.5 + np.sin(0.5 * t[:, None] + [0.0, 2.0]), 0.0, 1.0)
     noise = [lfilter([1.0], [1.0, -pole], rng.standard_normal(rows + 200))[200:] for pole in poles]
     b = A @ np.arange(1.0, 7.0) + size * np.transpose(noise)
-    return Block(t, A * share[:, :, None], b * share, np.ones_like(b), np.ones_like(b), share, b)
+    return Block(t, A * share[:, :, None], b * share, np.ones_like(b), np.ones_like(b), share, b, np.zeros_like(b))
 
 
 @pytest.mark.parametrize(

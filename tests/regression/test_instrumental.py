@@ -27,7 +27,7 @@ def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) ->
     b = A @ theta + 0.05 * rng.standard_normal((rows, 2))
     t, share = np.arange(rows) / 8.0, np.ones((rows, 2))
     ones = np.ones((rows, 2))
-    twins = [Block(t, A + noise * rng.standard_normal(A.shape), b, ones, ones, share, ones) for _ in range(2)]
+    twins = [Block(t, A + noise * rng.standard_normal(A.shape), b, ones, ones, share, ones, 0 * ones) for _ in range(2)]
     return twins[0], twins[1], theta
 
 

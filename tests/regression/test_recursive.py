@@ -17,7 +17,7 @@ def draw_rows(seed: int, rows: int = 120) -> Block:
     A, share = rng.standard_normal((rows, 2, 4)), rng.uniform(0.2, 1.0, (rows, 2))
     b = A.sum(axis=2) + 0.1 * rng.standard_normal((rows, 2))
     nowhere = np.zeros((rows, 2))
-    return Block(0.1 * np.arange(rows), A * share[:, :, None], b * share, nowhere, nowhere, share, nowhere)
+    return Block(0.1 * np.arange(rows), A * share[:, :, None], b * share, nowhere, nowhere, share, nowhere, nowhere)
 
 
 def select(block: Block, rows: slice) -> Block:

@@ -32,7 +32,9 @@ def draw_block(rng: np.random.Generator, rows: int = 40, width: int = 5, theta: 
     A = rng.standard_normal((rows, 2, width))
     b = rng.standard_normal((rows, 2))
     b = b if theta is None else A @ theta + 0.01 * b
-    return Block(np.arange(rows) * 0.1, A, b, A[:, :, 0], A[:, :, 1], np.ones((rows, 2)), A[:, :, 1])
+    return Block(
+        np.arange(rows) * 0.1, A, b, A[:, :, 0], A[:, :, 1], np.ones((rows, 2)), A[:, :, 1], np.zeros((rows, 2))
+    )
 
 
 def cut(whole: Block, parts: int) -> list[Block]:

@@ -61,11 +61,14 @@ def show_rig(rig: Rig, weighed: float | None = None) -> Section:
         if motor.encoder_bits:
             encoder = [f"{motor.encoder_bits:g} bit", joint.text(motor.encoder_step, digits=2)]
         iron = [str(count) if count else DASH for count in (motor.slots, motor.poles)]
-        motors.append([joint.label, *encoder, *iron, *(figures(x) for x in (dry, viscous, carried))])
+        motors.append([joint.label, *encoder, *iron, *(figures(x) for x in (dry, viscous, motor.armature, carried))])
     looks = list_shown_joints(rig)
-    force, viscous = (" or ".join(dict.fromkeys(one.in_units(unit) for one in looks)) for unit in ("N m", "N m s/rad"))
+    force, viscous, inertia = (
+        " or ".join(dict.fromkeys(one.in_units(unit) for one in looks)) for unit in ("N m", "N m s/rad", "kg m²")
+    )
     head = ["Joint", "Moves", "Travel", "Rate", "Acceleration", f"Torque limit, {force}", f"Torque constant, {force}/A"]
-    more = ["Joint", "Encoder", "Step", "Slots", "Poles", f"Coulomb, {force}", f"Viscous, {viscous}", "Carries, kg"]
+    more = ["Joint", "Encoder", "Step", "Slots", "Poles", f"Coulomb, {force}", f"Viscous, {viscous}"]
+    more += [f"Rotor, {inertia}", "Carries, kg"]
     loads = "Motors, sensors and loads, as given"
     parts = [
         paragraph(describe_rig_and_payload(rig, weighed)),
