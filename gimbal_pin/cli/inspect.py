@@ -67,6 +67,8 @@ def find_alterations(rig: Rig, found: Inspected) -> tuple[Alteration, ...]:
     from gimbal_pin.log.io import read_log
     from gimbal_pin.log.mapping import format_expression
 
+    if found.missing:
+        return ()  # the mapping lists what has to be filled in
     entries = [f"{target}={format_expression(*source[:2])}" for target, source in found.mapping.items()]
     try:
         return check_log(rig, read_log(found.name, rig, entries), repairs_only=True).alterations

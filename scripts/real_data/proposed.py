@@ -15,7 +15,7 @@ from gimbal_pin.rig.rig import Rig
 from real_data.cases import Case
 from real_data.running import Outcome, run
 
-UNKNOWN = "torque constant"
+_UNKNOWN = ("torque constant", "does not show")
 """Words of a remark on a column whose factor no log holds: the mapping's reader has to fill it in."""
 
 
@@ -49,13 +49,19 @@ class Proposed:
         return f"{self.case.name:28} inspect exit {self.inspected.exit}, {right}{constants}; {end}{why}"
 
 
+def is_unknown(remark: str) -> bool:
+    """Whether a remark says that no log holds the factor of a column."""
+    return any(words in remark for words in _UNKNOWN)
+
+
 def differing(case: Case) -> list[tuple[str, str]]:
     """Return the targets for which another column or factor is proposed than was written by hand, and the remark."""
-    found, wrong = inspect(case.logs[0], Rig.load(case.rig)).mapping, []
+    inspected, wrong = inspect(case.logs[0], Rig.load(case.rig)), []
+    found = {**inspected.open, **inspected.mapping}
     for target, source in read_mapping(case.maps).items():
         column, factor, remark = found.get(target, ("", "", ""))
-        scale = parse_expression(format_expression(column or "x", factor), "").factor
-        if column != source.column or abs(scale / source.factor - 1) > 1e-12:
+        same = column == source.column and target not in inspected.open
+        if not same or abs(parse_expression(format_expression(column, factor), "").factor / source.factor - 1) > 1e-12:
             wrong.append((target, remark if column == source.column else ""))
     return wrong
 
@@ -78,7 +84,7 @@ def from_file(case: Case, folder: Path, limit: float) -> Proposed:
     if "track" in case.runs:  # a platform's motion
         verb = ["track", str(case.rig), "--platform-log", log, "--map", str(mapping), "--seconds", "3", "--seeds", "1"]
     reported = run(verb, out, limit)
-    wrong = tuple(target for target, remark in differs if UNKNOWN not in remark)
+    wrong = tuple(target for target, remark in differs if not is_unknown(remark))
     report = any((out / "findings").glob("*.html"))
     return Proposed(case, wrong, len(differs) - len(wrong), inspected, reported, report)
 

@@ -240,7 +240,7 @@ BAD = {
         "write a number",
     ),
     "back": (f"{HEADER}\n\n{ROWS}0.05,1,2,3,4\n", ":5 column 't'", "goes back from 0.1 to 0.05 s", "sort the rows"),
-    "repeated": (f"{HEADER}\n{ROWS}0.1,1,2,3,4\n", ":4 column 't'", "0.1 s repeats", "delete one"),
+    "repeated": (f"{HEADER}\n{ROWS}0.1,1,2,3,4\n", ":4 column 't'", "0.1 s repeats", "--map t=row*0.05"),
     "short": (f"{HEADER}\n{ROWS}0.2,1,2,3\n0.3,1,2,3,4\n", ":4", "4 values under 5 column names", "complete the row"),
     "cut off": (f"{HEADER}\n{ROWS}0", ":4", "1 values under 5 column names", "complete the row"),
     "long": (f"{HEADER}\n{ROWS}0.2,1,2,3,4,5\n", ":4", "6 values under 5 column names", "surplus"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -219,3 +220,163 @@ def test_joint_states_without_efforts_hold_no_torque(effort: str, tmp_path: Path
         refused(run("identify", "turret", tmp_path / "bag"), 3, "no torque")
     else:
         np.testing.assert_allclose(io.read_log(tmp_path / "bag", TURRET, need_tau=False).q, planted.q)
+
+
+# --- Columns of other names: the correction that is proposed, completed, reads the log -------------------------------
+
+CONSTANTS = np.array([motor.torque_constant for motor in TURRET.motors])
+"""Torque constants of the turret's motors, N m/A."""
+FOREIGN: Mapping[str, tuple[Mapping[str, Callable[[Log], np.ndarray]], Mapping[str, str]]] = {
+    "seconds and other names": (
+        {"time": lambda x: x.t, "pos_{}": lambda x: x.q, "effort_{}": lambda x: x.tau}, {}
+    ),
+    "counts of an encoder": (
+        {"time_ms": lambda x: 1e3 * x.t, "present_position_{}": lambda x: np.round(x.q * 4096 / (2 * np.pi)),
+         "tau_{}": lambda x: x.tau},
+        {"COUNTS_PER_TURN": "4096"},
+    ),
+    "counts by their unit": (
+        {"t": lambda x: x.t, "{} [cnt]": lambda x: np.round(x.q * 65536 / (2 * np.pi)), "tau_{}": lambda x: x.tau},
+        {"COUNTS_PER_TURN": "65536"},
+    ),
+    "a share of the range": (
+        {"t": lambda x: x.t, "{}.pos": lambda x: x.q / 0.02, "tau_{}": lambda x: x.tau}, {"RAD_PER_UNIT": "0.02"}
+    ),
+    "a share of the range under another name": (
+        {"t": lambda x: x.t, "angle_{}": lambda x: x.q / 0.002, "tau_{}": lambda x: x.tau}, {"RAD_PER_UNIT": "0.002"}
+    ),
+    "currents as signed registers": (
+        {"t": lambda x: x.t, "q_{}": lambda x: x.q,
+         "current_{}": lambda x: np.round(x.tau / CONSTANTS / 0.0027) % 65536},
+        {"AMPERES_PER_UNIT": "0.0027"},
+    ),
+}  # fmt: skip
+"""Kind → columns, one of each joint where the name has a place for it, and what completes the correction."""
+
+
+def complete(text: str, values: Mapping[str, str]) -> list[str]:
+    """Return the entries of the ``--map`` options in a text, each part in capitals replaced by its value."""
+    for name, value in values.items():
+        text = text.replace(name, value)
+    words = shlex.split(text)
+    return [words[k + 1] for k, word in enumerate(words) if word == "--map"]
+
+
+@pytest.mark.parametrize("kind", FOREIGN)
+def test_the_correction_of_an_error_reads_the_log_once_completed(kind: str, tmp_path: Path) -> None:
+    planted, (columns, values) = moved(), FOREIGN[kind]
+    written = {
+        name.format(joint): np.broadcast_to(made.T, (2, len(T)))[k]
+        for name, of in columns.items()
+        for made in [of(planted)]
+        for k, joint in enumerate(TURRET.joints if "{}" in name else TURRET.joints[:1])
+    }
+    path = write_rows(tmp_path / "log.csv", [",".join(written)], np.column_stack(list(written.values())).tolist())
+    with pytest.raises(LogError) as caught:
+        io.read_log(path, TURRET)
+    assert all(name in str(caught.value) for name in values)
+    entries = complete(caught.value.mend, values)
+    log = io.read_log(path, TURRET, entries)
+    np.testing.assert_allclose(log.t, T, atol=1e-9)
+    step = 2 * np.pi / 4096 if "counts" in kind else 1e-9
+    np.testing.assert_allclose(log.q - log.q[0], planted.q - planted.q[0], atol=1.01 * step)
+    assert log.tau is not None and planted.tau is not None
+    np.testing.assert_allclose(log.tau, planted.tau, atol=0.0014 * CONSTANTS.max() if "registers" in kind else 1e-9)
+
+
+def test_a_file_without_headers_asks_for_the_torque_alone(tmp_path: Path, run: Run) -> None:
+    planted = moved(np.arange(0, 10, 0.005))
+    assert planted.v is not None and planted.tau is not None
+    rows = np.column_stack([planted.t, planted.q, planted.v, planted.tau])
+    path = write_rows(tmp_path / "log.csv", [], rows.tolist())
+    said = run("identify", "turret", path, "-o", tmp_path / "model.yaml")
+    refused(said, 2, "--map t=column1 --map q_pan=column2 --map q_tilt=column3", "tau_pan=COLUMN*FACTOR")
+    entries = complete(said[2].partition("add ")[2], {"tau_pan=COLUMN*FACTOR": "tau_pan=column6"})
+    entries[-1] = "tau_tilt=column7"
+    agree(io.read_log(path, TURRET, entries), planted)
+
+
+# --- Signed registers -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+@pytest.mark.parametrize("quantity", ["tau", "q"])
+def test_registers_logged_without_their_sign_are_read_with_it(quantity: str, bits: int, tmp_path: Path) -> None:
+    planted = moved()
+    columns = log_columns(planted)
+    for name in [name for name in columns if name.startswith(f"{quantity}_")]:
+        columns[name] = np.round(columns[name] * 1000) % 2**bits
+    path = write_rows(tmp_path / "log.csv", [",".join(columns)], np.column_stack(list(columns.values())).tolist())
+    log = io.read_log(path, TURRET, [f"{quantity}_{joint}={quantity}_{joint}*1e-3" for joint in TURRET.joints])
+    read, true = (log.q, planted.q) if quantity == "q" else (log.tau, planted.tau)
+    np.testing.assert_allclose(np.asarray(read), np.asarray(true), atol=0.51e-3)
+    assert any(f"{bits} bits" in event for event in log.events)
+
+
+def test_counts_about_the_middle_of_a_register_stay(tmp_path: Path) -> None:
+    planted = moved()
+    columns = {**log_columns(planted), "tau_pan": 32768 + np.round(planted.q[:, 0] * 1e4)}
+    path = write_rows(tmp_path / "log.csv", [",".join(columns)], np.column_stack(list(columns.values())).tolist())
+    log = io.read_log(path, TURRET)
+    assert log.tau is not None and np.ptp(log.tau[:, 0]) == np.ptp(columns["tau_pan"])
+
+
+# --- Stamps ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rate", "rounding"), [(200, "round 0.01"), (300, "floor 0.01"), (2500, "round 0.001")])
+def test_stamps_of_few_digits_are_read_as_evenly_spaced_rows(
+    rate: float, rounding: str, tmp_path: Path, run: Run
+) -> None:
+    planted = moved(np.arange(0, 3, 1 / rate))
+    step = float(rounding.split()[1])
+    whole = (np.floor if rounding.startswith("floor") else np.round)(planted.t / step + 1e-9)
+    columns = {**log_columns(planted), "t": whole * step}
+    path = write_rows(tmp_path / "log.csv", [",".join(columns)], np.column_stack(list(columns.values())).tolist())
+    log = io.read_log(path, TURRET)
+    np.testing.assert_allclose(np.diff(log.t), 1 / rate, rtol=1e-3)
+    np.testing.assert_allclose(log.t, planted.t, atol=step)
+    assert any("evenly spaced" in event for event in log.events)
+    (stream,) = result(run, "inspect", path)["files"][0]["streams"]
+    assert stream["rate_hz"] == pytest.approx(rate, rel=1e-3)
+
+
+def test_rows_that_repeat_stamps_unevenly_are_refused_with_the_mapping_by_row(tmp_path: Path) -> None:
+    planted = moved()
+    columns = {**log_columns(planted), "t": np.repeat(planted.t[::6], 6)}
+    path = write_rows(tmp_path / "log.csv", [",".join(columns)], np.column_stack(list(columns.values())).tolist())
+    columns["t"] = np.where(T < 1.5, np.round(T, 2), 2 * np.round(T, 2))  # it slows down halfway
+    write_rows(path, [",".join(columns)], np.column_stack(list(columns.values())).tolist())
+    with pytest.raises(LogError, match="repeats the row before") as caught:
+        io.read_log(path, TURRET)
+    log = io.read_log(path, TURRET, complete(caught.value.mend, {}))
+    assert len(log) == len(T) and np.ptp(np.diff(log.t)) < 1e-9
+
+
+def test_rows_that_were_written_twice_are_left_out(tmp_path: Path) -> None:
+    planted = moved()
+    rows = np.column_stack(list(log_columns(planted).values()))
+    path = write_rows(tmp_path / "log.csv", [",".join(log_columns(planted))], np.insert(rows, 40, rows[40], 0).tolist())
+    log = io.read_log(path, TURRET)
+    agree(log, planted)
+    assert any("1 of 601 rows repeat" in event for event in log.events)
+
+
+# --- Sensors beside the joints --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["cam_rate_{}", "camera omega {}", "g{}"])
+def test_the_axes_of_a_gyro_are_no_rates_of_joints(name: str, tmp_path: Path) -> None:
+    """The camera's gyro turns with the joints, so its axes add up to their angles."""
+    planted = moved(np.arange(0, 10, 0.005))
+    assert planted.v is not None
+    columns = {key: values for key, values in log_columns(planted).items() if not key.startswith("dq")}
+    gyro = {"x": 0.01 * planted.v[:, 0], "y": planted.v[:, 1], "z": planted.v[:, 0]}
+    columns = {key.replace("q_", "angle_", 1): values for key, values in columns.items()}
+    columns |= {name.format(axis): values for axis, values in gyro.items()}
+    path = write_rows(tmp_path / "log.csv", [",".join(columns)], np.column_stack(list(columns.values())).tolist())
+    found = inspect(path, TURRET).mapping
+    assert not any(target.startswith("dq_") for target in found)
+    links = {target.split("_", 1)[1][:-2] for target in found if target.startswith("gyro_")}
+    assert len(links) == 1 and (links == {TURRET.base}) == (name == "g{}")
+    assert [found[f"gyro_{link}_{axis}"][0] for link in links for axis in "xyz"] == [*map(name.format, "xyz")]

@@ -12,6 +12,7 @@ from gimbal_pin.log.angles import check_within_stops, unwrap_angles
 from gimbal_pin.log.io.columns import (
     IMU_COLUMNS,
     Group,
+    MissingColumnsError,
     list_links,
     log_columns,
     make_imu_groups,
@@ -57,7 +58,12 @@ def log_in(
     links, notes = list_links(rig), list[str]()
     groups = make_log_groups(rig.joints, links, need_tau)
     sources = resolve_mapping(rig, groups, mapping)
-    data = read_groups(table, groups, sources, notes)
+    try:
+        data = read_groups(table, groups, sources, notes)
+    except MissingColumnsError as error:
+        from gimbal_pin.log.io.inspection import propose_entries
+
+        raise LogError(error.place, error.what, propose_entries(table, rig, error.missing) or error.mend) from error
     return to_log(data, table.name, rig, links, payload, sources, (*table.notes, *notes))
 
 

@@ -10,11 +10,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gimbal_pin.errors import DataError, LogError
-from gimbal_pin.log.io.tables import ColumnTable, quote_names
+from gimbal_pin.log.io.tables import (
+    ColumnTable,
+    decode_register,
+    describe_register,
+    describe_stamps,
+    even_stamps,
+    find_repeated_rows,
+    quote_names,
+)
 from gimbal_pin.log.log import LEAST_INTERVAL, PLAUSIBLE_RANGES, Array, Log, find_implausible, find_untimely
 from gimbal_pin.log.mapping import ROW_COLUMN, Entries, Source, check_targets, list_encoder_sources, read_mapping
 from gimbal_pin.rig import urdf
 from gimbal_pin.rig.rig import Rig
+
+
+class MissingColumnsError(LogError):
+    """A log without columns that it needs.
+
+    Attributes:
+        missing: Their names.
+    """
+
+    missing: tuple[str, ...] = ()
+
 
 _JOINT_COLUMNS = {"q": "q", "v": "dq", "tau": "tau", "q_ref": "q_ref", "temperature": "temp"}
 """Attribute of `Log` → prefix of its columns, in the order of files."""
@@ -148,6 +167,8 @@ def read_groups(
     wanted = [c for c in dict.fromkeys(source.column for source in present.values()) if c in columns]
     raw = table.read(wanted or table.columns[:1])
     raw.setdefault(ROW_COLUMN, np.arange(len(next(iter(raw.values()))), dtype=np.float64))
+    if notes is not None:
+        raw |= _decode_columns(table, raw, present, notes)
     for group in groups.values():
         if notes is not None and not group.required and group.columns[0] in present:
             sparse = [c for c in group.columns if np.isnan(raw[present[c].column]).mean() > _LOST]
@@ -167,8 +188,32 @@ def read_groups(
                 row, column, what, mend = wrong
                 raise LogError(table.place(int(kept[row]), named[column].column), what, mend)
     if (late := find_untimely(arrays["t"][:, 0])) is not None:
-        raise LogError(table.place(int(kept[late[0]]), present["t"].column), *late[1:])
+        row, what, mend = late
+        t = arrays["t"][:, 0]
+        if notes is not None and t[row] == t[row - 1]:
+            interval = (t[-1] - t[0]) / max(len(t) - 1, 1)
+            mend = f"write more digits, or, of evenly spaced rows: --map t={ROW_COLUMN}*{interval:.6g}"
+        raise LogError(table.place(int(kept[row]), present["t"].column), what, mend)
     return arrays
+
+
+def _decode_columns(
+    table: ColumnTable, raw: Mapping[str, Array], present: Mapping[str, Source], notes: list[str]
+) -> dict[str, Array]:
+    """Return the columns that are signed registers or rounded times, as they are meant; `notes` takes a sentence."""
+    decoded = {}
+    time = present["t"].column
+    read = {source.column: raw[source.column] for source in present.values()}
+    even, rounding = even_stamps(time, read)
+    if rounding:
+        decoded[time] = even
+        notes.append(describe_stamps(f"{table.name}: '{time}'", even, rounding))
+    for column in [column for column in read if column not in (time, ROW_COLUMN)]:
+        values, bits = decode_register(read[column])
+        if bits:
+            decoded[column] = values
+            notes.append(describe_register(f"{table.name}: '{column}'", bits))
+    return decoded
 
 
 def _select_whole_rows(
@@ -190,6 +235,11 @@ def _select_whole_rows(
             mend = "fill it in or delete the row; put columns of another rate into a.csv+b.csv"
             raise LogError(place, f"is empty or nan, and {lack}", mend)
         said.append(f"{place}: is empty or nan: {lack} and are left out")
+    twice = find_repeated_rows({column: values[full] for column, values in raw.items()})
+    if 0 < np.sum(twice) <= most:
+        place = table.place(int(full[twice][0]), time.column)
+        said.append(f"{place}: {np.sum(twice)} of {count} rows repeat the row before, its time too, and are left out")
+        full = full[~twice]
     stays = np.flatnonzero(np.diff(raw[time.column][full]) * time.factor < LEAST_INTERVAL)
     begin = int(stays[-1]) + 1 if len(stays) else 0
     if 0 < begin <= most:
@@ -221,7 +271,9 @@ def _check_header(table: ColumnTable, groups: Mapping[str, Group], present: Mapp
     if missing:
         what = f"has no column {quote_names(missing)} (its columns: {quote_names(table.columns)})"
         mend = f"name the columns so, or map them: --map {missing[0]}=COLUMN[*FACTOR]"
-        raise LogError(table.name, what, mend + f" or t={ROW_COLUMN}*SECONDS" * (missing[0] == "t"))
+        error = MissingColumnsError(table.name, what, mend + f" or t={ROW_COLUMN}*SECONDS" * (missing[0] == "t"))
+        error.missing = tuple(missing)
+        raise error
     for group in groups.values():
         absent = [column for column in group.columns if column not in present]
         if absent and len(absent) < len(group.columns):

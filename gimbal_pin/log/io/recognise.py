@@ -50,10 +50,12 @@ _RANK = {word: rank for rank, text in enumerate(_RANKED) for word in text.split(
 """Words beside a kind's → which of several columns of one joint is taken: the lowest; 1 is plain."""
 _UNITS: Mapping[str, Mapping[str, str]] = {
     "position": {"rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "counts": "counts",
+                 "count": "counts", "cnt": "counts", "cnts": "counts", "inc": "counts", "lsb": "counts",
                  "ticks": "counts", "turns": "turns", "rev": "turns", "revs": "turns", "mrad": "mrad", "mdeg": "mdeg"},
     "gyro": {"rad": "rad", "deg": "deg", "dps": "deg", "mrad": "mrad", "mdps": "mdeg", "mdeg": "mdeg"},
     "current": {"ma": "mA", "milliamps": "mA", "milliamperes": "mA"},
-    "rate": {"rad": "rad", "deg": "deg", "dps": "deg", "rpm": "rpm", "rps": "turns", "turns": "turns", "rev": "turns",
+    "rate": {"rad": "rad", "deg": "deg", "dps": "deg", "hz": "turns",
+             "counts": "counts", "cnt": "counts", "rpm": "rpm", "rps": "turns", "turns": "turns", "rev": "turns",
              "mrad": "mrad", "mdps": "mdeg", "mdeg": "mdeg"},
     "torque": {"nm": "N m", "mnm": "mN m", "nmm": "N mm", "ncm": "N cm"},
 }  # fmt: skip
@@ -61,14 +63,27 @@ _UNITS: Mapping[str, Mapping[str, str]] = {
 _FACTORS = {"rad": "", "deg": "pi/180", "turns": "2*pi", "mrad": "1e-3", "mdeg": "1e-3*pi/180", "rpm": "pi/30",
            "mA": "1e-3", "N m": "", "mN m": "1e-3", "N mm": "1e-3", "N cm": "1e-2"}  # fmt: skip
 """Unit → its radians, amperes or N m, as a mapping writes it."""
+_UNKNOWN = {"rad": "RAD_PER_SECOND", "A": "AMPERES", "N m": "NM"}
+"""SI unit → its name in a factor that is to be filled in."""
 _VALUES = {"rad": 1.0, "deg": pi / 180, "turns": 2 * pi, "mrad": 1e-3, "mdeg": 1e-3 * pi / 180, "rpm": pi / 30}
 _TIME_UNITS = (("s", 1.0, ""), ("ms", 1e-3, "1e-3"), ("µs", 1e-6, "1e-6"), ("ns", 1e-9, "1e-9"))
 _TIME_WORDS = {"s": 0, "sec": 0, "secs": 0, "seconds": 0, "ms": 1, "msec": 1, "millis": 1, "us": 2, "usec": 2,
-              "micros": 2, "ns": 3, "nsec": 3, "nanos": 3}  # fmt: skip
+              "micros": 2, "µs": 2, "μs": 2, "ns": 3, "nsec": 3, "nanos": 3}  # fmt: skip
 _NEAR = 0.1
 """Relative error of k up to which it is a ratio of units: slow filters of a rate take some of its size."""
+_ROOM_TOLERANCE = 1.1
+"""Travel of a joint, over the room that the rig's limits leave it, up to which a unit is believed: limits are rounded,
+and stops give way. Doubling it takes a range of -100 to 100 for degrees at stops of ± 50°."""
 OTHER_UNIT = 3.0
 """Ratio from which a rate in no known unit is given what makes it its angle's rate: readers refuse it otherwise."""
+_AMPERES = re.compile(r"[\[(]\s*A\s*[\])]")
+"""The unit ampere in a name, which is no word there."""
+_ANGLE_AXES = re.compile(r"(.*?)(?:^|(?<![a-z])|(?<=[gaw]))([xyz])$", re.IGNORECASE)
+"""A name that ends in an axis of space: ``rate_x``, ``gx``; what stands before it, and the axis."""
+_CAMERA_WORDS = frozenset(("cam", "camera", "payload", "lens"))
+"""Words in the name of a sensor that is fixed to the payload."""
+_PLACEHOLDER = re.compile(r"[A-Z]{2,}")
+"""A factor's part that a person has to fill in, such as ``COUNTS_PER_TURN``."""
 _POWERS = range(6, 25)
 """Powers of two that encoders count in a turn: 64 to 16 million."""
 
@@ -82,7 +97,8 @@ class Channel:
         values: Its values, (N,).
         quantity: One of `_KINDS`, "time", "constant", "copy" or "unknown".
         unit: rad, deg, turns, counts, rpm, s, ms, …, "A", "N m"; empty where it is unknown.
-        factor: What it is multiplied by to be in SI units, as a mapping writes it.
+        factor: What it is multiplied by to be in SI units, as a mapping writes it; in capitals what is not known of it.
+        guessed: Whether only its size tells its unit.
         wanted: Whether it is a reference or command, not a measurement.
         rate_of: The column of whose angle it is the rate; empty where none is known.
         scale: Radians in one unit of an angle.
@@ -95,6 +111,7 @@ class Channel:
     quantity: str = "unknown"
     unit: str = ""
     factor: str = ""
+    guessed: bool = False
     wanted: bool = False
     rate_of: str = ""
     scale: float = 1.0
@@ -110,6 +127,11 @@ class Channel:
     def still(self) -> bool:
         """Whether it never changes."""
         return bool(np.ptp(self.values) == 0)
+
+    @property
+    def whole(self) -> bool:
+        """Whether its values are whole numbers and their quantum is one, as of registers and counters."""
+        return abs(self.step - 1.0) < 1e-9 and bool(np.all(self.values == np.round(self.values)))
 
     @property
     def low(self) -> float:
@@ -130,6 +152,11 @@ class Channel:
         """Return what ``--json`` writes of a column."""
         names = ("column", "kind", "unit", "factor", "reasons", "low", "high", "step", "joint")
         return {name: getattr(self, name) for name in names}
+
+
+def is_complete(factor: str) -> bool:
+    """Whether nothing of a factor has to be filled in."""
+    return _PLACEHOLDER.search(factor) is None
 
 
 class Recognised(NamedTuple):
@@ -163,6 +190,7 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
     joints = () if rig is None else rig.joints
     channels = {name: _read_name(name, values[later], joints) for name, values in data.items() if name != time}
     known: dict[bytes, str] = {}
+    _mark_sensor_axes(channels, joints)
     for channel in channels.values():
         first = channel.column if channel.still else known.setdefault(channel.values.tobytes(), channel.column)
         if first != channel.column:
@@ -220,7 +248,8 @@ def find_time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
 
 def _read_name(column: str, values: Array, joints: Sequence[str] = ()) -> Channel:
     """Return what a name says of a column: by a word of its kind, by its unit, or as the name of one of the joints."""
-    channel, split, written = Channel(column, values), split_words(column), _read_units(column)
+    text = column.replace("°C", " celsius ").replace("°", " deg ").replace("µ", "u")
+    channel, split, written = Channel(column, values), split_words(text), _read_units(text)
     kind = next((kind for kind, known in _KINDS.items() if known & set(split)), None)
     if {"angular", "velocity"} <= set(split):
         kind = "gyro"
@@ -233,6 +262,8 @@ def _read_name(column: str, values: Array, joints: Sequence[str] = ()) -> Channe
         kinds = {"torque": torque, "current": current, "rate": rate, "position": angle or own}
         kind = next((kind for kind, is_so in kinds.items() if is_so), None)
     elif kind == "torque" and {*written} & _UNITS["current"].keys():
+        kind = "current"
+    if kind in (None, "torque") and _AMPERES.search(column):
         kind = "current"
     channel.wanted = bool(COMMAND_WORDS & set(split))
     if kind is not None:
@@ -255,6 +286,25 @@ def _read_units(column: str) -> tuple[str, ...]:
     """
     written = [word.lower() for word in re.findall(r"[^\W\d_]+", column)]
     return (*written, *(a + b for a, b in pairwise(written) if a in ("n", "mn")), *split_words(column))
+
+
+def _mark_sensor_axes(channels: Mapping[str, Channel], joints: Sequence[str]) -> None:
+    """Set which columns are the three axes of a gyro or accelerometer, so that none is taken for a joint's rate."""
+    triples: dict[str, dict[str, Channel]] = {}
+    for channel in channels.values():
+        if (found := _ANGLE_AXES.fullmatch(channel.column)) and not any(
+            {*split_words(joint)} & {found[2].lower()} for joint in joints
+        ):
+            triples.setdefault(found[1].lower(), {})[found[2].lower()] = channel
+    for stem, axes in triples.items():
+        words = split_words(stem)
+        last = words[-1] if words else ""
+        kinds = {"g": "gyro", "w": "gyro", "a": "accel"}
+        for channel in axes.values() if len(axes) == 3 else ():
+            kind = "gyro" if channel.quantity == "rate" else kinds.get(last, "") * (channel.quantity == "unknown")
+            if kind:
+                channel.quantity = kind
+                channel.reasons.append(f"one of the axes x, y and z of a sensor: {kind}")
 
 
 class _Tie(NamedTuple):
@@ -334,7 +384,7 @@ def _find_unit_pair(ratio: float) -> tuple[str, str] | None:
 def _set_units(ties: Sequence[_Tie], channels: Mapping[str, Channel], room: float, with_rig: bool) -> None:
     """Set the units and factors of all columns; `room`: the widest range of a joint, rad."""
     for channel in channels.values():
-        if channel.quantity in ("position", "attitude"):
+        if channel.quantity in ("position", "attitude") and not _set_unit_by_rate(channel, ties, channels):
             _set_angle_unit(channel, room, with_rig)
     beside = {kind: [c.values for c in channels.values() if c.quantity == kind] for kind in ("gyro", "accel")}
     for channel in channels.values():
@@ -345,7 +395,9 @@ def _set_units(ties: Sequence[_Tie], channels: Mapping[str, Channel], room: floa
             channel.unit = channel.unit or next((u for u, v in _VALUES.items() if abs(abs(true) / v - 1) < _NEAR), "")
             channel.reasons.append(_describe_tie(tie))
             channel.factor = ("-" if true < 0 else "") + _FACTORS.get(channel.unit, "")
-            if not channel.unit and not 1 / OTHER_UNIT < abs(true) < OTHER_UNIT:
+            if _PLACEHOLDER.search(x.factor) and channel.unit not in _VALUES:
+                channel.unit, channel.factor = "", "RAD_PER_SECOND_PER_UNIT"
+            elif not channel.unit and not 1 / OTHER_UNIT < abs(true) < OTHER_UNIT:
                 channel.factor = f"{true:.4g}"
         elif channel.quantity == "gyro":
             of = next((t for t in ties if t.v == channel.column and channels[t.x].quantity == "attitude"), None)
@@ -363,11 +415,31 @@ def _set_units(ties: Sequence[_Tie], channels: Mapping[str, Channel], room: floa
             channel.unit, channel.factor = ("g", "9.80665") if 0.5 < size < 2.0 else ("m/s²", "")
             channel.reasons.append(f"its axes' size is {digits(size, 3)} most of the time")
         elif usual := {"rate": "rad", "current": "A", "torque": "N m"}.get(channel.quantity):
+            if (not channel.unit and channel.whole) or channel.unit == "counts":
+                channel.factor = f"{_UNKNOWN[usual]}_PER_UNIT"
+                channel.reasons.append("whole numbers: a register, the unit of which does not show")
+                continue
             channel.unit = channel.unit or usual
             channel.factor = _FACTORS.get(channel.unit, "")
     for channel in channels.values():
         if channel.quantity in ("rate", "gyro") and channel.unit in ("rad", "deg", "turns", "mrad", "mdeg"):
             channel.unit += "/s"
+
+
+def _set_unit_by_rate(channel: Channel, ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> bool:
+    """Set the unit of an angle without one from that of its rate, where the rate's name states it; False if not so."""
+    for tie in ties:
+        rate = channels[tie.v]
+        if tie.x == channel.column and rate.rate_of == channel.column and rate.unit in _VALUES and not channel.unit:
+            scale = _VALUES[rate.unit] / abs(tie.ratio)
+            unit = next((unit for unit, value in _VALUES.items() if abs(scale / value - 1) < _NEAR), "")
+            turn = next((2**k for k in _POWERS if abs(scale * 2**k / (2 * pi) - 1) < _NEAR), 0)
+            if unit or (turn and channel.whole):
+                channel.unit, channel.factor = (unit, _FACTORS[unit]) if unit else ("counts", f"2*pi/{turn}")
+                channel.scale = _VALUES[unit] if unit else 2 * pi / turn
+                channel.reasons.append(f"{_describe_tie(tie._replace(x=rate.column))}, which is in {rate.unit}/s")
+                return True
+    return False
 
 
 def _describe_tie(tie: _Tie) -> str:
@@ -379,11 +451,17 @@ def _set_angle_unit(channel: Channel, room: float, with_rig: bool) -> None:
     """Set the unit of an angle: by its name, a quantum that divides a turn, its range, and the rig's `room`, rad."""
     x, say = channel.values, channel.reasons.append
     travel, most, step = float(np.ptp(x)), float(np.abs(x).max()), channel.step
-    if channel.unit == "counts":
-        turn = next((2**k for k in _POWERS if 0.98 * 2**k <= most <= 1.001 * 2**k), None)
-        channel.factor, channel.scale = (f"2*pi/{turn}", 2 * pi / turn) if turn else ("", 1.0)
-        say(f"goes to {digits(most, 4)}: {turn} counts a turn" if turn
-            else "how many counts a turn has does not show: multiply by 2*pi/(counts per turn)")  # fmt: skip
+    if channel.unit == "counts" or (not channel.unit and channel.whole):
+        channel.unit = "counts"
+        # Of a turn both ends show; half of one may end anywhere.
+        spans = [2**k for k in _POWERS if 0.98 * 2**k <= most <= 1.001 * 2**k and abs(x.min()) <= 0.02 * 2**k]
+        turn = spans[0] if spans else None
+        channel.factor, channel.scale = (f"2*pi/{turn}", 2 * pi / turn) if turn else ("2*pi/COUNTS_PER_TURN", 1.0)
+        say(
+            f"goes from 0 to {digits(most, 4)}: {turn} counts a turn"
+            if turn
+            else "counts: how many a turn has does not show"
+        )
         return
     if not channel.unit:
         parts = {unit: turn / step for unit, turn in (("rad", 2 * pi), ("deg", 360.0)) if step}
@@ -394,7 +472,12 @@ def _set_angle_unit(channel: Channel, room: float, with_rig: bool) -> None:
         if exact:
             channel.unit = exact[0]
             say(f"its step of {digits(step, 3)} {exact[0]} parts a turn into {parts[exact[0]]:.0f}")
+        elif channel.column.endswith(".pos") and 2 * pi < most <= 100.0:
+            channel.unit, channel.factor = "", "RAD_PER_UNIT"
+            say("LeRobot writes -100 to 100 of a joint's calibrated range, or degrees: which does not show")
+            return
         elif travel > 1.5 * room:
+            channel.guessed = True
             say(f"goes {digits(travel, 3)}, more than the {digits(room, 3)} rad that the rig leaves")
         elif not with_rig and travel > 4 * pi and not goes_on and most < 400:
             say(f"goes to and fro over {digits(travel, 3)}, more than two turns in radians")
@@ -436,6 +519,13 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
     tau, reference = torque or current, _assign_by_joint(channels, rig, "position", wanted=True)
     kinds = {"q": q, "dq": v, "tau": tau, "q_ref": reference}
     found: dict[str, tuple[str, str, str]] = {}
+    for prefix in ("q", "q_ref"):
+        rooms = {joint: float(high - low) for joint, low, high in zip(rig.joints, *rig.stops)}
+        guessed = {joint: c for joint, column in kinds[prefix].items() if (c := channels[column]).guessed}
+        if any(np.ptp(c.values) * c.scale > _ROOM_TOLERANCE * rooms[joint] for joint, c in guessed.items()):
+            for channel in guessed.values():
+                channel.unit, channel.factor = "", "RAD_PER_UNIT"
+                channel.reasons.append("farther than the rig leaves in radians and in degrees: the unit does not show")
     for prefix, columns in {**kinds, "temp": temperature}.items():
         for joint, column in columns.items():
             channel = channels[column]
@@ -443,7 +533,8 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
             if prefix == "tau" and channel.quantity == "current":
                 constant = rig.motors[rig.joint_index(joint)].torque_constant
                 if constant is not None:
-                    remark = f"a current, {channel.unit}, times the rig's torque constant, {constant:g} N m per A"
+                    unit = f", {channel.unit}" if channel.unit else ""
+                    remark = f"a current{unit}, times the rig's torque constant, {constant:g} N m per A"
                     factor = f"{constant:g}" + f"*{factor}" * bool(factor)
                 else:
                     unit = "" if factor else ", A"
@@ -453,7 +544,7 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
     links = urdf.list_element_names(urdf.parse_robot(rig.urdf, str(rig.path)), "link")
     for kind, prefix, axes in (("gyro", "gyro", "xyz"), ("accel", "accel", "xyz"), ("quaternion", "quat", "wxyz")):
         sensors = [channel for channel in channels.values() if channel.quantity == kind]
-        found |= _assign_imu_columns(sensors, rig.base, links, prefix, axes)
+        found |= _assign_imu_columns(sensors, rig.base, rig.payload_link or rig.camera_frame, links, prefix, axes)
     return found
 
 
@@ -488,16 +579,21 @@ def _assign_by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wante
 
 
 def _assign_imu_columns(
-    channels: Iterable[Channel], base: str, links: Sequence[str], prefix: str, axes: str
+    channels: Iterable[Channel], base: str, camera: str, links: Sequence[str], prefix: str, axes: str
 ) -> dict[str, tuple[str, str, str]]:
-    """Return target → column of the sensors that have all axes, each of the link that its name holds or of the base."""
+    """Return target → column of the sensors that have all axes, each of the link that its name holds.
+
+    Without one it is the camera's, where the name says so, or the base's.
+    """
     found: dict[str, tuple[str, str, str]] = {}
     for channel in channels:
         split = split_words(channel.column)
         last = split[-1] if split else ""
+        last = last[-1:] if last[:-1] in ("g", "w", "a") else last
         axis = axes[int(last)] if last in ("0", "1", "2") and len(axes) == 3 else last
         if axis in (*axes,):
-            link = max((link for link in links if set(split_words(link)) <= set(split)), key=len, default=base)
+            near = camera if _CAMERA_WORDS & {*split} else base
+            link = max((link for link in links if set(split_words(link)) <= set(split)), key=len, default=near)
             found.setdefault(f"{prefix}_{link}_{axis}", (channel.column, channel.factor, channel.reasons[-1]))
     whole = {target[:-2] for target in found if all(f"{target[:-2]}_{axis}" in found for axis in axes)}
     return {target: found[target] for target in sorted(found) if target[:-2] in whole}

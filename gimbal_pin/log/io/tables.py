@@ -75,6 +75,64 @@ def find_time(table: ColumnTable) -> str:
     raise UsageError(table.name, "has no column that is called time, and its first does not increase", mend)
 
 
+def decode_register(values: Array) -> tuple[Array, int]:
+    """Return the signed values of a register that was logged without its sign, and its bits; 0 bits of another column.
+
+    Whole numbers that jump by over half of 2^16 or 2^32 are such a register if they make no such jump when those from
+    half on are less by the whole: ``65535, 0, 3`` are -1, 0, 3.
+    """
+    seen = values[~np.isnan(values)]
+    if not seen.size or seen.min() < 0 or seen.max() >= 2.0**32 or (seen != np.round(seen)).any():
+        return values, 0
+    bits = 16 if seen.max() < 2.0**16 else 32
+    half = 2.0 ** (bits - 1)
+    signed = np.where(values >= half, values - 2 * half, values)
+    jumps = [(np.abs(np.diff(x)) > half).any() for x in (seen, signed[~np.isnan(values)])]
+    return (signed, bits) if jumps == [True, False] and np.unique(seen).size > 2 else (values, 0)
+
+
+def describe_register(place: str, bits: int) -> str:
+    """Return a sentence on a column that `decode_register` has changed."""
+    return f"{place} holds signed registers of {bits} bits: {2**bits - 1} is read as -1"
+
+
+_LEAST_STAMPS = 50
+"""Fewest rows of which the interval is estimated from rounded stamps."""
+_STAMP_SPAN = 1.1
+"""Span of the distances of rounded stamps from even times, over the rounding: one, and a tenth for the clock's jitter.
+Doubling it takes rows that come in pairs for even ones."""
+
+
+def find_repeated_rows(columns: Mapping[str, Array]) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """Return which rows hold what the row before holds, in every column, (N,)."""
+    return np.asarray(np.all([np.diff(values, prepend=np.nan) == 0 for values in columns.values()], axis=0))
+
+
+def even_stamps(time: str, columns: Mapping[str, Array]) -> tuple[Array, float]:
+    """Return the times of evenly spaced rows whose stamps are rounded to more than their interval, and the rounding.
+
+    The line through stamps by row, where all are as near to it as rounded stamps of even times: 0.00, 0.00, 0.01, 0.02,
+    0.02 are 0.005 apart. Other stamps are returned as they are, with a rounding of 0: also those that repeat only in
+    rows that were written twice.
+    """
+    t = columns[time]
+    steps = np.diff(t)
+    if len(t) < _LEAST_STAMPS or not (steps >= 0).all() or not steps.any():
+        return t, 0.0
+    if not (np.diff(t[~find_repeated_rows(columns)]) == 0).any():
+        return t, 0.0
+    rounding = float(steps[steps > 0].min())
+    rows = np.arange(len(t)) - (len(t) - 1) / 2
+    line = t.mean() + rows * float(rows @ (t - t.mean()) / (rows @ rows))
+    return (line, rounding) if np.ptp(t - line) <= _STAMP_SPAN * rounding else (t, 0.0)
+
+
+def describe_stamps(place: str, t: Array, rounding: float) -> str:
+    """Return a sentence on times that `even_stamps` has changed."""
+    interval = (t[-1] - t[0]) / (len(t) - 1)
+    return f"{place}: stamps are rounded to {rounding:.3g}: its rows are taken as evenly spaced, {interval:.6g} apart"
+
+
 def read_numeric_columns(table: ColumnTable) -> tuple[dict[str, Array], list[str]]:
     """Return the columns of numbers, (N,) each, missing values interpolated, and a sentence on each flaw.
 

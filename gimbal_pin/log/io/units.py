@@ -61,10 +61,15 @@ def _check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, 
             raise LogError(name, what, "the loop lost the joint: give a log of one that holds it, of lower gains")
     for j in off[:1]:
         what = f"q_{rig.joints[j]} travels {travel[j]:.4g} rad where the rig's limits leave {room[j]:.3g}"
-        likely = travel[j] < 1.1 * degrees(room[j])
-        factor, unit = ("pi/180", "degrees") if likely else ("(rad per unit)", "counts or another unit")
         names = [f"q_{rig.joints[k]}" for k in off]
-        maps = format_remapping(sources, {name: (name, factor) for name in names})
+        given = [sources.get(name, Source(name)) for name in names]
+        plain = all(source.factor == 1.0 for source in given)
+        likely = plain and travel[j] < 1.1 * degrees(room[j])
+        factor, unit = ("pi/180", "degrees") if likely else ("RAD_PER_UNIT", "counts or another unit")
+        maps = format_remapping(
+            {name: Source(source.column) for name, source in zip(names, given)},
+            {name: (name, factor) for name in names},
+        )
         mend = f"if these are {unit}, map them, and rates in such units as well: {maps}"
         raise LogError(name, rig.in_units(rig.joints[j], what), mend)
 
