@@ -93,8 +93,21 @@ def find_assignment(blocks: DesignBlocks, estimate: Estimate) -> AssignmentTrial
     return None
 
 
-def check_assignment_of_logs(rig: Rig, logs: Sequence[Log], base: BaseMotion, filtering: Filtering) -> Fault | None:
-    """Check the wiring of logs before any fit, on their first `ASSIGNMENT_TIME` seconds.
+def fit_beginning(
+    rig: Rig, logs: Sequence[Log], base: BaseMotion, filtering: Filtering
+) -> tuple[DesignBlocks, Estimate] | None:
+    """Fit the first `ASSIGNMENT_TIME` seconds of logs; None where they have too few rows."""
+    parts = tuple(map(take_beginning, logs))
+    blocks = compute_blocks(
+        Design(rig, reduce_parameters(rig, base=base), build_friction_effects(rig.joints), parts, filtering)
+    )
+    if not blocks or count_effective_rows(blocks).min() <= blocks[0].A.shape[2]:
+        return None
+    return blocks, fit_weighted(blocks)
+
+
+def check_assignment_of_logs(blocks: DesignBlocks, estimate: Estimate) -> Fault | None:
+    """Check the wiring of logs that were fitted by `fit_beginning`.
 
     Returns:
         The fault, where joints have changed places with all of their columns; else None.
@@ -102,21 +115,13 @@ def check_assignment_of_logs(rig: Rig, logs: Sequence[Log], base: BaseMotion, fi
     Raises:
         LogError: As `check_assignment`, of signs and of torques that have changed places.
     """
-    parts = tuple(map(take_beginning, logs))
-    blocks = compute_blocks(
-        Design(rig, reduce_parameters(rig, base=base), build_friction_effects(rig.joints), parts, filtering)
-    )
-    if not blocks or count_effective_rows(blocks).min() <= blocks[0].A.shape[2]:
-        return None
-    found = find_assignment(blocks, fit_weighted(blocks))
+    name, found = blocks.design.logs[0].name, find_assignment(blocks, estimate)
     if found is None:
         return None
     if not found.whole:
-        raise LogError(logs[0].name, found.words, found.mend)
+        raise LogError(name, found.words, found.mend)
     missed = Parameter("missed", found.missed, "1")
-    return Fault(
-        "logs-disagree", None, f"{logs[0].name}: {found.words}", (missed,), 1.0 / LEAST_IMPROVEMENT, True, found.mend
-    )
+    return Fault("logs-disagree", None, f"{name}: {found.words}", (missed,), 1.0 / LEAST_IMPROVEMENT, True, found.mend)
 
 
 def take_beginning(log: Log) -> Log:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks import CheckedLog, Fault, check_log
-from gimbal_pin.checks.channel_assignment import check_assignment_of_logs
+from gimbal_pin.checks import CheckedLog, Fault, check_log, compare_scales
+from gimbal_pin.checks.channel_assignment import check_assignment_of_logs, fit_beginning
 from gimbal_pin.checks.torque_time import find_shifted_torques, find_time_fault, report_shifts
 from gimbal_pin.diagnosis.agreement import find_disagreement
 from gimbal_pin.diagnosis.band import alternate_blocks, choose_band
@@ -138,7 +138,8 @@ def diagnose_checked_logs(
     evidence = gather(rig, train, filtering, wholes)
     check_moved(evidence, train[0].name)
     base = greatest_base_motion(rig, train)
-    exchanged = check_assignment_of_logs(rig, train, base, limit_cutoff(Filtering(), train))
+    beginning = fit_beginning(rig, train, base, limit_cutoff(Filtering(), train))
+    exchanged = check_assignment_of_logs(*beginning) if beginning else None
     if exchanged is not None:
         return report_unusable_logs(rig, logs, with_fault(checked, exchanged), filtering)
     held = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
@@ -159,7 +160,9 @@ def diagnose_checked_logs(
     resting = tuple(f"{joint}: not excited, as its reference asks for rest: nothing is said of it" for joint in idle)
     held = retimed(held, found.alignment)
     said = report_findings(found, held, checked, filtering)
-    said = replace(said, idle=idle, notes=(*said.notes, *resting, *(unjudged(held) if held is not evidence else ())))
+    scaled = compare_scales(*beginning) if beginning else ()
+    notes = (*scaled, *said.notes, *resting, *(unjudged(held) if held is not evidence else ()))
+    said = replace(said, idle=idle, notes=notes)
     state = said.state
     assert state is not None
     said = add_sensor_findings(said, checked, train, test, filtering)

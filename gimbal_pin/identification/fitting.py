@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gimbal_pin.checks import check_assignment, check_log, check_time, collect_alterations
+from gimbal_pin.checks import check_assignment, check_log, check_time, collect_alterations, compare_scales
 from gimbal_pin.dynamics.model import (
     Doubt,
     Estimated,
@@ -273,6 +273,7 @@ def identify(
         altered=collect_alterations(checked),
         data=tuple(logs),
         holdout=holdout or choose_holdout(logs),
+        faults=compare_scales(blocks, estimate),
     )
     if examined == "never":
         return found
@@ -281,7 +282,7 @@ def identify(
         bias=check_bias(blocks, examined, estimate.method),
         parting=payload_change.compare_halves([*blocks, *(tested or ())], blocks.design),
         agreement=assess_agreement(replace(blocks.design, logs=tuple(logs))) if len(logs) > 1 else None,
-        faults=describe_faults(checked),
+        faults=(*found.faults, *describe_faults(checked)),
         bound=_bound_deviations(blocks.design, base) if base == "rotating" else None,
     )
     return (
