@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.errors import LogError
@@ -110,3 +111,43 @@ def test_an_encoders_zero_is_applied_once(tmp_path: Path) -> None:
     write_log(read, tmp_path / "again.csv")
     assert read_log(tmp_path / "again.csv", rig).q == pytest.approx(log.q, abs=1e-12)
     assert read_log(tmp_path / "again.csv", plain).q[:, 1] == pytest.approx(log.q[:, 1] + 1.25, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["turret", "thesis"])
+def test_rates_that_have_changed_places_are_refused_with_the_map(name: str, tmp_path: Path) -> None:
+    rig = bundled(name)
+    log = prescribed(nominal(rig), seconds=8.0, dt=4e-3)
+    columns = log_columns(log)
+    first, other = rig.joints[:2]
+    columns[f"dq_{first}"], columns[f"dq_{other}"] = columns[f"dq_{other}"], columns[f"dq_{first}"]
+    write_columns(columns, tmp_path / "x.csv")
+    with pytest.raises(LogError, match=rf"--map dq_{first}=dq_{other} --map dq_{other}=dq_{first}"):
+        read_log(tmp_path / "x.csv", rig)
+    read = read_log(tmp_path / "x.csv", rig, [f"dq_{first}=dq_{other}", f"dq_{other}=dq_{first}"])
+    assert read.v == pytest.approx(log.v)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5, 2.0, 0.0])
+def test_a_rate_that_is_not_its_angles_derivative_is_noted(factor: float, tmp_path: Path) -> None:
+    """A multiple of it has the map that corrects it; the rate of anything else has none."""
+    rig = bundled("turret")
+    log = prescribed(nominal(rig), seconds=8.0, dt=4e-3)
+    rate = np.asarray(log.v)[:, 0] * factor if factor else np.sin(7 * log.t)
+    write_columns({**log_columns(log), "dq_pan": rate}, tmp_path / "x.csv")
+    (note,) = read_log(tmp_path / "x.csv", rig).events
+    assert "dq_pan" in note and (f"--map 'dq_pan=dq_pan*{1 / factor:.3g}'" in note if factor else "not the der" in note)
+
+
+@pytest.mark.parametrize("spoiled", ["noise", "a low-pass", "a delay"])
+def test_rates_of_ordinary_sensors_are_not_noted(spoiled: str, tmp_path: Path) -> None:
+    rig = bundled("turret")
+    log = prescribed(nominal(rig), seconds=8.0, dt=4e-3)
+    v = np.array(log.v)
+    if spoiled == "noise":
+        v += np.random.default_rng(0).normal(0.0, 1.0, v.shape)
+    if spoiled == "a low-pass":
+        v = lfilter([0.08], [1.0, -0.92], v, axis=0)
+    if spoiled == "a delay":
+        v = np.roll(v, 6, axis=0)
+    write_log(replace(log, v=v), tmp_path / "x.csv")
+    assert not read_log(tmp_path / "x.csv", rig).events

@@ -79,7 +79,7 @@ def to_log(
     """Return the log of the groups that were read; `LogError` where they can be in no SI units."""
     t = data["t"][:, 0]
     q, q_ref, turned = unwrap_angles(name, rig, t, data["q"], data.get("q_ref"), sources)
-    check_units(name, rig, t, q, data.get("v"), q_ref, sources)
+    turned += check_units(name, rig, t, q, data.get("v"), q_ref, sources)
     return Log(
         name=name,
         joints=rig.joints,

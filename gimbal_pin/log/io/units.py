@@ -9,11 +9,21 @@ from types import MappingProxyType
 import numpy as np
 
 from gimbal_pin.errors import LogError
+from gimbal_pin.log import signals
 from gimbal_pin.log.io.recognise import OTHER_UNIT, find_ratio, take_increments
 from gimbal_pin.log.limited import MOSTLY, compute_share_near_limit
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.mapping import Source, format_remapping
 from gimbal_pin.rig.rig import Rig
+
+COARSE = 10
+"""Intervals that are joined for a second estimate of a rate's scale, which a low-pass or delay changes less."""
+OTHER_SCALE = 1.25
+"""Factor between an angle and its rate's integral that is another unit or gear: scales of gyros and drives differ by
+some per cent. Doubling its logarithm, 1.56, would hide a gear of 3 to 2."""
+CLEAR = 100.0
+"""Power of increments over their noise from which these must correlate with their rate's by more than 0.9: noise alone
+then leaves 0.99. At twice that fewer joints are judged."""
 
 
 def check_units(
@@ -24,10 +34,12 @@ def check_units(
     v: Array | None,
     q_ref: Array | None = None,
     sources: Mapping[str, Source] = MappingProxyType({}),
-) -> None:
-    """Raise `LogError` for angles, rates or times that can be no radians, radians per second or seconds.
+) -> list[str]:
+    """Return notes on rates that are not their angles' derivatives; raise `LogError` where units are surely others.
 
-    And for angles that are radians of a joint which its loop has lost. Fewer than 50 samples are not judged.
+    That is for angles, rates or times that can be no radians, radians per second or seconds, for rates that have
+    changed places, and for angles that are radians of a joint which its loop has lost. Fewer than 50 samples are not
+    judged.
 
     Args:
         name: The file.
@@ -41,7 +53,8 @@ def check_units(
     if len(t) >= 50:
         _check_angles(name, rig, sources, q, q_ref)
         if v is not None:
-            _check_rates(name, rig, sources, t, q, v)
+            return _check_rates(name, rig, sources, t, q, v)
+    return []
 
 
 def _check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, q_ref: Array | None) -> None:
@@ -74,10 +87,23 @@ def _check_angles(name: str, rig: Rig, sources: Mapping[str, Source], q: Array, 
         raise LogError(name, rig.in_units(rig.joints[j], what), mend)
 
 
-def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q: Array, v: Array) -> None:
-    """Raise `LogError` if an angle plainly follows its rate, but many times faster or slower, or the other way."""
-    each = zip(rig.joints, take_increments(t, q).T, take_increments(t, v, integrated=True).T)
-    ratios = {joint: ratio for joint, moved, sums in each if (ratio := find_ratio(moved, sums)[1])}
+def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q: Array, v: Array) -> list[str]:
+    """Return notes on rates whose integral is not their angle, or a multiple of it.
+
+    Raises:
+        LogError: Rates have changed places, or an angle plainly follows its rate, but many times faster or slower, or
+            the other way.
+    """
+    moved, sums = take_increments(t, q), take_increments(t, v, integrated=True)
+    pairs = list(zip(rig.joints, moved.T, sums.T))
+    ratios = {joint: ratio for joint, *pair in pairs if (ratio := find_ratio(*pair)[1])}
+    lost = [pair for pair in pairs if pair[0] not in ratios]
+    # With independent noise the product of both crossed correlations is at most that of the joints' own, under 0.81.
+    follows = {x[0]: y[0] for x in lost for y in lost if x[0] != y[0] and find_ratio(x[1], y[2])[1]}
+    if follows and sorted(follows) == sorted(follows.values()):
+        maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{other}", 1.0) for joint, other in follows.items()})
+        names = " and ".join(f"dq_{joint}" for joint in follows)
+        raise LogError(name, f"{names} hold the rates of each other's joints", f"exchange them: {maps}")
     off = {joint: ratio for joint, ratio in ratios.items() if not 1 / OTHER_UNIT < ratio < OTHER_UNIT}
     for joint, factor in list(off.items())[:1]:
         if 1 / OTHER_UNIT < -factor < OTHER_UNIT:
@@ -89,6 +115,28 @@ def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q
             raise LogError(name, f"{what}, as every joint does", f"t is in ms, not s: map it: {maps}")
         maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{factor:.3g}"))})
         raise LogError(name, what, f"one of the two is in degrees, or in other units: {maps}, or map q_{joint}")
+    notes = []
+    few = slice(0, len(moved) // COARSE * COARSE)
+    noise = 2.0 * signals.noise_std(q) ** 2, len(t) / len(moved) * (np.median(np.diff(t)) * signals.noise_std(v)) ** 2
+    for j, (joint, x, y) in enumerate(pairs):
+        coarse = find_ratio(*(part[few].reshape(-1, COARSE).sum(axis=1) for part in (x, y)))[1]
+        ratio = ratios.get(joint, 0.0)
+        if not ratio and all(np.mean(part**2) > CLEAR * power[j] for part, power in zip((x, y), noise)):
+            notes.append(
+                f"{name}: dq_{joint} is not the derivative of q_{joint}: leave rates out, or map another column"
+            )
+        elif (
+            ratio > 0
+            and coarse > 0
+            and abs(np.log(ratio)) > np.log(OTHER_SCALE)
+            and abs(np.log(ratio / coarse)) < np.log(1.1)
+        ):
+            maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{ratio:.3g}"))})
+            what = f"q_{joint} moves {ratio:.3g} times as far as dq_{joint} says"
+            notes.append(
+                f"{name}: {what}: map the rate, {maps}, or the angle; the time where every joint has this factor"
+            )
+    return notes
 
 
 def describe_torques(rig: Rig, tau: Array | None) -> tuple[str, ...]:
