@@ -121,16 +121,12 @@ def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q
     for j, (joint, x, y) in enumerate(pairs):
         coarse = find_ratio(*(part[few].reshape(-1, COARSE).sum(axis=1) for part in (x, y)))[1]
         ratio = ratios.get(joint, 0.0)
+        is_scale = ratio * coarse > 0 and abs(np.log(ratio / coarse)) < np.log(1.1)
         if not ratio and all(np.mean(part**2) > CLEAR * power[j] for part, power in zip((x, y), noise)):
             notes.append(
                 f"{name}: dq_{joint} is not the derivative of q_{joint}: leave rates out, or map another column"
             )
-        elif (
-            ratio > 0
-            and coarse > 0
-            and abs(np.log(ratio)) > np.log(OTHER_SCALE)
-            and abs(np.log(ratio / coarse)) < np.log(1.1)
-        ):
+        elif is_scale and abs(np.log(ratio)) > np.log(OTHER_SCALE):
             maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{ratio:.3g}"))})
             what = f"q_{joint} moves {ratio:.3g} times as far as dq_{joint} says"
             notes.append(
