@@ -31,7 +31,7 @@ class FleetLog:
 
     Attributes:
         path: Absolute path or URL.
-        unit: Serial number of the rig that it is of.
+        unit: Serial number of its rig, without blanks at its ends.
         time: When it was taken, s since 1970 or whatever the manifest counts in; its place where that says nothing.
         taken: The same as the manifest states it, or the log's name.
         mapping: Its columns: target → expression, as in `read_log`.
@@ -89,7 +89,9 @@ class _Statement:
 def read_manifest(folder: str | Path) -> Manifest:
     """Read a folder's `MANIFESTS`; a folder without one holds a log of each unit.
 
-    Paths are relative to the manifest. One that lies behind a URL names nothing outside its own folder.
+    Paths are relative to the manifest. One that lies behind a URL names nothing outside its own folder. Names of units
+    are compared without blanks at their ends; two that differ by letter case alone are refused, as some file systems
+    and people take them for one.
 
     Raises:
         UsageError: The folder or the manifest cannot be used; it names the entry.
@@ -108,6 +110,7 @@ def read_manifest(folder: str | Path) -> Manifest:
     if not stated.logs:
         raise UsageError(place, "names no logs", f"put logs there, or list them in {MANIFESTS[0]}")
     common, logs, places, usual = _read_map(stated.map, base, f"{place}: map"), [], dict[str, int](), ""
+    spellings: dict[str, str] = {}
     for k, entry in enumerate(stated.logs):
         own, name = f"{place}: logs[{k}]", PurePosixPath(entry.log)
         path = _locate_file(entry.log, base, own)
@@ -120,7 +123,11 @@ def read_manifest(folder: str | Path) -> Manifest:
             raise UsageError(own, f"is {entry.log}, which is logs[{before}], too", "list it once")
         taken = name.name if entry.time is None else str(entry.time)
         mapping = {**common, **_read_map(entry.map, base, f"{own}.map")}
-        logs.append(FleetLog(path, entry.unit or name.stem, time, taken, mapping))
+        unit = (entry.unit or "").strip() or name.stem.strip() or name.stem
+        if (known := spellings.setdefault(unit.casefold(), unit)) != unit:
+            what = f"is of unit '{unit}', which differs from '{known}' by letter case alone"
+            raise UsageError(own, what, "write the name of one unit one way, or name two units apart")
+        logs.append(FleetLog(path, unit, time, taken, mapping))
     rig, payload = (
         name if name is None or name in known else _locate_file(name, base, f"{place}: {key}", known)
         for key, name, known in (("rig", stated.rig, bundled_rigs()), ("payload", stated.payload, bundled_payloads()))

@@ -13,8 +13,9 @@ from scipy.stats import binomtest, spearmanr
 
 from gimbal_pin.control.tuning import StoredController, Tuning
 from gimbal_pin.dynamics.model import Model, nominal
+from gimbal_pin.errors import UsageError
 from gimbal_pin.fleet.engine import Capacity, ExecutorFactory, check_installed, compute_table
-from gimbal_pin.fleet.study import Limit, list_figures, make_study, parse_limit
+from gimbal_pin.fleet.study import SHORTEST_DRIFTING, Limit, list_figures, make_study, parse_limit
 from gimbal_pin.fleet.variation import RigDesign, Variation, Vary, choose_default_vary
 from gimbal_pin.log.io.files import to_plain
 from gimbal_pin.log.log import Array
@@ -144,6 +145,10 @@ def monte_carlo(
     variation.check()
     units = list_figures(rig, platform)
     limits = tuple(parse_limit(text, units) for text in spec)
+    if platform and seconds < SHORTEST_DRIFTING and any(limit.figure == "drift" for limit in limits):
+        raise UsageError(
+            "--seconds", f"is {seconds:g} s, which shows no drift", f"give {SHORTEST_DRIFTING:g} s or more"
+        )
     study = make_study(variation, controller, retune, platform, seconds)
     settings = {**study.describe(), "seed": seed, "sobol": sobol}
     table = compute_table(study.run, design, settings, folder, executor, workers, quiet)

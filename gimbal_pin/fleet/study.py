@@ -22,6 +22,7 @@ from gimbal_pin.pointing.bench import WANTED, draw_profile, learn_recipe
 from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.recipe import Recipe
+from gimbal_pin.pointing.result import SETTLING, SHORTEST_DRIFT, SHORTEST_JITTER
 from gimbal_pin.pointing.run import simulate_holding
 from gimbal_pin.pointing.sight import unable
 from gimbal_pin.rig.config import Noise
@@ -30,6 +31,10 @@ from gimbal_pin.rig.rig import Rig
 
 STEPS = {"rms_error": "°", "overshoot_percent": "%", "settling_time": "s", "peak_torque": ""}
 """Figures of a step and their units for people (none: a share of the limit), joint by joint and the largest of all."""
+SHORTEST_HOLDING = SETTLING + SHORTEST_JITTER
+"""Shortest run that holds a camera, s: its start does not count, and the rest must show jitter."""
+SHORTEST_DRIFTING = SETTLING + SHORTEST_DRIFT
+"""Shortest run that shows how a camera drifts, s."""
 PLATFORM = {"jitter": "°", "jitter_max": "°", "drift": "°", "peak_torque": ""}
 """The same of a camera on profile S; only the torque is joint by joint, too."""
 SCALES = {
@@ -192,12 +197,15 @@ def make_study(
     How platforms move is known from another motion than that on which the camera is held.
 
     Raises:
-        UsageError: The rig cannot hold its camera.
+        UsageError: The rig cannot hold its camera, or a run is too short to show its jitter.
     """
     stored = controller.stored if isinstance(controller, Tuning) else controller
     wish, law, model = (Wish(), None, variation.model) if stored is None else (stored.wish, stored.law, stored.model)
     recipe, rig = None, model.rig
     if platform:
+        if seconds <= SHORTEST_HOLDING:
+            what = f"is {seconds:g} s, of which the first {SETTLING:g} s do not count"
+            raise UsageError("--seconds", what, f"give over {SHORTEST_HOLDING:g} s")
         if reason := unable(rig, WANTED):
             mend = "state or change that in its YAML"
             raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", mend)

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from math import degrees, sqrt
+from math import degrees, nan, sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,6 +23,10 @@ SLOW = 0.2
 """Corner between jitter and drift, Hz (CONTROL, "Profile S")."""
 SETTLING = 2.0
 """Beginning of a run that is not counted, s (the same)."""
+SHORTEST_JITTER = 0.5 / SLOW
+"""Shortest time that the high-pass of the jitter needs, s: half of the corner's period."""
+SHORTEST_DRIFT = 1 / SLOW
+"""Shortest time that shows a drift, s: the corner's period. In half of it a slow swing may not leave its start."""
 
 
 def split(error: Array, dt: float) -> tuple[Array, Array]:
@@ -32,15 +36,21 @@ def split(error: Array, dt: float) -> tuple[Array, Array]:
     """
     sections = butter(2, SLOW, btype="highpass", fs=1 / dt, output="sos")
     pad = min(len(error) - 1, round(1 / SLOW / dt))
-    fast = sosfiltfilt(sections, error, axis=0, padlen=pad) if len(error) * dt > 1 / SLOW / 2 else error - error.mean(0)
+    fast = (
+        sosfiltfilt(sections, error, axis=0, padlen=pad) if len(error) * dt > SHORTEST_JITTER else error - error.mean(0)
+    )
     return fast, error - fast
 
 
 def jitter(error: Array, dt: float) -> tuple[float, float, float]:
-    """Jitter rms, jitter max and drift (how far the slow part goes from its start) of (e_y, e_z), rad, (N, 2)."""
+    """Jitter rms, jitter max and drift (how far the slow part goes from its start) of (e_y, e_z), rad, (N, 2).
+
+    The drift is NaN in less than `SHORTEST_DRIFT`.
+    """
     fast, slow = split(error, dt)
     size = np.hypot(*fast.T)
-    return float(np.sqrt(np.mean(size**2))), float(size.max()), float(np.hypot(*(slow - slow[0]).T).max())
+    drift = float(np.hypot(*(slow - slow[0]).T).max()) if len(error) * dt >= SHORTEST_DRIFT else nan
+    return float(np.sqrt(np.mean(size**2))), float(size.max()), drift
 
 
 def summed(events: Iterable[str]) -> tuple[str, ...]:
@@ -98,8 +108,9 @@ class Pointing:
 
     @property
     def counted(self) -> slice:
-        """The samples that count: all but the first `SETTLING` s, or the first quarter of a short run."""
-        return slice(min(round(SETTLING / self.dt), len(self.t) // 4), None)
+        """Samples that count: all but the first `SETTLING` s, or the first quarter of a run too short for jitter."""
+        samples, start = len(self.t), round(SETTLING / self.dt)
+        return slice(start if (samples - start) * self.dt > SHORTEST_JITTER else samples // 4, None)
 
     @property
     def sight(self) -> Array:

@@ -47,7 +47,9 @@ def figures(value: float | None, digits: int = 3) -> str:
 
 
 def angle(value: float) -> str:
-    """Return an angle of the line of sight, rad, in degrees; "none" under `NOTHING`."""
+    """Return an angle of the line of sight, rad, in degrees; "none" under `NOTHING`, "–" for NaN."""
+    if isnan(value):
+        return DASH
     return "none" if abs(degrees(value)) < NOTHING else f"{figures(degrees(value), 2)}°"
 
 

@@ -206,6 +206,31 @@ def test_a_cause_began_with_the_first_log_that_has_it(
     assert "Parameters of the reference fleet" in said and "1 unit, 1 log, against" in said and "cogging" not in said
 
 
+@pytest.mark.parametrize(
+    ("names", "units"), [(("U0", "U0 ", " U0"), 1), (("U0", "U1", "U 0"), 3), (("ß", "ß", "U"), 2)]
+)
+def test_blanks_at_the_ends_of_a_units_name_make_no_other_unit(
+    tmp_path: Path, names: tuple[str, ...], units: int
+) -> None:
+    for k in range(3):
+        (tmp_path / f"{k}.csv").touch()
+    stated = {"rig": "turret", "logs": [{"log": f"{k}.csv", "unit": name} for k, name in enumerate(names)]}
+    (tmp_path / "manifest.yaml").write_text(json.dumps(stated))
+    logs = read_manifest(tmp_path).logs
+    assert len(logs) == 3 and len({log.unit for log in logs}) == units
+
+
+@pytest.mark.parametrize("names", [("U0", "u0"), ("unit a", "Unit A "), ("É", "é")])
+def test_units_that_differ_by_letter_case_alone_are_refused(run: Run, tmp_path: Path, names: tuple[str, str]) -> None:
+    """Whether a manifest or files name them."""
+    for name in names:
+        (tmp_path / f"{name}.csv").touch()
+    refused(run("fleet", tmp_path, "--rig", "turret", "-o", tmp_path / "out"), 2, *(name.strip() for name in names))
+    stated = {"rig": "turret", "logs": [{"log": f"{name}.csv", "unit": name} for name in names]}
+    (tmp_path / "manifest.yaml").write_text(json.dumps(stated))
+    refused(run("fleet", tmp_path, "-o", tmp_path / "out"), 2, "logs[1]", *(name.strip() for name in names))
+
+
 def test_manifests_in_yaml_parquet_and_csv_are_one(folder: Path, tmp_path: Path) -> None:
     stated = json.loads((folder / "manifest.yaml").read_text())
     rows = pd.DataFrame([{**entry, "rig": "turret", "cutoff": 5.0} for entry in stated["logs"]])

@@ -138,7 +138,7 @@ def test_a_platform_and_planted_causes_from_the_command_line(run: Run, tmp_path:
     vary.write_text(
         "effects:\n  cogging:pan: {amplitude: [uniform, 0.01, 0.05], harmonic: 14}\npayload: {x: [normal, 0, 1]}"
     )
-    call = ["montecarlo", "turret", "--count", 2, "--seconds", 0.6, "--platform", "S", "--vary", vary, "-o", out]
+    call = ["montecarlo", "turret", "--count", 2, "--seconds", 4.6, "--platform", "S", "--vary", vary, "-o", out]
     call += ["--spec", "jitter < 1", "--workers", 1]
     found = result(run, *call)
     assert (found["rig"], found["count"], found["failed"]) == ("turret", 2, 0)
@@ -150,6 +150,14 @@ def test_a_platform_and_planted_causes_from_the_command_line(run: Run, tmp_path:
     assert table["cogging:pan.amplitude"].between(0.01, 0.05).all() and table.jitter.gt(0).all()
     code, said, _ = run(*call)
     assert code == 0 and "100.0 % meet jitter < 1" in said
+    assert next(line for line in said.splitlines() if line.startswith("drift")).split()[2:] == ["–"] * 4
+    assert found["figures"]["drift"]["median"] is None
+
+
+@pytest.mark.parametrize(("seconds", "spec"), [(0.6, "jitter < 1"), (4.5, "peak_torque < 1"), (6.9, "drift < 1")])
+def test_a_run_too_short_for_its_figure_is_refused(run: Run, tmp_path: Path, seconds: float, spec: str) -> None:
+    call = ["montecarlo", "turret", "--count", 1, "--platform", "S", "--seconds", seconds, "--spec", spec]
+    refused(run(*call, "-o", tmp_path / "out"), 2, "--seconds", f"{seconds:g} s")
 
 
 @pytest.mark.parametrize(
