@@ -184,5 +184,8 @@ Check = Callable[[Rig, Log, Filtering], "Examined | None"]
 
 
 def describe_parameters(parameters: tuple[Parameter, ...]) -> dict[str, dict[str, Any]]:
-    """Return ``{name: {"value": .., "std": .., "unit": ..}}``; a deviation that was not estimated is null."""
-    return {p.name: {"value": p.value, "std": finite_or_none(p.std), "unit": p.unit} for p in parameters}
+    """Return name → value, std, unit and whether it is known; a deviation that was not estimated is null."""
+    return {
+        p.name: {"value": p.value, "std": finite_or_none(p.std), "unit": p.unit, "is_known": p.is_known}
+        for p in parameters
+    }

@@ -18,6 +18,7 @@ from .gain import trace_torques as trace_torques
 from .given_causes import GivenResponse as GivenResponse
 from .given_causes import find_given_causes as find_given_causes
 from .given_model import compute_base_difference as compute_base_difference
+from .given_model import describe_friction as describe_friction
 from .next_experiment import next_experiment as next_experiment
 from .next_experiment import planned as planned
 from .parting import NextExperiment as NextExperiment

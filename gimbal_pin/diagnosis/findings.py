@@ -281,7 +281,7 @@ def _describe_cause(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
         Rival(one.cause.name, one.delta, one.delta / max(one.std, 1e-12), get_joint(one.cause))
         for one in found.rivals_of(cause)
     )
-    said = f"{final.sentence(values)}{_describe_vagueness(cause, figures)}{f' ({within})' if within else ''}"
+    said = f"{_describe_sizes(cause, final.sentence(values), figures)}{f' ({within})' if within else ''}"
     change = 100 * (after / max(before, 1e-300) - 1)
     gained = rig.in_units(at, f"held-out torque error {before:.3g} → {after:.3g} N m ({change:+.0f} %)")
     chance = len(found.search.library.causes) * np.exp((criterion(state) - criterion(base)) / 2)
@@ -321,16 +321,17 @@ def average_figures(state: State, cause: Cause) -> tuple[Parameter, ...]:
     return tuple(replace(p, std=float(np.hypot(p.std, np.sqrt(share @ x**2)))) for p, x in zip(figures, moved))
 
 
-def _describe_vagueness(cause: Cause, figures: Sequence[Parameter]) -> str:
-    """Say which of a sentence's sizes are not known to two deviations, and which are not by themselves.
+def _describe_sizes(cause: Cause, sentence: str, figures: Sequence[Parameter]) -> str:
+    """Return a sentence that states no size which the log does not know: with bounds where it knows one only.
 
-    What may have either sign, a phase or where a spring rests, may well be near zero and be known. Of sizes that were
-    fitted each, and of which the logs tell none by itself, only what they make together is known.
+    Of several harmonics the strongest is judged. Of sizes that were fitted each, and of which the logs tell none by
+    itself, only what they make together is known.
     """
-    rough = ", ".join(p.name for p in figures if p.lower >= 0 and 2 * p.std > p.value)
+    leading = [p for p in figures if not (isnan(p.std) or p.name[-1].isdigit())]
+    if not all(p.is_known for p in leading):
+        sentence = f"{cause.place}: {cause.name}, {', '.join(p.describe() for p in leading)}"
     joint = ", ".join(p.name for p in figures if p.name in shape_names(cause) and isnan(p.std))
-    said = f" ({rough} only roughly)" if rough else ""
-    return f"{said} ({joint} only together: other sizes fit as well)" if joint else said
+    return f"{sentence} ({joint} only together: other sizes fit as well)" if joint else sentence
 
 
 def list_untestable(found: Explained, findings: Sequence[Finding]) -> tuple[Untestable, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -64,7 +64,10 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
     """
     difference = compute_base_difference(state)
     hidden = [one for one in found.untestable if causes[one.cause].like_inertia]
-    unlike = *_describe_inertias(difference, state.problem, hidden), *_describe_friction(found.before)
+    unlike = (
+        *_describe_inertias(difference, state.problem, hidden, found.unexplained),
+        *describe_friction(found.before, found.unexplained),
+    )
     found = replace(found, notes=(*found.notes, *unlike))
     if difference.rig.config.inertia != "trusted" or found.held is None:
         return found
@@ -103,7 +106,9 @@ def state_payload_with_causes(
     return state_payload(compute_base_difference(found.state), mass)
 
 
-def _describe_inertias(found: BaseDifference, problem: Problem, hidden: Sequence[Untestable]) -> Iterator[str]:
+def _describe_inertias(
+    found: BaseDifference, problem: Problem, hidden: Sequence[Untestable], unexplained: Collection[str]
+) -> Iterator[str]:
     """``m_j = mean over poses of M_jj``, refitted over given: yield a sentence for each joint where that is not one.
 
     Where a log cannot tell a motor's constant gain from the inertias that it moves, this is all that shows of it.
@@ -112,12 +117,13 @@ def _describe_inertias(found: BaseDifference, problem: Problem, hidden: Sequence
         found: Refitted less given base parameters.
         problem: The logs.
         hidden: What the logs cannot show: what of it sits at the joint may be the reason.
+        unexplained: Joints whose torque is not explained: nothing is said of their inertia.
     """
     before, noise = given_beta(found.rig, found.reduction), problem.motion_noise
     for j, (joint, row) in enumerate(zip(found.rig.joints, problem.motion.inertia)):
         whole = float(row @ before)
         change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
-        if not (abs(change) > _LEAST_CHANGE and 2 * norm.sf(abs(change) / std) < FALSE_ALARM):
+        if joint in unexplained or not (abs(change) > _LEAST_CHANGE and 2 * norm.sf(abs(change) / std) < FALSE_ALARM):
             continue
         if not is_physical_inertia(whole * (1 + change)):
             yield f"{joint}: the log does not determine the inertia about its axis; {IMPOSSIBLE}"
@@ -130,18 +136,25 @@ def _describe_inertias(found: BaseDifference, problem: Problem, hidden: Sequence
             yield f"{joint}: the inertia about its axis is {less} than the URDF's{instead}"
 
 
-def _describe_friction(refitted: Model) -> Iterator[str]:
-    """Yield what rubs at the joints of which the URDF states no friction, in one sentence."""
+def describe_friction(refitted: Model, unexplained: Collection[str]) -> Iterator[str]:
+    """Yield the known friction of the joints whose URDF states none, with 95 % intervals, in one sentence.
+
+    Joints that are not explained are left out, and so are those at which a coefficient is negative by two deviations:
+    no friction gives power.
+    """
     rig, known = refitted.rig, refitted.estimated
     assert known is not None
     rows = [*zip(known.names, known.theta.tolist(), known.std.tolist(), known.units)]
     each = []
-    for joint in (joint for joint, stated in zip(rig.joints, rig.friction) if not np.any(stated)):
+    for joint, stated in zip(rig.joints, rig.friction):
         own = [row for row in rows if row[0].startswith(f"{joint}.")]
-        if any(value > DEVIATIONS * std for _, value, std, _ in own):
-            each.append(f"{joint} " + " and ".join(f"{digits(value, 2)} {unit}" for _, value, _, unit in own))
+        if np.any(stated) or joint in unexplained or any(value < -DEVIATIONS * std for _, value, std, _ in own):
+            continue
+        sizes = [f"{format_estimate(x, std)} {unit}" for _, x, std, unit in own if x > DEVIATIONS * std]
+        each += [f"{joint} {' and '.join(sizes)}"] if sizes else []
     if each:
-        yield f"the URDF states no friction where there is some: {', '.join(each)}; identify --urdf writes it in"
+        said = f"the URDF states no friction where there is some: {', '.join(each)} (± 95 %)"
+        yield f"{said}; identify --urdf writes it in"
 
 
 def _describe_attenuation(noise: MotionNoise, joint: int) -> str:

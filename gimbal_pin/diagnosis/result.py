@@ -384,18 +384,14 @@ class Diagnosis(Record):
 
     @property
     def opinions(self) -> dict[str, Opinion]:
-        """Joint → state of its held-out torque after all findings.
-
-        A simpler model is better where the refitted one is degraded against it, and the findings do not undo that.
-        """
+        """Joint → state of its held-out torque after all findings; the simpler models are the URDF's."""
         if self.held is None:
             states = {"structured": Opinion.STRUCTURE_LEFT, "noise": Opinion.NOISE_LEFT}
             return {joint: states[left.state] for joint, left in self.residual.items()}
         used, found = dict(zip(self.held.rig.joints, self.held.used.tolist())), dict[str, Opinion]()
         for joint, left in self.residual.items():
-            *simpler, refitted, extended = (errors["fit_percent"][joint] for errors in self.stages.values())
-            is_worse = any(is_degraded(refitted, one) and extended <= one for one in simpler)
-            is_worse = is_worse or any(is_degraded(extended, one) for one in simpler)
+            *simpler, _, extended = (errors["fit_percent"][joint] for errors in self.stages.values())
+            is_worse = any(is_degraded(extended, one) for one in simpler)
             structured = left.state == "structured"
             judged = 0.0 if joint in self.idle else used[joint]
             found[joint] = judge_joint(extended, judged, structured, structured, is_worse)
@@ -408,14 +404,14 @@ class Diagnosis(Record):
 
     @property
     def deteriorations(self) -> list[str]:
-        """Sentences about unexplained joints at which the refitted model is materially worse than a simpler one."""
+        """Sentences about joints at which the fitted model is materially worse than a simpler one."""
         said = []
         for joint in self.unexplained if self.held is not None else ():
-            *simpler, refitted, _ = ((model, each["fit_percent"][joint]) for model, each in self.stages.items())
+            *simpler, _, (_, extended) = ((model, each["fit_percent"][joint]) for model, each in self.stages.items())
             model, fit = max(simpler, key=lambda one: one[1])
-            if is_degraded(refitted[1], fit):
-                worse, better = digits(100 - refitted[1], 2), digits(100 - fit, 2)
-                said.append(f"{joint}: refitting raises the held-out error from {better} % ({model}) to {worse} %")
+            if is_degraded(extended, fit):
+                worse, better = digits(100 - extended, 2), digits(100 - fit, 2)
+                said.append(f"{joint}: fitting raises the held-out error from {better} % ({model}) to {worse} %")
         return said
 
     @property
@@ -448,6 +444,7 @@ class Diagnosis(Record):
                 joint: {**asdict(left), "opinion": self.opinions[joint].value} for joint, left in self.residual.items()
             },
             "candidate": None if self.candidate is None else asdict(self.candidate),
+            "probability_limit": LISTED,
             "cutoff_hz": None if self.held is None else self.held.band,
             "immaterial": [asdict(slight) for slight in self.immaterial],
             "alignment_s": self.alignment,

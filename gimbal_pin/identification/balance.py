@@ -92,7 +92,7 @@ class Balance:
             most = 1e3 * factor * float(np.max(np.abs(self.way) + 2 * self.std))
             return f"the {who} is balanced, to {digits(most, 2)} {unit}"
         joint = max(self.before, key=lambda name: self.before[name] - self.after[name])
-        std = 1e3 * max(float(self.std.max()), 1e-5)
+        std = 1e3 * max(float(self.std[clear != 0].max()), 1e-5)
         after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
         saved = f"gravity then takes {after} instead of {before} {self.forces[joint]} at {joint}"
         way = f"{describe_way(clear * factor, unit)} (± {digits(NORMAL_95 * std * factor, 1)} {unit}"

@@ -72,7 +72,7 @@ def _iterate_unexplained(found: Identified) -> Iterator[str]:
             continue
         judged = found.held_out or found.train
         fit = judged.fit_percent[joint]
-        parts = [f"the model fits the {judged.how} to {digits(fit, 2)} %"]
+        parts = [f"the model fits the {judged.how} up to {found.filtering.cutoff:g} Hz to {digits(fit, 2)} %"]
         others = [(one.how, one.fit_percent[joint]) for one in found.simpler]
         parts += [f"{how} fits it to {digits(other, 2)} %" for how, other in others if is_degraded(fit, other)]
         unit = found.model.rig.in_units(joint, "N m")
@@ -178,7 +178,8 @@ class Identified(Record):
         rig = self.model.rig
         mounted = f" with {rig.payload}" if rig.payload else ""
         head = (
-            f"{rig.name}{mounted}: {len(self.names)} parameters by {self.estimate.method} from {', '.join(self.logs)}"
+            f"{rig.name}{mounted}: {len(self.names)} parameters by {self.estimate.method} from {', '.join(self.logs)}, "
+            f"torque up to {self.filtering.cutoff:g} Hz"
         )
         parts = [str(part) for part in (self.train, self.held_out) if part is not None]
         notes = [*(f"warning: {said}" for said in self.warnings), *(f"note: {said}" for said in self.notes)]

@@ -341,7 +341,7 @@ def state_payload(
     trust: float = TRUST,
     own: BaseDifference | None = None,
 ) -> PayloadStatement:
-    """Say where the payload sits, what it weighs and how to balance it.
+    """Say where the payload sits, what it weighs and how to balance it; nothing of a rig without a camera.
 
     Args:
         found: The refitted base parameters against the given ones.
@@ -350,6 +350,8 @@ def state_payload(
         trust: See `explain_by_payload`.
         own: The part of the difference that is the payload's, where the gimbal is known.
     """
+    if not found.rig.aims:
+        return PayloadStatement()
     explained = explain_by_payload(found, mass, trust) if own is None else explain_by_payload(own, mass, 0.0)
     apart = explained if is_named else None
     return PayloadStatement(apart, compute_balance(found, None if apart is None else apart.known_mass, is_named))

@@ -31,7 +31,7 @@ from gimbal_pin.report.format import (
     torque_text,
 )
 from gimbal_pin.report.rig_drawing import RigDrawing
-from gimbal_pin.report.tables import FAIR, GOOD, TOGETHER, grade
+from gimbal_pin.report.tables import FAIR, GOOD, TOGETHER, grade, state_jitter
 from gimbal_pin.rig.brief import brief
 
 if TYPE_CHECKING:
@@ -139,13 +139,13 @@ def summary(
     simulated = [] if result is None else [SIMULATED.format(plant)]
     doubts = (*cautions(tuning, result, judged), *unexplained(wrong), *unknown, *simulated)
     details = [name_source(rig, found, logs)]
-    if payload is not None and rig.aims:
+    if payload is not None:
         place = () if payload.beside is None else (payload.beside.sentence,)
         sits = payload.lines[:1] if wrong is None or not wrong.finds_payload else ()
         details += [to_sentence(line) for line in (*sits, *place)]
-    steps = to_do(wrong, tuning, payload if rig.aims else None)
+    steps = to_do(wrong, tuning, payload)
     barred = tuning is not None and bool(tuning.doubts)
-    drawing = RigDrawing(rig, list_questioned(wrong), payload.balance if payload and rig.aims else None, ())
+    drawing = RigDrawing(rig, list_questioned(wrong), payload.balance if payload else None, ())
     return Summary(verdict(fit, missing, barred), tone, steps, doubts, tuple(details), tuple(numbers), drawing)
 
 
@@ -189,8 +189,8 @@ def rate_controller(tuning: Tuning | None, judged: Judgement | None, held: Verif
         note = f"median; worst {figures(ratios.min(), 2)}, of {judged.plants} perturbed plants, all joints"
         found.append(Card("Error of a PID over the controller's", figures(float(np.median(ratios)), 2), note))
     if held is not None:
-        ours, pid = (angle(held.jitter[name]) for name in (OURS, BASELINE))
-        found.append(Card("Jitter on a platform that moves", f"{ours} rms", f"a PID's: {pid}"))
+        note = f"{controller_name(OURS)} {state_jitter(held, OURS)}; a PID {state_jitter(held, BASELINE)}"
+        found.append(Card("Jitter on a platform that moves", f"{angle(held.jitter[OURS])} rms", note))
     return found
 
 

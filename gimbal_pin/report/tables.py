@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from markupsafe import Markup
 
+from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import NORMAL_95, digits
 from gimbal_pin.report.elements import Content, Table, bar, toned
 from gimbal_pin.report.format import (
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from gimbal_pin.control.laws import Margins
     from gimbal_pin.control.tuning import Tuning
     from gimbal_pin.diagnosis import Diagnosis, Finding
-    from gimbal_pin.effects.parameter import Parameter
     from gimbal_pin.identification import Agreement, Identified
     from gimbal_pin.identification.bodies import Body, Figure
     from gimbal_pin.identification.payloads import CameraEstimate
@@ -226,13 +226,14 @@ def list_curves(found: Diagnosis) -> list[str]:
     for joint in () if found.held is None else list_shown_joints(found.held.rig):
         if (curve := found.residual[joint.name].curve) is None:
             continue
-        k, unit = max(range(len(curve.knots)), key=lambda k: abs(curve.torque[k])), joint.force
+        sizes = [Parameter("up to", x, joint.force, std=std) for x, std in zip(curve.torque, curve.std)]
+        k = max(range(len(sizes)), key=lambda k: (sizes[k].is_known, abs(sizes[k].value)))
         ends = (curve.knots[k], *(x for pair in curve.acts for x in pair))
         points = {x: state_place(joint, curve.over, x) for x in ends}
         spans = "; ".join(f"{points[a]} and {points[b]}" for a, b in curve.acts) or "no two knots"
-        size = f"{figures(curve.torque[k])} ± {figures(NORMAL_95 * curve.std[k], 2)} {unit} at {points[curve.knots[k]]}"
+        size = f"{sizes[k].describe()} at {points[curve.knots[k]]}"
         lines.append(
-            f"{joint.name}: what no cause explains, over its {curve.over}, is up to {size}, told from zero between "
+            f"{joint.name}: what no cause explains, over its {curve.over}, is {size}, told from zero between "
             f"{spans}; the extended model carries it as a table"
         )
     return lines
@@ -249,7 +250,9 @@ def state_probability(finding: Finding) -> str:
 
 
 def state_size(figure: Parameter) -> str:
-    """A figure with its 95 % interval."""
+    """A figure with its 95 % interval; a bound where it is not known."""
+    if not figure.is_known:
+        return figure.describe()
     return f"{figure.name} {' '.join(interval(figure.value, NORMAL_95 * figure.std))}{figure.in_units}"
 
 
@@ -264,7 +267,12 @@ def state_sizes(finding: Finding) -> str:
 
 def tabulate_sizes(finding: Finding) -> Table:
     """A finding's figures with their intervals."""
-    rows = [[p.name, *interval(p.value, NORMAL_95 * p.std), p.in_units.strip()] for p in finding.sized]
+    rows = [
+        [p.name, *interval(p.value, NORMAL_95 * p.std), p.in_units.strip()]
+        if p.is_known
+        else [p.name, DASH, p.describe().removeprefix(f"{p.name} "), ""]
+        for p in finding.sized
+    ]
     return Table(["Figure", "Value", "95 %", "Unit"], rows, label="Figures of the finding")
 
 
@@ -370,6 +378,18 @@ def judgement(found: Judgement, joints: Sequence[ShownJoint]) -> Table:
 
 
 # -- the camera --------------------------------------------------------------------------------------------------------
+
+
+def state_torque_rms(torque_rms: Mapping[str, float]) -> str:
+    """Torque of each joint, N m rms: jitter is bought with it."""
+    each = ", ".join(f"{joint} {figures(size, 2)}" for joint, size in torque_rms.items())
+    return f"torque {each} N m rms"
+
+
+def state_jitter(found: Verified, controller: str) -> str:
+    """A controller's jitter, and the torque that it costs."""
+    (row,) = (row for row in found.rows if row.controller == controller)
+    return f"leaves {angle(row.jitter_rms)} rms of jitter with {state_torque_rms(row.torque_rms)}"
 
 
 def contest(found: Verified) -> Table:

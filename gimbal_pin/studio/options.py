@@ -15,6 +15,7 @@ from gimbal_pin.report import tables
 from gimbal_pin.report.elements import Content, Table
 from gimbal_pin.report.format import figures, list_shown_joints, torque_unit
 from gimbal_pin.report.plots import PLAIN, nest_dashes, thinned
+from gimbal_pin.report.tables import state_torque_rms
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.studio.figures import PointingFigure, ResidualFigure
 from gimbal_pin.studio.state import StudioState
@@ -164,8 +165,9 @@ def build_table(tuning: Tuning, residual: ResidualFigure | None) -> Table:
 
 
 def describe_jitter(found: PointingFigure) -> str:
-    """Say how still the camera stands."""
-    return f"{figures(1e3 * found.jitter)} mrad rms"
+    """State how still the camera stands, and the torque that this costs."""
+    torque = np.sqrt(np.mean(found.run.tau[found.run.counted] ** 2, axis=0)).tolist()
+    return f"{figures(1e3 * found.jitter)} mrad rms, {state_torque_rms(dict(zip(found.run.joints, torque)))}"
 
 
 def find_judged(source: StudioSource, state: StudioState) -> tuple[float, float] | None:

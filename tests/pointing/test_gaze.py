@@ -132,7 +132,11 @@ def test_the_page_says_what_was_run() -> None:
     tree = parsed(page())
     text = tree.text_content()
     ours, theirs = (f"{figures(degrees(verified().jitter[name]), 2)}°" for name in ("computed-torque", "pid"))
-    assert f"Computed torque leaves {ours} rms of jitter, PID {theirs}: 10 times as much." in text
+    for row in verified().rows:
+        own = f"{figures(degrees(row.jitter_rms), 2)}° rms of jitter with torque"
+        torques = [f"{joint} {figures(size, 2)}" for joint, size in row.torque_rms.items()]
+        assert row.controller == "compiled" or all(word in text for word in (own, *torques))
+    assert ours in text and theirs in text and "10 times as much" in text
     assert "A note." in text
     rows = [[cell.text_content().strip() for cell in row] for row in tree.xpath("//tbody")[0]]
     assert [row[0] for row in rows] == ["PID", "computed torque", "compiled"]

@@ -37,7 +37,7 @@ def show_camera(found: Verified) -> Section:
     circumstances = (
         f"Simulated {times} for {figures(float(runs[0].t[-1]), 2)} s on {MOTIONS[runs[0].platform]}, every controller "
         f"with the same motion, sensors, delay{margins}. Jitter is the line of sight above 0.2 Hz; what is slower is "
-        f"drift, which integrated gyros have whoever controls. {found.note}"
+        f"drift. {found.note}"
     )
     events = [f"{controller_name(row.controller)}: {event}" for row in found.rows for event in row.happened]
     rest = [f"and {len(events) - EVENTS} more, in the JSON"] * (len(events) > EVENTS)
@@ -64,8 +64,8 @@ def name_clock(found: Verified) -> str:
 
 def headline(found: Verified) -> str:
     """Say how still the camera stands with computed torque, and with the PID."""
-    (ours, best), (pid, other) = ((controller_name(name), angle(found.jitter[name])) for name in (OURS, BASELINE))
-    said = f"{ours} leaves {best} rms of jitter, {pid} {other}"
+    ours, pid = (f"{controller_name(name)} {tables.state_jitter(found, name)}" for name in (OURS, BASELINE))
+    said = f"{ours}, {pid}"
     times = f": {figures(found.gain, 2)} times as much" if found.gain > 1 else ""
     margins = "" if found.is_equal else ", each with margins of its own"
     failed = " Sensors were failed on purpose while it ran." if found.failed else ""
@@ -79,9 +79,10 @@ def numbers(found: Verified) -> list[Card]:
     joint, share = found.joints[int(np.argmax(shares))], float(shares.max())
     long, least = ours.at_limit[joint], min(own.delay_margin for own in found.loops[OURS])
     touched = f", and at it {figures(100 * long, 2)} % of the time" if long > 0 else ""
+    cost = f"with {tables.state_torque_rms(ours.torque_rms)}"
     tone = "poor" if long >= LEAST_SHARE_TOLD else "fair" if share >= 1 else ""
     return [
-        Card("Jitter", f"{angle(ours.jitter_rms)} rms", f"at most {angle(ours.jitter_max)}; above 0.2 Hz"),
+        Card("Jitter", f"{angle(ours.jitter_rms)} rms", f"at most {angle(ours.jitter_max)}; above 0.2 Hz, {cost}"),
         Card("Drift", angle(ours.drift), "below 0.2 Hz, from where it began"),
         Card("Torque", f"{figures(100 * share, 2)} %", f"of the limit at most: {joint}{touched}", tone),
         Card("Delay margin", f"{figures(1e3 * least, 2)} ms", "of the loop that has least"),

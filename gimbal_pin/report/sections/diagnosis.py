@@ -69,9 +69,8 @@ def show_diagnosis(found: Diagnosis) -> Section:
     named = ((f"{one.joint or 'rig'}: {' or '.join(one.alike)}", one) for one in found.findings)
     heads = [f"{name}; {tables.state_probability(one)}" for name, one in named]
     questioned = list(dict.fromkeys([*(one.joint for one in found.findings if one.joint), *found.unexplained]))
-    balance = found.given.balance if found.after.rig.aims else None
     decided = [paragraph(state_verdict(found), f"headline {tone}"), Markup(bullets(heads)), *state_model_errors(found)]
-    parts: list[object] = [RigDrawing(found.after.rig, questioned, balance, decided)]
+    parts: list[object] = [RigDrawing(found.after.rig, questioned, found.given.balance, decided)]
     if found.spoiling:
         faults = [f"{fault.sentence}; {fault.next_experiment}" for fault in found.spoiling]
         parts.append(bullets([*faults, *(tables.state_size(p) for fault in found.spoiling for p in fault.answer)]))
@@ -82,7 +81,7 @@ def show_diagnosis(found: Diagnosis) -> Section:
     if found.planned is not None:
         parts += [heading("The next experiment"), bullets(found.planned.lines)]
     if found.held is not None:
-        parts += [heading("What is left"), tables.residual(found)]
+        parts += [heading(f"What is left up to {found.held.band:g} Hz"), tables.residual(found)]
         parts += [paragraph(f"{tables.ALONE}.", "side")] if len(found.findings) > 1 else []
         parts += [paragraph(to_sentence(found.hidden), "side")] if found.hidden else []
         parts += [paragraph(f"{line}.") for line in found.deteriorations]
@@ -93,19 +92,13 @@ def show_diagnosis(found: Diagnosis) -> Section:
     if found.held is not None and (found.findings or found.is_extended):
         parts += [heading("What knowing it gains"), tables.gain(found, joints), paragraph(simulated, "side")]
         parts += [paragraph(f"{line}.") for line in describe_worse_errors(found.baseline, found.extended)]
-    if found.after.rig.aims:
-        given = replace(found.given, apart=None) if found.finds_payload else found.given
-        parts += show_payload(given, *qualify_payload(found))
+    given = replace(found.given, apart=None) if found.finds_payload else found.given
+    parts += show_payload(given, *qualify_payload(found))
     late = describe_lags(found.after) if found.held is not None else []
     notes = [*found.notes, *late, *tables.list_unnamed(found), *list_altered(found.altered)]
     parts += [folded("Notes", bullets(notes), is_detail=False)] if notes else []
     band = "" if found.held is None else f", up to {found.held.band:g} Hz"
     lead = f"Held-out errors are of the part of the log that no choice has seen{band}."
-    lead += (
-        f" With a probability of {100 * (1 - LISTED):.0f} %, what is there has a form that was not fitted."
-        if found.findings
-        else ""
-    )
     return Section(WRONG, parts, lead)
 
 
@@ -138,7 +131,9 @@ def state_model_errors(found: Diagnosis) -> list[Element]:
         return []
     joint = min(moved, key=lambda name: found.stated["fit_percent"][name])
     each = (f"{name} {tables.share_off(errors, joint)}" for name, errors in found.stages.items())
-    return [paragraph(f"Torque error at {joint}, where the URDF is worst, held out: {', '.join(each)}.")]
+    assert found.held is not None
+    where = f"{joint}, where the URDF is worst, held out, up to {found.held.band:g} Hz"
+    return [paragraph(f"Torque error at {where}: {', '.join(each)}.")]
 
 
 def qualify_payload(found: Diagnosis) -> list[Element]:
@@ -151,7 +146,8 @@ def qualify_payload(found: Diagnosis) -> list[Element]:
 def show_finding(finding: Finding, believed: bool = True) -> list[object]:
     """Return a finding's sentence, its figures, and what it could be instead."""
     chance, sizes = tables.state_probability(finding), tables.state_sizes(finding)
-    lines: list[Content] = [to_sentence(chance)]
+    cap = f"at most {100 * LISTED:.0f} %, for the true form may be one that the library lacks"
+    lines: list[Content] = [f"{to_sentence(chance)[:-1]} ({cap})."]
     is_listed = len(finding.sized) > tables.MOST  # the harmonics of a motor's teeth
     lines += [f"{sizes}{' (± 95 %)' if finding.sized else ''}."] if sizes and not is_listed else []
     if finding.open:

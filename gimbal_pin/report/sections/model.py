@@ -81,7 +81,7 @@ def show_parameters(found: Identified, payload: PayloadStatement | None, evaluat
     parts: list[object] = [
         *list_warnings(found.warnings),
         *list_parameter_parts(found, evaluated),
-        *(show_payload(payload) if payload is not None and found.model.rig.aims else []),
+        *(show_payload(payload) if payload is not None else []),
         *list_notes(found),
     ]
     return Section("Parameters", parts, "What the log says of the rig, with 95 % intervals.")
