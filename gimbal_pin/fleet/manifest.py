@@ -103,7 +103,9 @@ def read_manifest(folder: str | Path) -> Manifest:
     if len(found) > 1:
         raise UsageError(base, f"holds {' and '.join(found)}", "leave one of them")
     place = "/".join([base, *found])
-    stated = _Statement(tuple(_Entry(name) for name in names if PurePosixPath(name).suffix.lower() in FORMATS))
+    # Of JSON files results and settings are far more usual than logs: a manifest names those.
+    suffixes = FORMATS.keys() - {".json"}
+    stated = _Statement(tuple(_Entry(name) for name in names if PurePosixPath(name).suffix.lower() in suffixes))
     if found:
         with local_copy(place) as copy:
             stated = read_record(_Statement, _read_tables(copy, place), place, UsageError)

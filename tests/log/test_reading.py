@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
@@ -380,3 +382,66 @@ def test_the_axes_of_a_gyro_are_no_rates_of_joints(name: str, tmp_path: Path) ->
     links = {target.split("_", 1)[1][:-2] for target in found if target.startswith("gyro_")}
     assert len(links) == 1 and (links == {TURRET.base}) == (name == "g{}")
     assert [found[f"gyro_{link}_{axis}"][0] for link in links for axis in "xyz"] == [*map(name.format, "xyz")]
+
+
+# --- JSON -----------------------------------------------------------------------------------------------------------
+
+
+def as_records(log: Log) -> list[dict[str, float]]:
+    """A log as a list of records."""
+    columns = log_columns(log)
+    return [dict(zip(columns, row)) for row in np.column_stack(list(columns.values())).tolist()]
+
+
+def as_joint_state(row: Mapping[str, float], order: Sequence[str]) -> dict[str, object]:
+    """A record as a bridge to ROS writes a JointState."""
+    values = {kind: [row[f"{prefix}_{joint}"] for joint in order] for kind, prefix in FIELDS.items()}
+    whole = int(row["t"])
+    stamp = {"sec": 100 + whole, "nanosec": round((row["t"] - whole) * 1e9)}
+    return {"topic": "/joint_states", "msg": {"header": {"stamp": stamp}, "name": [*order], **values}}
+
+
+FIELDS = {"position": "q", "velocity": "dq", "effort": "tau"}
+JSON: Mapping[str, Callable[[Log], str]] = {
+    "records": lambda x: json.dumps(as_records(x)),
+    "records in a structure, as servo tools write": lambda x: json.dumps(
+        {"mass": 0.3, "motor": "xl330", "entries": as_records(x)}, indent=1
+    ),
+    "lists by column": lambda x: json.dumps({name: values.tolist() for name, values in log_columns(x).items()}),
+    "values by row of pandas": lambda x: pandas.DataFrame(log_columns(x)).to_json(double_precision=15),
+    "rows and columns of pandas": lambda x: pandas.DataFrame(log_columns(x)).to_json(
+        orient="split", double_precision=15
+    ),
+    "a record a line": lambda x: "\n".join(map(json.dumps, as_records(x))) + '\n{"t": 3.0, "q_p',
+    "joint states": lambda x: "\n".join(
+        json.dumps(as_joint_state(row, TURRET.joints[:: 1 if k % 3 else -1])) for k, row in enumerate(as_records(x))
+    ),
+    "dates": lambda x: json.dumps([{**row, "t": at.isoformat()} for row, at in zip(as_records(x), instants())]),
+}
+
+
+@pytest.mark.parametrize("kind", JSON)
+def test_json_of_any_shape_is_the_same_log(kind: str, tmp_path: Path) -> None:
+    planted = moved()
+    suffix = "jsonl" if kind == "a record a line" else "json"
+    path = tmp_path / f"log.{suffix}"
+    path.write_text(JSON[kind](planted))
+    entries = ["t=msg.header.stamp"] if kind == "joint states" else []
+    agree(io.read_log(path, TURRET, entries), planted)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[" * 100000, "nested too deep|is not JSON"),
+        ('{"t": [0, 1', "is not JSON"),
+        ('{"t": 0}\n{"t": 1\n{"t": 2}\n', "is not JSON"),
+        ('{"rig": "turret", "notes": ["a", "b"]}', "no columns of numbers"),
+        ('[{"t": 1' + "0" * 400 + "}]", "no columns of numbers"),
+    ],
+)
+def test_json_that_holds_no_log_is_one_line(text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "log.json").write_text(text)
+    with pytest.raises(LogError, match=said) as caught:
+        io.read_log(tmp_path / "log.json", TURRET)
+    assert "\n" not in str(caught.value)

@@ -28,6 +28,7 @@ from gimbal_pin.log.io.candump import CANDUMP_MAGIC, open_candump
 from gimbal_pin.log.io.csv import GZIP_MAGIC, open_csv, write_csv
 from gimbal_pin.log.io.files import open_replacement, wrap_os_errors
 from gimbal_pin.log.io.joint_states import choose_names, drop_empty_columns, list_joint_values, open_topic_echo
+from gimbal_pin.log.io.json_log import open_json
 from gimbal_pin.log.io.mavlink import read_tlog
 from gimbal_pin.log.io.tables import (
     DEEPEST_NESTING,
@@ -543,6 +544,9 @@ FORMATS: Mapping[str, Format] = {
     ".gz": Format(_open_text, magic=(GZIP_MAGIC,)),
     ".log": Format(_open_text),
     ".dat": Format(_open_text),
+    ".json": Format(open_json, magic=(b'{"', b"{\n", b"{\r", b"{ ", b"[{", b"[\n")),
+    ".jsonl": Format(open_json),
+    ".ndjson": Format(open_json),
     ".candump": Format(open_candump, magic=CANDUMP_MAGIC),
     ".npy": Format(_open_npy, magic=(b"\x93NUMPY",)),
     ".npz": Format(_open_npz, magic=(b"PK\3\4",)),
