@@ -148,7 +148,11 @@ def diagnose_checked_logs(
             test[0].name, "no joint moves where the gain is to be judged", "give another --holdout", rig.joints
         )
     reduction = reduce_parameters(rig, base=base)
-    gliding = solve_causes(Problem.of(alternate_blocks(evidence, filtering)[0] if whole else evidence, reduction), ())
+    fitted = alternate_blocks(evidence, filtering)[0] if whole else evidence
+    if np.all(fitted.used < LEAST_JUDGED_SHARE):
+        what = "moves in hardly a sample of the part that is fitted to, by the filters' memory"
+        raise DataError(train[0].name, what, "record longer, faster, or more samples a second", rig.joints)
+    gliding = solve_causes(Problem.of(fitted, reduction), ())
     evidence, held = (open_turns(one, gliding, filtering) for one in (evidence, held))
     if whole:
         evidence, held = alternate_blocks(evidence, filtering)

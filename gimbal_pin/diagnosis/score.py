@@ -99,7 +99,7 @@ def batches(candidates: Sequence[Columns]) -> Iterator[list[int]]:
 
 def each(columns: Array, c: int) -> Array:
     """Each c columns of some that stand side by side, (rows, k c), as rows: (k, c, rows)."""
-    return columns.T.reshape(-1, c, len(columns))
+    return columns.T.reshape(columns.shape[1] // c, c, len(columns))
 
 
 def products(columns: Array, c: int) -> Array:

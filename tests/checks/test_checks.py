@@ -471,6 +471,20 @@ def test_a_torque_that_only_cancels_gravity_is_a_formula_and_a_plants_own_is_non
     assert check(rig, replace(hand, tau=tau), FILTER) is None
 
 
+@pytest.mark.parametrize(("name", "stiffness"), [("turret", 0.0), ("thesis", 3.0), ("drone", -3.0)])
+def test_a_counterbalance_is_no_fault(name: str, stiffness: float) -> None:
+    """Twice the weight, by a constant force or a spring; the URDF's inertia is three times the true one."""
+    rig = Rig.load(name)
+    motion = fourier(rig, 6, 20.0, 2e-3)
+    smooth = nominal(replace(rig, friction=0.05 * rig.friction))
+    tau = smooth.inverse(motion.q, motion.v, motion.a)
+    size = np.sqrt(np.mean(tau**2, axis=0))
+    tau = tau + size * (2.0 + stiffness * motion.q + 0.01 * np.random.default_rng(4).standard_normal(tau.shape))
+    stated = rig.with_phi(3.0 * rig.phi)
+    for given in (rig, stated):
+        assert not check_log(given, Log("balanced", rig.joints, motion.t, motion.q, motion.v, tau)).faults
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_corruptions_repeat_with_their_generator(name: str) -> None:
     _, log = bench("turret")

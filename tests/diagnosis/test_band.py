@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from gimbal_pin.diagnosis import DIAGNOSIS_BAND, choose_band, diagnose
+from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.log import Log
+from gimbal_pin.errors import DataError
+from gimbal_pin.log import Log, write_log
 from gimbal_pin.rig import Rig
+from tests.bench_logs import prescribed
+from tests.command_line import Run, refused
+from tests.rigs import bundled
 
 ROTOR = """<robot name="rotor"><link name="base"/><link name="disc"><inertial><mass value="0.2"/>
 <inertia ixx="1e-4" iyy="1e-4" izz="2e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -50,3 +55,36 @@ def test_teeth_that_pass_quickly_are_named(rotor: Rig) -> None:
     assert [(one.cause, one.status) for one in found.findings] == [("cogging", "named")]
     figures = {p.name: p.value for p in found.findings[0].parameters}
     assert figures["harmonic"] == 72 and figures["amplitude"] == pytest.approx(5e-3, rel=0.05)
+
+
+RATES = [("turret", 30), ("thesis", 50), ("drone", 100)]
+
+
+def slow(name: str, rate: int, seconds: float = 20.0) -> Log:
+    """A log of a bundled rig at so many samples a second."""
+    return prescribed(nominal(bundled(name)), 3, seconds, torque_noise=0.01, dt=1.0 / rate)
+
+
+@pytest.mark.parametrize(("name", "rate"), RATES)
+def test_a_log_of_a_low_rate_is_diagnosed_in_a_band_that_it_has(name: str, rate: int) -> None:
+    log, some = slow(name, rate), {one: CAUSES[one] for one in ("stribeck", "torque-bias")}
+    found = diagnose(bundled(name), [log], some, rng=0)
+    assert not found.spoiling and not found.findings
+    assert found.held is not None and found.held.band == pytest.approx(min(DIAGNOSIS_BAND.cutoff, rate / 10))
+
+
+@pytest.mark.parametrize(("name", "rate"), RATES[:2])
+def test_verbs_take_a_log_of_a_low_rate_and_refuse_a_cutoff_that_it_cannot_carry(
+    run: Run, name: str, rate: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.csv"
+    write_log(slow(name, rate, 12.0), path)
+    assert run("tune", name, path, "-o", tmp_path / "controller.yaml")[0] == 0
+    for verb in ("identify", "diagnose"):
+        refused(run(verb, name, path, "--cutoff", 0.25 * rate), 2, "cutoff", f"at most {rate / 5:g} Hz")
+
+
+def test_ten_samples_a_second_are_refused_with_a_reason() -> None:
+    """Hardly a sample of such a log lies away from standstill, by the filters' memory."""
+    with pytest.raises(DataError):
+        diagnose(bundled("turret"), [slow("turret", 10)], {"stribeck": CAUSES["stribeck"]}, rng=0)
