@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import describe_run, load_rig, read_base_motion, read_payload
+from gimbal_pin.cli.inputs import describe_run, load_rig, read_base_motion, read_payload, read_tuned
 from gimbal_pin.cli.paths import Writes
 from gimbal_pin.cli.present import present, tell
 from gimbal_pin.errors import ModelError, UsageError
@@ -65,7 +65,6 @@ def export(
         platform_log: how the platform moves: gyro_ and accel_ of the base link (default: half of profile S)
     """
     asked = describe_run("export", locals())
-    from gimbal_pin.control.tuning import read_controller
     from gimbal_pin.export import export_controller, tables
     from gimbal_pin.export.mjcf import convert_to_mjcf
     from gimbal_pin.export.ros2 import package
@@ -78,7 +77,7 @@ def export(
     if map and platform_log is None:
         raise UsageError("--map", "has no log to map", "name it with --platform-log FILE")
     loaded = load_rig(find_controller_rig(controller) if rig is None else rig, payload or read_payload(controller))
-    stored = read_controller(controller, loaded)
+    stored = read_tuned(controller, loaded, has_plant=False)
     folders: list[tuple[Path, Mapping[str, str]]] = []
     folders += [] if simplefoc is None else [(simplefoc, tables.simplefoc(stored.model))]
     table = None if odrive is None else to_json(tables.odrive(stored.model), 1)

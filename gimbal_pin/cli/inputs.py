@@ -12,6 +12,7 @@ from gimbal_pin.cli.present import tell
 from gimbal_pin.errors import UsageError
 
 if TYPE_CHECKING:
+    from gimbal_pin.control.tuning import StoredController
     from gimbal_pin.dynamics.model import Model
     from gimbal_pin.log.log import Array, Imu, Log
     from gimbal_pin.log.platform import Platform
@@ -140,6 +141,19 @@ def read_plant(name: Path | None, rig: Rig) -> Model:
     from gimbal_pin.identification import read_model
 
     return nominal(rig) if name is None else read_model(name, rig)
+
+
+def read_tuned(name: str | Path, rig: Rig, has_plant: bool = True) -> StoredController:
+    """Read a controller of a rig; one of another payload is noted where a plant is simulated, and refused elsewhere."""
+    from gimbal_pin.control.tuning import read_controller
+
+    stored = read_controller(name, rig)
+    if stored.payload != rig.payload:
+        what = f"is tuned for the payload {stored.payload}, and the rig {rig.name} carries {rig.payload}"
+        if not has_plant:
+            raise UsageError(str(name), what, "name the controller's own payload: --payload FILE")
+        tell([f"{name} {what}"])
+    return stored
 
 
 def read_payload(name: str | Path | None, *given: str | None) -> str | None:

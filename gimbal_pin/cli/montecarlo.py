@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import describe_origin, load_rig, read_payload, read_plant
+from gimbal_pin.cli.inputs import describe_origin, load_rig, read_payload, read_plant, read_tuned
 from gimbal_pin.cli.present import present
 
 
@@ -46,7 +46,6 @@ def montecarlo(
         seconds: length of each run
     """
     origin = describe_origin(montecarlo, locals())
-    from gimbal_pin.control.tuning import read_controller
     from gimbal_pin.fleet.engine import open_executors, write_whole
     from gimbal_pin.fleet.montecarlo import monte_carlo
     from gimbal_pin.fleet.variation import Variation, choose_default_vary, read_vary
@@ -57,7 +56,7 @@ def montecarlo(
     varied = choose_default_vary(known) if vary is None else read_vary(vary)
     variation = Variation(known, varied, "variation" if vary is None else str(vary))
     variation.check()
-    stored = None if controller is None else read_controller(controller, loaded)
+    stored = None if controller is None else read_tuned(controller, loaded)
     with open_executors(scheduler, workers) as (executor, several):
         found = monte_carlo(
             loaded, known, count=count, folder=output, vary=varied, spec=spec, controller=stored, retune=retune,

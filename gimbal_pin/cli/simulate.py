@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import load_rig, read_payload, read_plant, read_platform
+from gimbal_pin.cli.inputs import load_rig, read_payload, read_plant, read_platform, read_tuned
 from gimbal_pin.cli.present import check_shown, play, say, tell
 
 if TYPE_CHECKING:
@@ -95,14 +95,14 @@ def simulate(
 def choose_law(name: str, plant: Model, bandwidth_hz: float) -> tuple[Controller, int]:
     """Return the controller of a name, tuned for the plant, of a YAML, or of a compiled library, and its delay."""
     from gimbal_pin.control.laws.design import Wish
-    from gimbal_pin.control.tuning import read_controller, tune
+    from gimbal_pin.control.tuning import tune
     from gimbal_pin.export import Library
 
     if name in ("computed-torque", "pid"):
         return tune(plant, kind=name, bandwidth_hz=bandwidth_hz, dt=Wish.dt).controller, 1
     if name.endswith(".so"):
         return Library.load(name, plant.rig).law, 1
-    stored = read_controller(name, plant.rig)
+    stored = read_tuned(name, plant.rig)
     return stored.law, stored.wish.samples
 
 

@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from gimbal_pin.cli import options as opt
-from gimbal_pin.cli.inputs import describe_origin, load_logs, load_rig, read_payload, read_plant, read_platform
+from gimbal_pin.cli.inputs import (
+    describe_origin,
+    load_logs,
+    load_rig,
+    read_payload,
+    read_plant,
+    read_platform,
+    read_tuned,
+)
 from gimbal_pin.cli.present import present, tell, write_figure
 from gimbal_pin.errors import UsageError
 
@@ -68,7 +76,6 @@ def track(
     """
     origin = None if report is None else describe_origin(track, locals())
     from gimbal_pin.checks import check_platform_log
-    from gimbal_pin.control.tuning import read_controller
     from gimbal_pin.export import Library
     from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.pointing import parse_fault, verify
@@ -78,7 +85,7 @@ def track(
     moving = platform != "none" or platform_log is not None
     check_camera_options(controller, compiled, moving, (animation, plot, fault, effect, learn, platform_size != 1.0))
     loaded = load_rig(rig, payload or read_payload(controller))
-    tuned = None if controller is None else read_controller(controller, loaded)
+    tuned = None if controller is None else read_tuned(controller, loaded)
     machine = None if compiled is None else Library.load(compiled, loaded)
     plant, log, held = None if model is None else read_plant(model, loaded), None, None
     if moving and learn is not None:

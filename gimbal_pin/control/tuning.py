@@ -41,6 +41,7 @@ from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import LARGEST_NUMBER, bounded_field, prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.structure import SCHEMA, check_origin, describe_structure
 
 TunedLaw = ComputedTorque | JointPid
 
@@ -97,7 +98,11 @@ class Tuning(Record):
     def stored(self) -> StoredController:
         """What its file holds."""
         return StoredController(
-            self.controller, self.model, self.wish, dict(zip(self.model.rig.joints, self.bandwidth_hz))
+            self.controller,
+            self.model,
+            self.wish,
+            dict(zip(self.model.rig.joints, self.bandwidth_hz)),
+            self.model.rig.payload,
         )
 
     def __str__(self) -> str:
@@ -150,10 +155,11 @@ class Tuning(Record):
         )
         wanted = wish.bandwidth_hz
         return {
-            "schema": 1,
+            "schema": SCHEMA,
             "controller": wish.kind,
             "rig": rig.name,
             "payload": rig.payload,
+            "structure": describe_structure(rig),
             "joints": {
                 joint: {
                     **pid._asdict(),
@@ -386,22 +392,24 @@ class StoredController:
         model: The model that it was made for.
         wish: What was asked.
         bandwidth_hz: Joint → what was granted, Hz, or None where the file does not say.
+        payload: Payload that it was tuned for, which need not be the one that the rig carries here.
     """
 
     law: TunedLaw
     model: Model
     wish: Wish
     bandwidth_hz: Mapping[str, float | None]
+    payload: str | None = None
 
     __repr__ = brief
 
 
 def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
-    """Return the controller that `Tuning.to_dict` wrote, on a rig with the same joints; `place` is the file.
+    """Return the controller that `Tuning.to_dict` wrote, on the same rig; `place` is the file.
 
     Raises:
-        ModelError: A key is missing or holds the wrong kind of value, the joints are not the rig's, or a loop that
-            they close is unstable even with an exact model.
+        ModelError: A key is missing or holds the wrong kind of value, the rig is another one, or a loop that the gains
+            close is unstable even with an exact model.
     """
     if not isinstance(data, dict) or data.get("wish") is None:
         raise ModelError(place, "holds no controller", "make one from a model: gimbal-pin tune RIG MODEL -o FILE")
@@ -410,6 +418,7 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
         if set(filed.joints) != set(rig.joints):
             what = f"is for the joints {', '.join(filed.joints)}"
             raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: tune for it")
+        check_origin(data, rig, place)
         wish = filed.wish
         if filed.controller != wish.kind:
             what = f"is '{filed.controller}', and the wish is for {wish.kind}"
@@ -432,11 +441,12 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
             model = replace(model, estimated=read_known_parameters(filed.model, f"{place}: model"))
         robust = None if filed.robust is None else read_robust_term(filed.robust, gains, f"{place}: robust")
         law = law_of(wish, model, gains, inertia, brakes, robust)
-        return StoredController(law, model, wish, {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)})
+        granted_hz = {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)}
+        return StoredController(law, model, wish, granted_hz, data.get("payload", rig.payload))
 
 
 def read_controller(path: str | Path, rig: Rig) -> StoredController:
-    """Read a controller's YAML for a rig with the same joints; errors as `stored`."""
+    """Read a controller's YAML for its rig; errors as `stored`."""
     return stored(read_yaml(path, ModelError), rig, str(path))
 
 

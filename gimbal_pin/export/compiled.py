@@ -21,6 +21,7 @@ from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.rig.reading import read_bytes
 from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.structure import check_origin
 
 MEND = "build it from what 'gimbal-pin export' wrote: cmake -S DIR -B DIR/build && cmake --build DIR/build"
 
@@ -83,6 +84,7 @@ class Library:
         if about["joints"] != list(rig.joints):
             what = f"is for the joints {', '.join(about['joints'])}"
             raise ModelError(place, what, f"the rig {rig.name} has {', '.join(rig.joints)}: export for it")
+        check_origin(about, rig, place)
         return Library(str(Path(path).resolve()), about, rig.tau_max)
 
     @cached_property

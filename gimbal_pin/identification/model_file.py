@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 
 from gimbal_pin.dynamics.model import Doubt, Estimated, Model, read_model_data
+from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.errors import ModelError
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.log.io.files import write_yaml
+from gimbal_pin.regression import map_phi_to_base
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import bounded_field, convert_value, read_record
 from gimbal_pin.rig.rig import Rig
+from gimbal_pin.rig.structure import SCHEMA, check_origin, describe_structure
 
 KIND = "gimbal_pin model"
 
@@ -27,8 +30,9 @@ def write_model(identified: Identified, path: str | Path, payloads: Mapping[str,
     """
     content = {
         "kind": KIND,
-        "schema": 1,
+        "schema": SCHEMA,
         "joints": list(identified.model.rig.joints),
+        "structure": describe_structure(identified.model.rig),
         **_describe_payload_model(identified, path),
     }
     if payloads is not None:
@@ -55,11 +59,12 @@ def _describe_payload_model(identified: Identified, path: str | Path) -> dict[st
 
 def write_extended(model: Model, path: str | Path) -> None:
     """Write a model with all that `diagnose` found, and its uncertainty where it is known."""
-    rows = {"joints": list(model.rig.joints), "rig": model.rig.name, "payload": model.rig.payload}
+    rig = model.rig
+    rows = {"joints": list(rig.joints), "rig": rig.name, "payload": rig.payload, "structure": describe_structure(rig)}
     write_yaml(
         {
             "kind": KIND,
-            "schema": 1,
+            "schema": SCHEMA,
             **rows,
             **model.to_dict(),
             **describe_uncertainty(model.estimated),
@@ -90,11 +95,21 @@ def read_model(path: str | Path, rig: Rig) -> Model:
     """Read a model that `write_model` or `write_extended` wrote for a rig with its joints; of several payloads its own.
 
     Raises:
-        ModelError: The file is of another kind, for other joints or another payload, or lacks something.
+        ModelError: The file is of another kind, schema, rig or payload, lacks something, or contradicts itself.
     """
     own = _read_own_part(path, rig)
     model = replace(read_model_data(own, rig, str(path)), doubts=_read_doubts(own, str(path)))
-    return model if "covariance" not in own else replace(model, estimated=read_known_parameters(own, str(path)))
+    if "covariance" not in own:
+        return model
+    known = read_known_parameters(own, str(path))
+    reduction = reduce_parameters(rig)
+    sums = dict(zip(reduction.base_names, map_phi_to_base(rig, reduction) @ model.rig.phi))
+    for name, value, std in zip(known.names, known.theta.tolist(), known.std.tolist()):
+        # Both are written from one estimate: only rounding separates them. Changes of the rig alter the sums.
+        if not (model.changes or np.isclose(sums.get(name, value), value, rtol=1e-6, atol=1e-3 * std)):
+            what = f"is {value:.6g}, and phi gives {sums[name]:.6g}"
+            raise ModelError(f"{path}: base parameter {name}", what, "identify the model again")
+    return replace(model, estimated=known)
 
 
 def _read_doubts(data: Mapping[str, Any], path: str) -> tuple[Doubt, ...]:
@@ -127,6 +142,7 @@ def _read_own_part(path: str | Path, rig: Rig) -> Mapping[str, Any]:
     if data.get("joints") != list(rig.joints):
         mend = f"the rig {rig.name} has {', '.join(rig.joints)}: identify it"
         raise ModelError(str(path), f"is for the joints {data.get('joints')}", mend)
+    check_origin(data, rig, str(path))
     payloads = convert_value(Mapping[str, Any], data.get("payloads", {}), f"{path}: payloads", ModelError)
     own: Mapping[str, Any] = payloads.get(rig.payload, data)
     if (carried := own.get("payload", rig.payload)) != rig.payload:
@@ -178,6 +194,9 @@ def read_known_parameters(data: Any, place: str) -> Estimated:
         raise ModelError(f"{place}: covariance", "has another shape than its parameters", mend)
     covariance = np.array(filed.covariance).reshape(count, count)
     std = np.sqrt(np.abs(np.diag(covariance)))
+    if not std.all():
+        what = f"has no variance of {rows[int(np.argmin(std))].name}, and no estimate is exact"
+        raise ModelError(f"{place}: covariance", what, "identify the model again")
     correlation = covariance / np.outer(*[np.maximum(std, 1e-150)] * 2)  # what has no variance has no covariance
     if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or (np.linalg.eigvalsh(correlation) < -1e-6).any():
         raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
