@@ -19,6 +19,7 @@ from gimbal_pin.identification.agreement import Agreement
 from gimbal_pin.identification.bias_test import BiasCheck
 from gimbal_pin.identification.bodies import Body, estimate_bodies
 from gimbal_pin.identification.validation import Accuracy, Opinion, is_degraded
+from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base
 from gimbal_pin.regression.consistency import Consistent
@@ -33,6 +34,12 @@ MASKED_FROM = 0.5
 """Share of a joint's samples that may be masked out before the rest are no longer the log."""
 POSITIVE = ("Ixx", "Iyy", "Izz", "m")
 """Parameters of a body that no body has negative; a sum of them is not either."""
+LARGE_REST = 0.1
+"""Least share of every joint's torque that is unexplained, for a cause to be sought outside of the joints; at twice
+that, a base that moves half as much is not mentioned."""
+OVER_NOISE = 5.0
+"""Unexplained torque over that of the sensors' noise in the same band, of torque or acceleration: none is by chance.
+At twice that, logs of drives with noisy currents are not judged."""
 MIXED = 1e-9
 """Share of a body's parameter in a base parameter under which that knows nothing of it."""
 
@@ -51,6 +58,7 @@ def _iterate_warnings(found: Identified) -> Iterator[str]:
     """Yield what does not hold, which joints are not explained, the logs' faults, then what else is wrong."""
     yield from map(str, found.model.doubts)
     yield from _iterate_unexplained(found)
+    yield from _iterate_common_residual(found)
     yield from found.faults
     yield from _iterate_negative(found)
     if found.held_out is not None:
@@ -79,6 +87,30 @@ def _iterate_unexplained(found: Identified) -> Iterator[str]:
         if (size := found.missed[joint].size) > 0:
             parts.append(f"{digits(size, 2)} {unit} rms are a function of its motion that the model lacks")
         yield f"{joint} is {opinion.value}: {', '.join(parts)}; run 'gimbal-pin diagnose'"
+
+
+def _iterate_common_residual(found: Identified) -> Iterator[str]:
+    """Yield a sentence where most of every joint's rest is neither sensors' noise nor a function of its motion.
+
+    A base that moves does that if its IMU is not in the logs; a log of the joints alone cannot tell it from contact.
+    """
+    rig, train = found.model.rig, found.train
+    if rig.n < 2 or found.bias is None or any(rig.base in log.imus for log in found.data):
+        return
+    noise = np.zeros(rig.n)
+    for log in found.data:
+        gain = signals.compute_noise_gain(signals.lowpass(found.filtering.cutoff, 1 / log.dt), 1 / log.dt, 0)
+        noise = np.maximum(noise, gain * signals.jumping_noise_std(np.asarray(log.tau)))
+    rest = np.array([train.torque_rmse[joint] for joint in rig.joints])
+    size = np.array([found.missed[joint].size if joint in found.missed else np.inf for joint in rig.joints])
+    share = 1.0 - max(train.fit_percent.values()) / 100.0
+    least = max(LARGE_REST, OVER_NOISE * found.bias.noise)
+    if share > least and np.all(rest > OVER_NOISE * noise) and np.all(2.0 * size**2 < rest**2):
+        what = (
+            f"{digits(100 * share, 2)} % or more of every joint's torque are neither noise nor a function of its motion"
+        )
+        mend = f"if the base moved, log its IMU (gyro_{rig.base}_x, accel_{rig.base}_x, …)"
+        yield f"{what} that was found: {mend}; else look for contact, or for what changes with time"
 
 
 def _iterate_negative(found: Identified) -> Iterator[str]:
