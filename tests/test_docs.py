@@ -22,7 +22,7 @@ import yaml
 
 import gimbal_pin
 from gimbal_pin.checks import CHECKS
-from gimbal_pin.cli import parse_arguments
+from gimbal_pin.cli import VERBS, parse_arguments
 from gimbal_pin.effects import CAUSES
 from tests.browsing import OPEN, audit, media, needs_browser, pause, visit, wide
 from tests.command_line import Run, whole
@@ -103,6 +103,23 @@ def test_commands_and_links_of_a_page_are_there(page: Path, tmp_path: Path, monk
         assert (ROOT / program).is_file(), program
     for link in LINK.findall(text):
         assert (page.parent / link).exists(), link
+
+
+def test_commands_and_links_for_language_models_are_there() -> None:
+    """Each call in llms.txt is one that the parser takes, each page that it links has its source."""
+    page = ROOT / "docs" / "pages" / "llms.txt"
+    text = " ".join(page.read_text(encoding="utf-8").split())
+    calls = [
+        shlex.split(call.replace("RIG", "turret").replace("NEW.urdf", "cinema"))
+        for call in re.findall(r"`([^`]+)`", text)
+    ]
+    calls = [words[words[0] == "gimbal-pin" :] for words in calls]
+    verbs = [words for words in calls if words and words[0] in VERBS and len(words) > 1]
+    assert {words[0] for words in verbs} >= {"check", "identify", "diagnose", "tune", "track", "export", "auto"}
+    for words in verbs:
+        parse_arguments(words)
+    for link in LINK.findall(text):
+        assert (page.parent / link).with_suffix(".md").exists(), link
 
 
 def test_the_reference_has_every_public_name() -> None:

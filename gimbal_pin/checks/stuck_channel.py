@@ -13,7 +13,7 @@ from gimbal_pin.checks.record import Examined, Fault
 from gimbal_pin.checks.series import JOINT_CHANNELS, WORDS, compute_trimmed_rms, find_runs, find_step, get_channels
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import digits
-from gimbal_pin.log.log import Array, Log
+from gimbal_pin.log.log import GAP_SAMPLES, Array, Log
 from gimbal_pin.regression import Filtering, Flags, classify_base_motion, compute_residuals, dilate_flags, fit_weighted
 from gimbal_pin.rig.rig import Rig
 
@@ -115,7 +115,7 @@ def find_contradicted_runs(log: Log, j: int, column: Array, rows: Flags) -> tupl
     # A lone wild rate is an outlier; it says nothing of where the angle went.
     q, v, steps = log.q[:, j], median_filter(log.v[:, j], 3, mode="nearest"), np.diff(log.t)
     # A hole in the log tells nothing of what the rate was in it.
-    whole = steps < 4.5 * log.dt
+    whole = steps < GAP_SAMPLES * log.dt
     apart = np.append(0.0, np.cumsum(np.where(whole, np.diff(q) - 0.5 * (v[1:] + v[:-1]) * steps, 0.0)))
     step, spread = find_step(q), SHARE * float(np.std(v)) * log.dt
     out, loudness = np.zeros(len(rows), bool), 0.0

@@ -71,10 +71,14 @@ def diagnose(
     found = run(loaded, read, rng=rng, holdout=holdout, filtering=band, mass=mass)
     if urdf is not None:
         causes, filters = refittable_effects(found.after), choose_filter(None, alignment)
-        atomic_write(urdf, identify(loaded, read, causes, holdout=holdout, filtering=filters).to_urdf())
+        atomic_write(
+            urdf, identify(loaded, read, causes, holdout=holdout, filtering=filters, examined="never").to_urdf()
+        )
     if mjcf is not None:
         stands, filters = found.after.rig.with_phi(loaded.phi), choose_filter(None, alignment)
-        again = identify(stands, read, refittable_effects(found.after), holdout=holdout, filtering=filters)
+        again = identify(
+            stands, read, refittable_effects(found.after), holdout=holdout, filtering=filters, examined="never"
+        )
         terms = {term.effect: term for term in (*found.after.terms, *again.model.terms)}
         bodies = stands.with_phi(again.consistent.phi)
         text, unwritten = convert_to_mjcf(replace(found.after, rig=bodies, terms=tuple(terms.values())))

@@ -42,7 +42,9 @@ def tune(
     if len(source) == 1 and is_model(source[0]):
         model = read_model(source[0], load_rig(rig, payload or read_payload(source[0])))
     else:
-        model = identify(*load_logs(rig, payload, source, map), filtering=choose_filter(cutoff, None)).model
+        model = identify(
+            *load_logs(rig, payload, source, map), filtering=choose_filter(cutoff, None), examined="never"
+        ).model
     found = run(
         model, kind=gains.kind, bandwidth_hz=gains.bandwidth_hz, disk_margin=gains.disk_margin, damping=gains.damping,
         integral=gains.integral, delay=gains.delay, dt=gains.dt, robust=gains.robust,

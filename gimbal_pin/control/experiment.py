@@ -16,6 +16,7 @@ from gimbal_pin.effects import Signal
 from gimbal_pin.excitation import excite
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.inertia import pseudo_inertia
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
@@ -29,6 +30,7 @@ def repeated(motion: Motion, seconds: float, dt: float) -> Motion:
     return Motion(t, q, v, a)
 
 
+@check_arguments
 def bench_run(
     plant: Model,
     controller: Controller | None = None,

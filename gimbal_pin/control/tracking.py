@@ -16,6 +16,7 @@ from gimbal_pin.dynamics.simulation import Controller, Sensors, simulate
 from gimbal_pin.errors import UsageError
 from gimbal_pin.log.limited import compute_limit_shares
 from gimbal_pin.log.log import Array, Log, Motion
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
@@ -221,6 +222,7 @@ class Witness(Sensors):
         return super().angle(q)
 
 
+@check_arguments
 def track(
     plant: Model,
     controllers: Mapping[str, Controller],

@@ -36,6 +36,7 @@ from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.errors import ModelError, UsageError, finite_or_none
 from gimbal_pin.identification.model_file import describe_uncertainty, read_known_parameters
 from gimbal_pin.log.io.files import write_yaml
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.files import bundled_rigs
 from gimbal_pin.rig.reading import read_yaml
@@ -227,6 +228,7 @@ class TuningBasis:
 
 
 @limit_to_one_thread()
+@check_arguments
 def tune(
     model: Model,
     *,
@@ -246,7 +248,7 @@ def tune(
     that until the disk margin is kept, and says so. Both hold for the worst of `DRAWN_MODELS` models drawn from the
     covariance, the drive's lags and delays included.
 
-        model = identify(rig, logs).model
+        model = identify(rig, logs, examined="never").model
         tuning = tune(model, disk_margin=1.0, delay=0.001)
         log = simulate(model, tuning.controller, reference, rng=rng)
 
@@ -269,9 +271,6 @@ def tune(
         UsageError: A wish that cannot be: a bandwidth that is not positive, an unknown kind or joint, a disk margin
             that no bandwidth keeps, α ≥ 1.
     """
-    if not isinstance(model, Model):
-        mend = "give one: identify(…).model, or diagnose(…).after for the extended one"
-        raise UsageError("model", f"is of the type {type(model).__name__}, no Model", mend)
     logged = None if model.estimated is None else model.estimated.dt
     wish = Wish.of(
         model,

@@ -2,7 +2,6 @@ from .band import DIAGNOSIS_BAND as DIAGNOSIS_BAND
 from .band import choose_band as choose_band
 from .band import limit_band as limit_band
 from .columns import Columns as Columns
-from .diagnose import diagnose as diagnose
 from .engine import Explained as Explained
 from .engine import explain as explain
 from .engine import is_hidden_by_noise as is_hidden_by_noise
@@ -22,6 +21,7 @@ from .given_model import describe_friction as describe_friction
 from .next_experiment import next_experiment as next_experiment
 from .next_experiment import planned as planned
 from .parting import NextExperiment as NextExperiment
+from .pipeline import diagnose as diagnose
 from .probability import LISTED as LISTED
 from .rehearsal import Rehearsal as Rehearsal
 from .rehearsal import Rehearsed as Rehearsed

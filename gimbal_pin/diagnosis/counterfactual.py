@@ -134,8 +134,7 @@ def _weigh(
         joint=shown.joint,
         parameters=shown.figures,
         gain=compare_errors(before, after, joint),
-        p_value=float(norm.sf(z)),
-        explained_share=(error[joint] ** 2 - least[joint] ** 2) / max(nothing["torque_rmse"][joint], 1e-300) ** 2,
+        false_alarm=float(norm.sf(z)),
         sentence=f"{shown.sentence}; {rig.in_units(joint, gained)}",
     )
     return finding, nothing

@@ -444,13 +444,13 @@ def measure_ranges(rig: Rig, parts: Sequence[LogStretch], filtering: Filtering) 
 
 
 def select_poses(every: Sequence[Samples]) -> Array:
-    """Angles at moments that are spread evenly over some parts' channels, (POSES, n)."""
+    """Angles at moments that are spread evenly over some parts' channels, (INERTIA_POSES, n)."""
     q = np.concatenate([one.q for one in every])
     return np.asarray(q[np.linspace(0, len(q) - 1, INERTIA_POSES).astype(int)])
 
 
 def feels_weight(rig: Rig, parts: Sequence[LogStretch]) -> Flags:
-    """Whether the weight of anything is felt at each joint, at some of the angles, (POSES, n)."""
+    """Whether the weight of anything is felt at each joint, at some of the angles, (INERTIA_POSES, n)."""
     pull = np.abs(compute_gravity(rig, select_poses([part.channels for part in parts])))
     moving = any(part.platform is not None for part in parts)
     return np.asarray((pull > FELT * np.max(pull, initial=1e-300)) | moving)

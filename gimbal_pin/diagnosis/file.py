@@ -11,7 +11,7 @@ from gimbal_pin.identification.model_file import write_extended
 from gimbal_pin.log.io import write_motion
 from gimbal_pin.log.io.files import atomic_write, write_json, write_run
 
-DIAGNOSIS_FILES = {
+DIAGNOSIS_FILES: dict[str, str] = {
     "diagnosis": "diagnosis.json",
     "extended model": "extended.yaml",
     "next experiment": "next_experiment.csv",

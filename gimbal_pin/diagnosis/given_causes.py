@@ -109,12 +109,12 @@ class GivenCauses(NamedTuple):
 
     Attributes:
         best: They, fitted together.
-        p_values: Chance of each where there is none, at any of the places that were looked at.
+        false_alarms: Probability of as much of each where there is none, at any of the places that were looked at.
         rivals: With each other cause in a form's place, the fit.
     """
 
     best: FittedForms
-    p_values: dict[Form, float]
+    false_alarms: dict[Form, float]
     rivals: dict[Form, list[FittedForms]]
 
 

@@ -101,7 +101,9 @@ def state_payload_with_causes(
     if not (model.drive or any(term.effect.loaded for term in model.terms)):
         with suppress(GimbalPinError):
             changed = apply_changes(rig, model.changes)
-            one = identify(changed, logs, refittable_effects(model), holdout=holdout, filtering=filters)
+            one = identify(
+                changed, logs, refittable_effects(model), holdout=holdout, filtering=filters, examined="never"
+            )
             return compare_payload(one, mass)
     return state_payload(compute_base_difference(found.state), mass)
 
@@ -203,8 +205,7 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
             for p in best.causes[form].shown()
         ),
         gain=gain,
-        p_value=case.found.p_values[form],
-        explained_share=1 - after**2 / max(before**2, 1e-300),
+        false_alarm=case.found.false_alarms[form],
         sentence=f"{rig.in_units(form.place[1], told.told(rig))}; {rig.in_units(at, gained)}",
         experiment=form.kind.experiment,
         rivals=_compare_rivals(case, form),

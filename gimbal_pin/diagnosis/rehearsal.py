@@ -20,13 +20,13 @@ from tqdm import tqdm
 from gimbal_pin.checks.torque_time import LARGEST_SHIFT
 from gimbal_pin.diagnosis.band import alternate_blocks, choose_band
 from gimbal_pin.diagnosis.columns import Columns
-from gimbal_pin.diagnosis.diagnose import check_moved, of_refitted
 from gimbal_pin.diagnosis.engine.alignment import project_slope
 from gimbal_pin.diagnosis.engine.criterion import compare_with_form_error, rows
 from gimbal_pin.diagnosis.engine.selection import PROMISE, REFITTED_CANDIDATES, Search
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.fit import Fit, project
 from gimbal_pin.diagnosis.library import ColumnLibrary, list_candidates
+from gimbal_pin.diagnosis.pipeline import check_moved, of_refitted
 from gimbal_pin.diagnosis.probability import LUCKY, SURE, foresee_log_odds
 from gimbal_pin.diagnosis.result import get_joint
 from gimbal_pin.diagnosis.score import HIDDEN, batches, fitting, products, share, visibility, weigh_together
@@ -41,6 +41,7 @@ from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.excitation import record_log
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import FORM_ERROR, subsample_log
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
@@ -166,6 +167,7 @@ def write_effect(cause: Cause, shown: Sequence[Parameter]) -> str:
 
 
 @limit_to_one_thread()
+@check_arguments
 def rehearse(
     rig: Rig,
     motion: Motion,
@@ -239,7 +241,7 @@ def plant_cause(search: Search, state: State, one: Columns) -> _Planted:
     rest = project(now, one.own, one.joint)
     u = pick_direction(cause, rest)
     felt = rest = rest @ u
-    if isinstance(cause, Signal) and cause.linear:  # a delay of up to `LATEST` is taken for the log's own
+    if isinstance(cause, Signal) and cause.linear:  # a delay of up to `LARGEST_SHIFT` is taken for the log's own
         late = min(cause.late(evidence.parts[0].dt), LARGEST_SHIFT)
         felt = rest - late * project_slope(state, evidence.rig.joint_index(cause.joint))
     blocks = now.by_block(felt[:, None] ** 2)[:, 0]
@@ -259,7 +261,7 @@ def plant_cause(search: Search, state: State, one: Columns) -> _Planted:
 def compare_cause(search: Search, state: State, one: _Planted, gains: Array, columns: Sequence[Columns]) -> _Planted:
     """Return a planted cause with the size from which it is named, and what it is taken for.
 
-    As in `selection.rivals`, by the best of each place that promises anything at the size from which it is found.
+    As in `selection.find_rivals`, by the best of each place that promises anything at the size from which it is found.
 
     Args:
         search: The candidates.

@@ -121,9 +121,7 @@ class Finding:
         joint: Where it sits; None for a cause of the whole rig.
         parameters: Its figures with standard deviations.
         gain: Held-out torque and rollout errors without and with it, at its joint.
-        p_value: Chance that a log without it shows as much anywhere in the library.
-        explained_share: Share of the baseline's held-out residual power that it removes; one where it removes more,
-            of a model whose other findings only fit beside it.
+        false_alarm: Bound on the probability that a log without it shows as much, by the test that found it.
         sentence: All of it for a person.
         experiment: What would part it from its rivals.
         rivals: The nearest other causes.
@@ -135,8 +133,7 @@ class Finding:
     joint: str | None
     parameters: tuple[Parameter, ...]
     gain: Mapping[str, float]
-    p_value: float
-    explained_share: float
+    false_alarm: float
     sentence: str
     experiment: str = ""
     rivals: tuple[Rival, ...] = ()
@@ -144,6 +141,11 @@ class Finding:
     visible_fraction: float = 1.0
 
     __repr__ = brief
+
+    @property
+    def explained_share(self) -> float:
+        """``1 - a²/b²``: share of its joint's held-out error power without it, b², that it removes."""
+        return 1.0 - (self.gain["torque_rmse_after"] / max(self.gain["torque_rmse_before"], 1e-300)) ** 2
 
     @property
     def alike(self) -> tuple[str, ...]:
@@ -176,7 +178,7 @@ class Finding:
         own = [self.cause, *(name for name in self.alike if name not in credible)]
         odds = [(name, self.joint, 1.0 / len(own)) for name in own]
         odds += [(one.cause, one.joint, exp(one.log_odds)) for one in self.rivals if one.cause not in own]
-        share = LISTED * (1.0 - self.p_value) / sum(each for *_, each in odds)
+        share = LISTED * (1.0 - self.false_alarm) / sum(each for *_, each in odds)
         return tuple((name, joint, share * each) for name, joint, each in odds)
 
     @property
@@ -206,7 +208,6 @@ class Finding:
             "probability": self.probability,
             "parameters": describe_parameters(self.parameters),
             "gain": dict(self.gain),
-            "p_value": self.p_value,
             "explained_share": self.explained_share,
             "visible_fraction": self.visible_fraction,
             "rivals": [asdict(rival) for rival in self.rivals],
@@ -281,7 +282,7 @@ class Diagnosis(Record):
         verdict: "data" where faults spoil the logs, else "named", "ambiguous", "unknown" or "nothing".
         faults: What is wrong with the logs themselves.
         notes: Sentences about what of it does no harm.
-        alignment: Hold of the sampled command, s.
+        alignment: Mean delay of the torques behind their stamps, s: the hold of a sampled command and estimated shifts.
         before: The refitted model.
         after: The extended model.
         findings: Causes, the strongest first.

@@ -66,8 +66,8 @@ def find_swift_turns(
 ) -> Flags:
     """Whether a joint turns round at a sample so that its friction's direction adds no error that shows, (m, n).
 
-    ``2 F_c Δt · 2 band ≤ QUIET σ_row`` with ``Δt = SMEAR/(2π f_c) (F_c/T)² + σ_v/|a| + |δ|``: the smoother shifts the
-    moment at which the rate is zero by the jump of the acceleration, of which F_c/T tells, T the torque that
+    ``2 F_c Δt · 2 band ≤ TURN_ERROR σ_row`` with ``Δt = SMEAR/(2π f_c) (F_c/T)² + σ_v/|a| + |δ|``: the smoother shifts
+    the moment at which the rate is zero by the jump of the acceleration, of which F_c/T tells, T the torque that
     accelerates the joint. `compute_corners` makes up for it but for that share of it, or, where a joint is not
     `is_timed`, for none of it; the rate's noise shifts the moment by the rest, and δ is what `find_shifts` finds.
     """

@@ -12,6 +12,7 @@ from gimbal_pin.dynamics.base_parameters import compute_base
 from gimbal_pin.dynamics.reduction import spread_states
 from gimbal_pin.dynamics.regressor import compute_rnea
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.config import load_config
 from gimbal_pin.rig.files import bundled_payloads, bundled_rigs, find_payload, find_rig
@@ -87,6 +88,7 @@ class Checked(Record):
         return {"schema": 1, **every, "rig": self.rig.name, "payload": self.rig.payload}
 
 
+@check_arguments
 def check(rig: Rig) -> Checked:
     """Describe a rig that loaded, and so passed the checks of tree, axes, limits and inertias (`Rig.load`)."""
     load = compute_gravity_load(rig)

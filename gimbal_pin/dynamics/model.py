@@ -19,6 +19,7 @@ from gimbal_pin.effects.plain import read_cause, read_term
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.arguments import check_arguments, to_rows
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.records import prefix_place, read_record
 from gimbal_pin.rig.rig import Rig
@@ -215,6 +216,7 @@ class Model(Record):
             platform: Motion of the base at the same samples; None: it stands upright.
             losses: What each motor turned into heat, (n); None: nobody knows.
         """
+        q, v, a = (to_rows(f"Model.inverse: {name}", x, self.rig.n) for name, x in (("q", q), ("v", v), ("a", a)))
         direction = np.sign(v) if slide is None else slide
         carrier = platform if t is None else self.carried(t, platform)
         rigid, weight = compute_rnea(self.rig, q, v, a, carrier), self.weight(q, carrier)
@@ -305,14 +307,14 @@ def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
             raise ModelError("drive or changes", "hold a torque effect, which belongs to the terms", mend)
         for cause in (*drive, *(term.effect for term in terms)):
             rig.joint_index(cause.place)
-        rig = _replace_bodies(rig, np.array(filed.phi))
+        rig = replace_bodies(rig, np.array(filed.phi))
         for change in changes:
             phi, rig = rig.phi, change.apply(rig)
             rig = rig.with_phi(phi)  # a change of the bodies is in the stated parameters already
         return Model(rig, terms, drive=drive, changes=changes)
 
 
-def _replace_bodies(rig: Rig, phi: Array) -> Rig:
+def replace_bodies(rig: Rig, phi: Array) -> Rig:
     """Return the rig with inertial parameters from a file, (10 n,).
 
     Bodies need not be physical one by one, as only sums of them show; but no rig moves without inertia.
@@ -346,6 +348,7 @@ def is_motor_friction(effect: Effect) -> bool:
     return isinstance(effect, Viscous) or (effect.dry and not effect.loaded)
 
 
+@check_arguments
 def nominal(rig: Rig) -> Model:
     """Return the model as the rig's URDF states it, friction from ``<dynamics>``."""
     terms = []

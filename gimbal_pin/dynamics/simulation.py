@@ -21,6 +21,7 @@ from gimbal_pin.log.limited import THROUGH_STOPS, compute_limit_shares, describe
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.mapping import list_encoder_sources
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.types import Rng, make_generator
 
 LONGEST_STEP = 0.004
@@ -49,6 +50,7 @@ class Controller(Protocol):
         """Return the torque for the sample measured at `t`, N m, (n,), within the limits, and the next memory."""
 
 
+@check_arguments
 def simulate(
     plant: Model,
     controller: Controller,

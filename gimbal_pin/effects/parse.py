@@ -5,15 +5,30 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import isinf, isnan
 
-from gimbal_pin.effects import CAUSES, Cause, RigEffect, Signal, Term
+from gimbal_pin.effects import CAUSES, Cause, Effect, RigEffect, Signal, Term
 from gimbal_pin.effects.cause import check_within, format_bounds
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import UsageError
 from gimbal_pin.rig.rig import Rig
 
 
-def parse_effect(text: str, rig: Rig) -> Term | Signal | RigEffect:
+def parse_estimated_effect(text: str, rig: Rig) -> Effect:
+    """Return the torque effect of ``CAUSE:JOINT[:NAME=VALUE,...]``, whose coefficients a fit estimates.
+
+    Raises:
+        UsageError: As `parse_effect`; a cause that is no torque with coefficients.
+    """
+    planted = parse_effect(text, rig, is_estimated=True)
+    if not isinstance(planted, Term):
+        what = "is no torque with coefficients that a linear fit estimates"
+        raise UsageError(f"effect '{text}'", what, "leave it out: 'diagnose' estimates it")
+    return planted.effect
+
+
+def parse_effect(text: str, rig: Rig, is_estimated: bool = False) -> Term | Signal | RigEffect:
     """Return what ``CAUSE[:JOINT][:NAME=VALUE,...]`` plants on a rig, in SI units and radians.
+
+    `is_estimated`: whether its coefficients need no values; they are then one.
 
     Raises:
         UsageError: An unknown cause, joint or parameter, a value out of bounds, a parameter missing; it names what
@@ -32,7 +47,7 @@ def parse_effect(text: str, rig: Rig) -> Term | Signal | RigEffect:
         raise UsageError(
             f"effect '{text}'", what, f"write {_format_usage(kind)} with a joint out of {', '.join(rig.joints)}"
         )
-    planted: Term | Signal | RigEffect = kind.planted(joint or None, _read_values(kind, pairs, text))
+    planted: Term | Signal | RigEffect = kind.planted(joint or None, _read_values(kind, pairs, text, is_estimated))
     return planted
 
 
@@ -45,7 +60,7 @@ def format_causes() -> str:
     return "\n".join(lines)
 
 
-def _read_values(kind: type[Cause], pairs: str, text: str) -> Mapping[str, float]:
+def _read_values(kind: type[Cause], pairs: str, text: str, is_estimated: bool) -> Mapping[str, float]:
     """Return a value for each parameter of a cause: those given, and the others' defaults."""
     known = {parameter.name: parameter for parameter in kind.stated()}
     out = {name: parameter.value for name, parameter in known.items()}
@@ -59,6 +74,9 @@ def _read_values(kind: type[Cause], pairs: str, text: str) -> Mapping[str, float
                 f"write {_format_usage(kind)}: {_describe_parameters(kind)}",
             )
         out[name] = check_within(known[name], to_number(number, name, place), place)
+    if is_estimated:
+        shapes = {shape.name for shape in kind.shapes}
+        out = {name: value if name in shapes or not isnan(value) else 1.0 for name, value in out.items()}
     missing = [name for name, value in out.items() if isnan(value)]
     if missing or not any(out.values()):
         what = f"says nothing of {', '.join(missing or known)}"

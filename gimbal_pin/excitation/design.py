@@ -22,6 +22,7 @@ from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.limits import QUANTITIES, AssumedLimit, Envelope, assume_limits
 from gimbal_pin.excitation.problem import ExcitationProblem
 from gimbal_pin.log.log import Array, Motion
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
@@ -137,6 +138,7 @@ class Excitation(Record):
 
 
 @limit_to_one_thread()
+@check_arguments
 def excite(
     rig: Rig,
     *,

@@ -34,6 +34,7 @@ from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.sight import DAMPING, STEEP, gyros_between, unable
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import brief
 
 C_SOURCES = (
@@ -121,6 +122,7 @@ def holder(stored: StoredController, imu: tuple[Any, Imu] | None = None) -> Poin
     return recipe.pointer(recipe.kind)
 
 
+@check_arguments
 def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu] | None = None) -> Exported:
     """Return a controller's C99 sources; `Exported.write` puts them into a folder.
 

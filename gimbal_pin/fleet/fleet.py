@@ -25,6 +25,7 @@ from gimbal_pin.identification import identify
 from gimbal_pin.log.io import read_log
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 
@@ -89,13 +90,13 @@ def examine_log(log: FleetLog, rig: Rig, cutoff: float | None, quick: bool, seed
 def identify_log(log: Log, rig: Rig, cutoff: float | None) -> dict[str, Value]:
     """Return a log's parameters and how well they hold, see `examine_log`."""
     filtering = None if cutoff is None else Filtering(cutoff=cutoff)
-    whole = identify(rig, [log], holdout="none", filtering=filtering)
+    whole = identify(rig, [log], holdout="none", filtering=filtering, examined="never")
     units = json.dumps(dict(zip(whole.names, whole.units)))
     row: dict[str, Value] = {"seconds": float(log.t[-1] - log.t[0]), "samples": len(log), "units": units}
     row |= zip((f"value.{name}" for name in whole.names), whole.estimate.theta.tolist())
     row |= zip((f"std.{name}" for name in whole.names), whole.estimate.std.tolist())
     try:
-        judged = identify(rig, [log], filtering=filtering).held_out
+        judged = identify(rig, [log], filtering=filtering, examined="never").held_out
     except DataError:  # its first two thirds do not show every parameter
         judged = None
     figures = ((figure, getattr(judged, figure, {})) for figure in ("torque_rmse", "fit_percent"))
@@ -236,6 +237,7 @@ class Fleet(Record):
         }
 
 
+@check_arguments
 def compare_fleet(
     logs: str | Path | Manifest,
     *,

@@ -19,6 +19,7 @@ from gimbal_pin.fleet.study import SHORTEST_DRIFTING, Limit, list_figures, make_
 from gimbal_pin.fleet.variation import RigDesign, Variation, Vary, choose_default_vary
 from gimbal_pin.log.io.files import to_plain
 from gimbal_pin.log.log import Array
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 
@@ -94,6 +95,7 @@ class MonteCarlo(Record):
         return dict(to_plain(found, finite=True))
 
 
+@check_arguments
 def monte_carlo(
     rig: Rig,
     model: Model | None = None,

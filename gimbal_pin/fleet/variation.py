@@ -14,7 +14,7 @@ from scipy import stats
 
 from gimbal_pin.control.laws.uncertainty import change_parameters, estimate
 from gimbal_pin.dynamics.apply import plant_with
-from gimbal_pin.dynamics.model import Estimated, Model, _replace_bodies, is_motor_friction
+from gimbal_pin.dynamics.model import Estimated, Model, is_motor_friction, replace_bodies
 from gimbal_pin.effects import RigEffect, Signal, Term
 from gimbal_pin.effects.delay import Delay
 from gimbal_pin.effects.parse import parse_effect
@@ -160,7 +160,7 @@ class Variation:
         share = {joint: 1 + values[f"friction.{joint}"] for joint in rig.joints}
         factors = [share[term.effect.joint] if is_motor_friction(term.effect) else 1.0 for term in model.terms]
         rubbed = (replace(t, values=tuple(x * factor for x in t.values)) for t, factor in zip(model.terms, factors))
-        model = replace(model, rig=_replace_bodies(model.rig, phi), terms=tuple(rubbed), estimated=None)
+        model = replace(model, rig=replace_bodies(model.rig, phi), terms=tuple(rubbed), estimated=None)
         place = [values.get(f"payload.{axis}", 0.0) / 1000 for axis in "xyz"]
         causes: list[PayloadShift | PayloadMass] = [PayloadShift(*place)] if any(place) else []
         if extra := values.get("payload.mass", 0.0):

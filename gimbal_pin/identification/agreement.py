@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from gimbal_pin.dynamics.regressor import compute_gravity
 from gimbal_pin.effects.rig_effect import copy_model
-from gimbal_pin.errors import DataError, digits, finite_or_none
+from gimbal_pin.errors import NORMAL_95, DataError, digits, finite_or_none
 from gimbal_pin.identification.payload_change import payload_directions
 from gimbal_pin.identification.requirements import check_enough
 from gimbal_pin.log.log import Array
@@ -213,7 +213,7 @@ def _test_parameters(
     reach = np.sqrt((power / np.maximum(torque, 1e-300)[:, None]).max(axis=0))
     moved = reach * np.max(np.where(weight > 0, np.abs(values - shared), 0.0), axis=0)
     drifts = (p_value < chance) & (moved > MATERIAL_SHARE) & (shown > 1)
-    vague = (shown < 2) | np.all(np.abs(values) < 1.96 * std, axis=0)
+    vague = (shown < 2) | np.all(np.abs(values) < NORMAL_95 * std, axis=0)
     verdicts = [
         LogVerdict.DRIFTS if drifting else LogVerdict.NOT_SHOWN if hidden else LogVerdict.AGREES
         for drifting, hidden in zip(drifts, vague)

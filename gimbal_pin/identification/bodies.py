@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from gimbal_pin.errors import NORMAL_95
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import TRUST
 from gimbal_pin.regression.consistency import compute_deformation_root
@@ -47,7 +48,7 @@ class Figure:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds, with the 95 % interval."""
-        half = 1.96 * self.std
+        half = NORMAL_95 * self.std
         interval = [self.value - half, self.value + half]
         return {"value": self.value, "std": self.std, "interval": interval, "unit": self.unit, "shown": self.shown}
 

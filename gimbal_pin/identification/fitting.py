@@ -21,11 +21,13 @@ from gimbal_pin.dynamics.reduction import Reduction, reduce_parameters
 from gimbal_pin.dynamics.regressor import name_columns
 from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import ALWAYS, Effect
+from gimbal_pin.effects.parse import parse_estimated_effect
 from gimbal_pin.effects.torque_table import TorqueTable
 from gimbal_pin.errors import UsageError, digits
 from gimbal_pin.identification import payload_change
 from gimbal_pin.identification.agreement import assess_agreement
 from gimbal_pin.identification.bias_test import WhenTested, check_bias
+from gimbal_pin.identification.estimators import find_estimator
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.requirements import check_enough, check_seen, find_unseen
 from gimbal_pin.identification.validation import Accuracy, Validation, measure_accuracy
@@ -51,6 +53,7 @@ from gimbal_pin.regression import (
     resolution,
 )
 from gimbal_pin.regression.consistency import Consistent, find_likeliest_bodies, find_nearest_bodies
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.rig import Rig
 
 SHAKEN = 12.0
@@ -212,15 +215,16 @@ def _bound_deviations(design: Design, base: BaseMotion) -> Array | None:
 
 
 @limit_to_one_thread()
+@check_arguments
 def identify(
     rig: Rig,
-    logs: Sequence[Log],
-    effects: Sequence[Effect] = (),
+    logs: Log | Sequence[Log],
+    effects: Sequence[Effect | str] = (),
     *,
-    estimator: Estimator = fit_weighted,
+    estimator: Estimator | str = fit_weighted,
     holdout: str | None = None,
     filtering: Filtering | None = None,
-    examined: WhenTested = "never",
+    examined: WhenTested = "noisy",
     trust: float = TRUST,
 ) -> Identified:
     """Estimate base parameters, Coulomb and viscous friction, and `effects`, from logs.
@@ -231,9 +235,10 @@ def identify(
 
     Args:
         rig: The rig.
-        logs: Trajectories; each is filtered on its own and none is joined to another.
-        effects: Effects on top of Coulomb and viscous friction.
-        estimator: Blocks → `Estimate`.
+        logs: One trajectory, or several; each is filtered on its own and none is joined to another.
+        effects: Effects on top of Coulomb and viscous friction, or their words as on the command line, such as
+            ``cogging:yaw:harmonic=42``, in which no coefficient need be.
+        estimator: Blocks → `Estimate`; or the name of one of `ESTIMATORS`.
         holdout: "last-third", "log:N" (counted from 1) or "none"; None: the last third of one log, the last of several.
         filtering: Cutoff and alignment; None: the defaults, a wider cutoff where the base turns.
         examined: Whether to test if least squares is biased on these logs, see `check_bias`, and, unless "never",
@@ -244,19 +249,27 @@ def identify(
 
     Raises:
         DataError: The logs are too short, or some parameters leave no trace in them; it names these.
-        UsageError: An unknown way of holding out, or a log without torque.
+        UsageError: An unknown way of holding out, estimator or effect; an effect that reads the torque itself; a log
+            without torque.
         LogError: A log lacks a joint of the rig, a torque has the wrong sign, or two have changed places, see
             `checks.check_assignment`; or one acts too early or late, see `checks.check_time`.
     """
+    logs = [logs] if isinstance(logs, Log) else logs
+    further = tuple(parse_estimated_effect(one, rig) if isinstance(one, str) else one for one in effects)
+    for effect in further:
+        if effect.loaded:
+            what = "reads the model's own torque, of which rows have only the measured one, whose noise biases the fit"
+            raise UsageError(f"effect '{effect.name}'", what, "leave it out: 'diagnose' estimates it")
+    method = find_estimator(estimator) if isinstance(estimator, str) else estimator
     checked = [check_log(rig, log, filtering=filtering, repairs_only=examined == "never") for log in logs]
     logs = [one.log for one in checked]
     filters = filtering or _choose_filter(logs, greatest_base_motion(rig, logs))
     notes = check_time(rig, logs, filters)
     train, test, how = split_logs(logs, holdout, filters)
     base = greatest_base_motion(rig, train)
-    parted = _LogSplit(rig, train, test, filters, estimator, base)
+    parted = _LogSplit(rig, train, test, filters, method, base)
     (blocks, estimate, late, tested), left_out = parted.fit_without_overfitted(
-        build_friction_effects(rig.joints) + tuple(effects)
+        build_friction_effects(rig.joints) + further
     )
     check_assignment(blocks, estimate)
     estimate, missed = add_misfit(blocks, estimate)

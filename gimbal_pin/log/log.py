@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from gimbal_pin.errors import LogError
 from gimbal_pin.log.mapping import Source, format_remapping
+from gimbal_pin.rig.arguments import check_type
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.types import Array
 
@@ -107,7 +108,7 @@ def find_untimely(t: Array) -> tuple[int, str, str] | None:
 def freeze(array: object, shape: tuple[int | None, ...], name: str) -> Array:
     """Return a read-only float64 copy; `LogError` if its shape is not `shape` (None: any length), or for no numbers.
 
-    An array that cannot be written to is not copied: a part of a long log costs no memory.
+    A read-only array that owns its data, or a view of one, is not copied: a part of a long log costs no memory.
     """
     if array is None or np.ma.is_masked(array):
         what = "is None" if array is None else "has masked samples"
@@ -125,15 +126,12 @@ def freeze(array: object, shape: tuple[int | None, ...], name: str) -> Array:
 
 
 def _check_channel(array: object, shape: tuple[int | None, ...], kind: str, name: str) -> Array:
-    """Return `freeze`, the smallest values as zero; `LogError` at the first value outside the range of its kind.
-
-    An array that cannot be written to was checked when it was made: parts of a log are made by the thousand.
-    """
+    """Return `freeze`, the smallest values as zero; `LogError` at the first value outside the range of its kind."""
     kept = freeze(array, shape, name)
-    if kept is not array and (wrong := find_implausible(kind, kept)) is not None:
+    if (wrong := find_implausible(kind, kept)) is not None:
         row, column, what, mend = wrong
         raise LogError(f"{name}, sample {row}, column {column}", what, mend)
-    if kept is not array and ((faint := np.abs(kept) < SMALLEST_VALUE) & (kept != 0.0)).any():
+    if ((faint := np.abs(kept) < SMALLEST_VALUE) & (kept != 0.0)).any():
         return freeze(np.where(faint, 0.0, kept), shape, name)
     return kept
 
@@ -255,6 +253,8 @@ class Log(Record):
 
     def __post_init__(self) -> None:
         """Freeze the arrays, check the joints' names, shapes, values, and that time increases."""
+        check_type(f"{self.name}: joints", self.joints, Sequence[str] | None)
+        check_type(f"{self.name}: imus", self.imus, Mapping[str, Imu] | None)
         joints = (self.joints,) if isinstance(self.joints, str) else tuple(self.joints or ())
         if len(set(joints)) < len(joints):
             raise LogError(f"{self.name}: joints", f"are {', '.join(joints)}", "give each column a name of its own")

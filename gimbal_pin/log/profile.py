@@ -1,4 +1,4 @@
-"""Profile S, the reference motion of a platform: hand or airframe, engine, propellers (CONTROL, "Profile S")."""
+"""Profile S, the reference motion of a platform: hand or airframe, engine, propellers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.types import Rng, make_generator
 
 
@@ -46,6 +47,7 @@ ACCELERATION = (Band(0.2, 2.0, 1.0, 20), make_propeller_band(75.0, 1.0), make_pr
 """Acceleration in the world of profile S, m/s²."""
 
 
+@check_arguments
 def profile_s(t: Array, rng: Rng = None, size: float = 1.0) -> Platform:
     """Return profile S at the times `t`, s, (N,); `size` scales its angles and accelerations.
 

@@ -108,7 +108,7 @@ def compute_noise_gain(sections: Array, rate: float, derivatives: int) -> float:
 
 @lru_cache(maxsize=64)
 def _compute_noise_gain(sections: bytes, rate: float, derivatives: int) -> float:
-    """`noise_gain` of the bytes of (any, 6) sections: windows of a stream ask for it several times a second."""
+    """`compute_noise_gain` of the bytes of (any, 6) sections: windows of a stream ask for it several times a second."""
     impulse = np.zeros((4097, 1))
     impulse[2048] = 1.0
     response = zero_phase(impulse, np.frombuffer(bytearray(sections)).reshape(-1, 6))

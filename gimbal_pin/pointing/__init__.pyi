@@ -30,4 +30,4 @@ from .run import simulate_holding as simulate_holding
 from .sight import Sight as Sight
 from .sight import gyros_between as gyros_between
 from .sight import unable as unable
-from .verify import verify as verify
+from .verification import verify as verify

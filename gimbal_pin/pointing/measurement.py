@@ -119,7 +119,7 @@ def parse_fault(text: str) -> SensorFault:
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """The sensors of the benchmark (CONTROL, "Profile S").
+    """The sensors of the benchmark.
 
     Attributes:
         step: Angle of one encoder step, rad, (n,); 0: exact.

@@ -20,7 +20,7 @@ from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 
 SLOW = 0.2
-"""Corner between jitter and drift, Hz (CONTROL, "Profile S")."""
+"""Corner between jitter and drift, Hz."""
 SETTLING = 2.0
 """Beginning of a run that is not counted, s (the same)."""
 SHORTEST_JITTER = 0.5 / SLOW

@@ -87,7 +87,7 @@ def find_nearest_bodies(
 ) -> Consistent:
     """``argmin (K φ - β)ᵀ P⁻¹ (K φ - β)`` over physical φ; nearest to `start` (least D) where K shows nothing.
 
-    With stages that end at a larger μ also where K shows little, see `likeliest`.
+    With stages that end at a larger μ also where K shows little, see `find_likeliest_bodies`.
 
     Args:
         start: Parameters to start from and to stay near, physical or on the edge of it (a flat plate), (10 n,).

@@ -53,6 +53,7 @@ from gimbal_pin.report.sections.data import picture_log
 from gimbal_pin.report.sections.diagnosis import WRONG, show_diagnosis
 from gimbal_pin.report.sections.model import show_parameters, show_torque
 from gimbal_pin.report.summary import Summary, summary
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
@@ -193,6 +194,7 @@ def describe_outcome(found: Auto, verbose: bool = False) -> str:
     return f"{text}\n{lie}"
 
 
+@check_arguments
 def auto(
     rig: Rig,
     logs: Sequence[Log],

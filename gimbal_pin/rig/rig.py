@@ -16,6 +16,7 @@ from lxml import etree
 
 from gimbal_pin.errors import RigError
 from gimbal_pin.rig import urdf
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.config import Config, Limits, Motor, overlay_config
 from gimbal_pin.rig.files import YAML_SUFFIXES, find_payload, find_rig
@@ -98,6 +99,7 @@ class Rig(Record):
         return self.payload is not None or bool(self.config.camera_frame) or self.camera_frame != self.links[-1]
 
     @staticmethod
+    @check_arguments
     def load(
         rig: str | Path, payload: str | Path | None = None, mend: bool = False, fixed: Mapping[str, float] | None = None
     ) -> Rig:

@@ -17,8 +17,7 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 INERTIA_ENTRIES = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 """Attribute, row and column of the entries of a URDF's inertia."""
 _MOST_JOINTS = 32
-"""Most movable joints: the base parameters' samples (`reduction.kronecker`) know three sequences for each of 33, and
-`check` takes 4 s."""
+"""Most movable joints: `reduction.compute_kronecker_sequence` has three sequences for each of 33; `check` takes 4 s."""
 MOST_LINKS = 1000
 """Most links, fixed ones included: a chain of them loads in 2 s, one of 5000 overflows the stack inside Pinocchio."""
 MAX_NAME_CHARACTERS = 64

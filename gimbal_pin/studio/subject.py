@@ -97,7 +97,7 @@ def prepare_subject(
     parts = logs if judged is None or not logs else split_at(logs, *judged)
     how = None if parts is logs else f"log:{len(parts)}"
     if model is None:
-        model = identify(rig, parts, holdout=how, filtering=filters).model if logs else nominal(rig)
+        model = identify(rig, parts, holdout=how, filtering=filters, examined="never").model if logs else nominal(rig)
         judges = split_logs(parts, how, filters or limit_cutoff(Filtering(), logs))[1] if logs else ()
     else:
         judges = logs if parts is logs else parts[-1:]
@@ -105,7 +105,7 @@ def prepare_subject(
     if payload is not None:
         other = mount_payload(rig, payload)
         is_stated = source.model is None and not logs
-        model, rig = nominal(other) if is_stated else replace_bodies(model, rig, other), other
+        model, rig = nominal(other) if is_stated else transfer_bodies(model, rig, other), other
     if reason := unable(rig, WANTED):
         return Subject(rig, model, evidence, None, None, reason)
     recipe, platform = learn_recipe(rig, None, Station.of(rig), model), draw_profile(rig, source.seconds, source.seed)
@@ -164,7 +164,7 @@ def build_plant(subject: Subject, state: StudioState) -> Model:
     moved = subject.rig
     for change in changes:
         moved = change.apply(moved)
-    return replace_bodies(subject.model, subject.rig, moved)
+    return transfer_bodies(subject.model, subject.rig, moved)
 
 
 def build_model(subject: Subject, state: StudioState) -> Model:
@@ -205,7 +205,7 @@ def tune_state(subject: Subject, state: StudioState, basis: TuningBasis | None =
     return tune(basis.model, bandwidth_hz=hertz, disk_margin=margin, delay=delay, basis=basis)
 
 
-def replace_bodies(model: Model, given: Rig, other: Rig) -> Model:
+def transfer_bodies(model: Model, given: Rig, other: Rig) -> Model:
     """Return a model on another rig: ``phi + phi(other) - phi(given)``, so that what was identified stays.
 
     Args:

@@ -134,7 +134,7 @@ def test_every_finding_states_its_probability(found: Diagnosis) -> None:
     assert finding.probability == told["findings"][0]["probability"] > 0.95 * LISTED
     assert told["causes"][0] == {"cause": "cogging", "joint": "tilt", "probability": finding.probability}
     assert sum(each["probability"] for each in told["causes"]) <= LISTED * (1 + 1e-12)
-    either = replace(finding, p_value=0.0, rivals=(Rival("delay", np.log(4.0), 1e6, "tilt"),))
+    either = replace(finding, false_alarm=0.0, rivals=(Rival("delay", np.log(4.0), 1e6, "tilt"),))
     likely = replace(found, findings=(either,))
     assert [one["probability"] / LISTED for one in likely.to_dict()["causes"]] == pytest.approx([0.8, 0.2])
     for page in (show_diagnosis(likely).to_text(), show_diagnosis(likely).html):

@@ -159,7 +159,7 @@ def test_what_no_body_makes_is_not_laid_on_further_ones(clean: BaseDifference) -
     strange = np.linalg.solve(clean.whitener, 30.0 * RNG(0).normal(size=len(clean.change)))
     found = find_given_causes(replace(clean, change=clean.change + shift + strange), BODIES)
     (form,) = found.best.values
-    assert form.kind is PayloadShift and found.p_values[form] < 1e-3
+    assert form.kind is PayloadShift and found.false_alarms[form] < 1e-3
 
 
 def test_causes_that_hide_each_other_are_found_together(clean: BaseDifference) -> None:

@@ -28,7 +28,7 @@ def test_the_help_lists_every_cause(run: Run) -> None:
 def find(*rivals: Rival, untried: tuple[str, ...] = ()) -> Finding:
     """A delay with rivals, and with causes that no log of its range tells from it."""
     gain = {"torque_rmse_before": 1.0, "torque_rmse_after": 0.5, "rollout_rmse_before": 1.0, "rollout_rmse_after": 0.5}
-    return Finding("delay", "pan", (), gain, 0.0, 0.5, "pan: delay", "a chirp", rivals, untried)
+    return Finding("delay", "pan", (), gain, 0.0, "pan: delay", "a chirp", rivals, untried)
 
 
 def test_what_else_it_may_be_is_told_with_its_probability() -> None:

@@ -15,7 +15,7 @@ from gimbal_pin.control.laws.loop import Margins, compute_margins
 from gimbal_pin.effects import Signal
 
 CROSSOVER = 25.0
-"""Of the nominal PID, Hz (CONTROL, "Profile S")."""
+"""Bandwidth of the nominal PID, Hz."""
 EQUAL_DISK_MARGIN = 1.07
 """Disk margin of every loop."""
 OUTER_DAMPING, OUTER_INTEGRAL = 0.9, 0.2

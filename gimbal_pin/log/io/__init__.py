@@ -26,9 +26,11 @@ from gimbal_pin.log.io.tables import ColumnTable
 from gimbal_pin.log.io.units import check_units, describe_torques
 from gimbal_pin.log.log import Array, Imu, Log, Motion
 from gimbal_pin.log.mapping import Entries, Source
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.rig import Rig
 
 
+@check_arguments
 def read_log(path: str | Path, rig: Rig, mapping: Entries = (), *, need_tau: bool = True) -> Log:
     """Read one trajectory with the columns of a log, ``value = factor * column`` where a mapping says so.
 
@@ -143,6 +145,7 @@ def read_motion(path: str | Path, rig: Rig, mapping: Entries = ()) -> Motion:
     return Motion(t, q, np.asarray(v), np.asarray(a))
 
 
+@check_arguments
 def write_log(log: Log, path: str | Path) -> None:
     """Write a log so that `read_log` returns the same numbers, in the format of the suffix; whole or not at all.
 

@@ -32,7 +32,7 @@ _FOC_COLUMNS = {
     7: ("target", "voltage.q", "voltage.d", "current.q_ma", "current.d_ma", "velocity", "angle"),
 }
 """What ``motor.monitor()`` writes by default and at most (docs.simplefoc.com/monitoring)."""
-GZIP_MAGIC = b"\x1f\x8b"
+GZIP_MAGIC: bytes = b"\x1f\x8b"
 BLOCK = 1 << 22  # bytes read at a time
 LONGEST_LINE = 1 << 22  # bytes that no row has: 100 000 columns of 20 digits are 2.1 MB
 _SI_COLUMN = re.compile(r"t|(?:q|dq|ddq|tau|q_ref|temp)_.+")

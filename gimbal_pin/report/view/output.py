@@ -19,6 +19,7 @@ from gimbal_pin.report.view.browser import take_pictures
 from gimbal_pin.report.view.motion import Frames, frame_times, magnify, motion
 from gimbal_pin.report.view.scene import plot_strip, render_scene, scene
 from gimbal_pin.report.view.stage import STAGE_ASPECT
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
@@ -64,6 +65,7 @@ class Animation:
         atomic_write(path, self.page)
 
 
+@check_arguments
 def animate(
     rig: Rig,
     log: Log,

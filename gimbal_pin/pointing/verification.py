@@ -67,7 +67,7 @@ def verify(
     if reason := unable(rig, WANTED):
         raise UsageError(f"rig {rig.name}", f"cannot hold its camera: {reason}", "state or change that in its YAML")
     if log is not None and plant is None:
-        known = known or identify(rig, [log], holdout="none").model
+        known = known or identify(rig, [log], holdout="none", examined="never").model
         plant = draw_model(known, np.random.default_rng(LEARNED))
     stood = nominal(unbalance_payload(rig)) if plant is None else plant
     true, drive = plant_with(stood, [parse_effect(text, rig) for text in causes])

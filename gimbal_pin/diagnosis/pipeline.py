@@ -31,6 +31,7 @@ from gimbal_pin.identification.validation import LEAST_JUDGED_SHARE
 from gimbal_pin.log.io.columns import LEAST_TRAVEL, find_joints_asked_to_rest
 from gimbal_pin.log.log import Log
 from gimbal_pin.regression import Filtering, limit_cutoff, subsample_log
+from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng
 
@@ -39,9 +40,10 @@ DRIVEN = 5.0
 
 
 @limit_to_one_thread()
+@check_arguments
 def diagnose(
     rig: Rig,
-    logs: Sequence[Log],
+    logs: Log | Sequence[Log],
     causes: Mapping[str, type[Cause]] = CAUSES,
     *,
     rng: Rng = None,
@@ -54,9 +56,9 @@ def diagnose(
     Long logs are subsampled, see `samples.subsample_log`; a note says how. The band is `band.choose_band` where no
     filtering is given. `rng` has no effect: nothing is drawn at random.
 
-    Args and errors: as `diagnose_short_logs`; `mass`: of the payload, kg, where it was weighed.
+    Args and errors: as `diagnose_short_logs`; `logs`: one or several; `mass`: of the payload, kg, where it was weighed.
     """
-    logs = [log.ordered(rig) for log in logs]
+    logs = [log.ordered(rig) for log in ([logs] if isinstance(logs, Log) else logs)]
     shown = [subsample_log(log) for log in logs]
     band = choose_band(rig, logs) if filtering is None else filtering
     found = diagnose_short_logs(rig, [one.log for one in shown], causes, holdout, band)

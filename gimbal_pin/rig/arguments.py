@@ -1,0 +1,111 @@
+"""Types of the public functions' arguments, checked against their annotations."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import wraps
+from numbers import Integral, Real
+from types import UnionType
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+
+from gimbal_pin.errors import UsageError, shortened
+from gimbal_pin.rig.types import Array
+
+P = ParamSpec("P")
+R = TypeVar("R")
+SHOWN_CHARACTERS = 60
+"""Length of a wrong argument in an error's text, in characters."""
+NAMES: Mapping[str, str] = {
+    "float": "a number",
+    "int": "a whole number",
+    "str": "a string",
+    "NoneType": "None",
+    "Rig": "a Rig (Rig.load)",
+    "Log": "a Log (read_log, bench_run)",
+    "Model": "a Model (identify(…).model, diagnose(…).after, nominal)",
+}
+"""Name of a type → how an error's text names it, and what returns one."""
+
+
+def check_arguments(function: Callable[P, R]) -> Callable[P, R]:
+    """Make a function raise `UsageError` for arguments that its signature or its annotations do not allow.
+
+    Lists are checked element by element. Arrays, the values of mappings, and annotations that name types for the type
+    checker alone are not checked.
+    """
+    signature, place = inspect.signature(function), function.__qualname__
+
+    @wraps(function)
+    def checked(*given: P.args, **named: P.kwargs) -> R:
+        try:
+            arguments = signature.bind(*given, **named).arguments
+        except TypeError as error:
+            raise UsageError(
+                f"{place}()", str(error), f"its arguments are {', '.join(signature.parameters)}"
+            ) from error
+        for name, value in arguments.items():
+            annotation = signature.parameters[name].annotation
+            try:
+                hint = eval(annotation, inspect.unwrap(function).__globals__)
+            except NameError:
+                continue
+            check_type(f"{place}: {name}", value, hint)
+        return function(*given, **named)
+
+    return checked
+
+
+def check_type(place: str, value: object, hint: Any) -> None:
+    """Raise `UsageError` for a value that is not of an annotated type."""
+    if not _matches(value, hint):
+        what = f"is {shortened(repr(value), SHOWN_CHARACTERS)}, of type {type(value).__name__}"
+        raise UsageError(place, what, f"give {_describe(hint)}")
+
+
+def to_rows(place: str, value: object, width: int) -> Array:
+    """Return an array of one row per sample, (N, width); `UsageError` for anything else."""
+    try:
+        rows = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise UsageError(place, f"is no array of numbers ({error})", f"give shape (N, {width})") from error
+    if rows.ndim != 2 or rows.shape[1] != width:
+        raise UsageError(
+            place, f"has shape {rows.shape}", f"give shape (N, {width}): a row per sample, x[None] for one"
+        )
+    return rows
+
+
+def _matches(value: object, hint: Any) -> bool:
+    """Return whether a value is of an annotated type, as far as the annotation says."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return any(_matches(value, one) for one in inner)
+    if origin is Literal:
+        return value in inner
+    if hint in (float, int):
+        return isinstance(value, Real if hint is float else Integral) and not isinstance(value, bool)
+    if origin in (Sequence, Iterable):
+        if isinstance(value, (list, tuple)):
+            return all(_matches(one, inner[0]) for one in value)
+        return isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping))
+    if origin is Mapping:
+        return isinstance(value, Mapping)
+    if getattr(hint, "_is_protocol", False):
+        return callable(value) or "__call__" not in vars(hint)
+    return not isinstance(hint, type) or isinstance(value, hint)
+
+
+def _describe(hint: Any) -> str:
+    """Return the name of an annotated type in an error's text."""
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return " or ".join(map(_describe, inner))
+    if origin is Literal:
+        return " or ".join(map(repr, inner))
+    if origin in (Sequence, Iterable):
+        return f"a list ({_describe(inner[0])})"
+    name = getattr(hint, "__name__", str(hint))
+    return NAMES.get(name, name)
