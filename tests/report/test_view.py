@@ -26,6 +26,7 @@ from hypothesis import strategies as st
 from gimbal_pin.errors import LogError, UsageError
 from gimbal_pin.log import Imu, Log
 from gimbal_pin.report import view
+from gimbal_pin.report.elements import embed
 from gimbal_pin.report.view import browser, figure, output, stage
 from gimbal_pin.report.view.motion import base_attitude, motion, poses
 from gimbal_pin.report.view.scene import scene
@@ -560,6 +561,61 @@ def test_a_browser_without_webgl_says_so(tmp_path: Path) -> None:
     rig = Rig.load("turret")
     path.write_text(view.record(rig, sweep(rig)).replace("<head>", blind, 1), encoding="utf-8")
     assert "it has no WebGL" in visit(path.as_uri(), "document.getElementById('meshcat-pane').textContent").values[0]
+
+
+COUNTED = """<head><script>{
+  const request = requestAnimationFrame.bind(window);
+  window.frames = 0;
+  window.requestAnimationFrame = act => request(time => { frames++; act(time); });
+}</script>"""
+"""Counts the frames that a page draws."""
+
+
+@needs_browser
+def test_a_scene_runs_only_while_it_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folded, scrolled away or folded again it draws no frame, and a folded one says nothing on the console."""
+    rig, said = Rig.load("thesis"), list[str]()
+
+    async def hear(seen: object, event: Any) -> None:
+        said.append(str(event["params"])[:200])
+
+    monkeypatch.setattr("tests.browsing.Visit.complain", hear)
+    frame = embed(view.record(rig, sweep(rig)).replace("<head>", COUNTED, 1), "scene", "scene", "run")
+    path = tmp_path / "page.html"
+    path.write_text(f"<!DOCTYPE html><details><summary>scene</summary>{frame}</details><p style='height: 3000px'></p>")
+    frames = "document.querySelector('iframe').contentWindow.frames"
+    still, fold = (frames, pause(0.7), frames), "document.querySelector('details').open = {}, 0"
+    seen = visit(
+        path.as_uri(), pause(1.0), *still, lambda _: note(said), fold.format("true"), pause(1.0), *still,
+        "scrollTo(0, 2500), 0", pause(0.5), *still, "scrollTo(0, 0), 0", pause(0.7), frames,
+        fold.format("false"), pause(0.5), *still,
+    )  # fmt: skip
+    never, folded, _, before, after, _, away, still_away, _, back, _, again, still_again = seen.values
+    assert never == folded == 0 and said[: said.index("opened")] == []
+    assert 0 < before < after <= away == still_away < back <= again == still_again
+
+
+async def note(said: list[str]) -> None:
+    """Note that the scene is opened next."""
+    said.append("opened")
+
+
+@needs_browser
+@pytest.mark.parametrize("motion", ["reduce", "no-preference"])
+def test_a_scene_stands_where_less_motion_is_preferred(tmp_path: Path, motion: str) -> None:
+    """And on paper it is drawn, whatever the screen has drawn."""
+    rig = Rig.load("thesis")
+    (tmp_path / "page.html").write_text(view.record(rig, sweep(rig)))
+
+    async def prefer(tab: Any) -> None:
+        features = [{"name": "prefers-reduced-motion", "value": motion}]
+        await tab.send_command("Emulation.setEmulatedMedia", {"features": features})
+        await tab.send_command("Page.reload")
+        await asyncio.sleep(2.0)
+
+    url = (tmp_path / "page.html").as_uri()
+    seen = visit(url, prefer, "animator.time > 0", "dispatchEvent(new Event('beforeprint'))")
+    assert seen.values == [motion != "reduce", True] and seen.complaints == []
 
 
 @needs_browser
