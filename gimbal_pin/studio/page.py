@@ -23,7 +23,7 @@ from gimbal_pin.studio.desk import Desk
 from gimbal_pin.studio.figures import ResidualFigure, simulate_pointing
 from gimbal_pin.studio.saving import Writer, keep_controller, keep_report, list_studio_files
 from gimbal_pin.studio.state import History, StudioState, list_sliders
-from gimbal_pin.studio.subject import Subject, list_causes
+from gimbal_pin.studio.subject import StudioSource, Subject, list_causes
 
 
 class Handle(NamedTuple):
@@ -54,6 +54,14 @@ def build_handles(subject: Subject) -> dict[str, Handle]:
         return loops
     heavy = Handle(0.1 * mass, 3 * mass, float(f"{mass / 100:.1g}"))
     return {**loops, **dict.fromkeys("xyz", Handle(-50, 50, 0.5)), "mass": heavy}
+
+
+def describe_other_camera(source: StudioSource, state: StudioState) -> str:
+    """Return a sentence where the logs were recorded with another camera than the one that is mounted, else nothing."""
+    if state.payload is None or not source.logs:
+        return ""
+    recorded = source.rig.payload or "the rig's own camera"
+    return f"The log was recorded with {recorded}, not with {state.payload}: its residual includes the swap."
 
 
 async def open_window(desk: Desk, seconds: float = 1.0) -> None:
@@ -164,6 +172,7 @@ class Window:
             self.scene.on("load", js_handler="event => event.target.contentWindow.seek?.(0)")
         with self.build_card("Figures"):
             self.table = ui.html("", sanitize=False)
+            self.other_camera = ui.label("").classes("side").props("data-figure=other-camera")
             self.jitter = ui.html("", sanitize=False)
             self.reasons = ui.html("", sanitize=False).classes("side")
         if logs:
@@ -198,7 +207,7 @@ class Window:
 
     async def slide(self, name: str, position: float) -> None:
         """Show a value while its slider is dragged; it is chosen when it is let go."""
-        if not self.is_setting:
+        if not self.is_setting and position is not None:
             shown = round(position, 6)
             self.set_value(self.numbers[name], shown)
             await self.show(self.desk.history.present.moved(name, shown / self.choices[name].factor))
@@ -323,6 +332,7 @@ class Window:
         if found is None:  # the server ends
             return
         self.subject, self.tuning, residual = found
+        self.fit_handles()
         self.draw_loops(state, self.tuning, residual)
         if self.wanted != state:  # the slider has gone on: the loops follow it, the camera waits
             self.drawn = None
@@ -360,6 +370,7 @@ class Window:
                     ui.timer(0.3, lambda: self.charts["log"].run_chart_method("dispatchAction", pen), once=True)
             self.judged.set_text(options.describe_judged(source, state))
         self.table.set_content(options.build_table(tuning, residual).__html__())
+        self.other_camera.set_text(describe_other_camera(source, state))
         reasons = [one for one in tuning.reasons if one.kind is not ReasonKind.LOWERED]  # those stand beside the field
         said = [*tuning.warnings, *tuning.doubts, *map(str, reasons)]
         self.reasons.set_content(Markup("").join(Markup("<p>{}</p>").format(one) for one in said[:4]))
@@ -402,6 +413,13 @@ class Window:
         """Let the controller know the causes whose boxes are ticked."""
         if not self.is_setting:
             await self.move("off", tuple(name for name, box in self.boxes.items() if not box.value))
+
+    def fit_handles(self) -> None:
+        """Give the sliders the ends of the camera that is mounted."""
+        for name, handle in build_handles(self.subject).items():
+            if name in self.sliders and handle != self.handles[name]:
+                self.handles[name] = handle
+                self.sliders[name].props(f"min={handle.low} max={handle.high} step={handle.step}")
 
     def read_shown(self, name: str) -> float | None:
         """Return the value that holds, which may be less than was chosen; None: nothing is drawn yet."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import secrets
 import socket
 from collections.abc import Callable
+from html import escape
 from importlib.util import find_spec
 from typing import Any
 
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import GimbalPinError, UsageError, message
 from gimbal_pin.report.view.live import HOME
 from gimbal_pin.studio.desk import Desk
 
@@ -48,6 +50,25 @@ class Gate:
         return knows and host.partition(":")[0] in (HOME, "localhost") and origin == f"http://{host}"
 
 
+class OneLineFormatter(logging.Formatter):
+    """Format of a server's records as one line: an event that a page never sends needs no traceback."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return the line."""
+        error = record.exc_info[1] if record.exc_info else None
+        what = record.getMessage() if error is None else f"{type(error).__name__}: {error}"
+        return f"gimbal-pin: studio: {message([what], [])}"
+
+
+def log_in_one_line() -> None:
+    """Let the server's libraries write each of their records to standard error as one line."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(OneLineFormatter())
+    for name in ("nicegui", "asyncio", "socketio", "engineio"):
+        logger = logging.getLogger(name)
+        logger.handlers, logger.propagate = [handler], False
+
+
 def check_nicegui() -> None:
     """Raise `UsageError` where NiceGUI, which the page is made with, is missing."""
     if find_spec("nicegui") is None:
@@ -73,7 +94,15 @@ def serve_desk(desk: Desk, announce: Callable[[str], object]) -> None:
     from gimbal_pin.studio.page import open_window
 
     token, app = secrets.token_urlsafe(), FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    app.get(f"/{token}/scene", response_class=HTMLResponse)(desk.draw_scene)
+
+    def draw_scene(payload: str | None = None) -> HTMLResponse:
+        """Answer with the scene, or 404 for a payload that cannot be mounted."""
+        try:
+            return HTMLResponse(desk.draw_scene(payload))
+        except GimbalPinError as error:
+            return HTMLResponse(escape(str(error)), status_code=404)
+
+    app.get(f"/{token}/scene", response_class=HTMLResponse)(draw_scene)
     ui.run_with(
         app,
         root=lambda: open_window(desk),
@@ -85,6 +114,7 @@ def serve_desk(desk: Desk, announce: Callable[[str], object]) -> None:
         reconnect_timeout=30.0,
         show_welcome_message=False,
     )
+    log_in_one_line()
     try:
         door = socket.create_server((HOME, 0))
     except OSError as error:

@@ -73,7 +73,7 @@ class StudioState:
     judged: tuple[float, float] | None = None
 
     def moved(self, name: str, value: Any) -> StudioState:
-        """Return the state with one choice changed.
+        """Return the state with one choice changed; another camera has its own place and mass.
 
         Raises:
             UsageError: There is no such choice, or its value is out of bounds.
@@ -90,6 +90,8 @@ class StudioState:
             if last <= first:
                 raise UsageError("judged part", f"ends at {last:g} s, not after {first:g}", "mark some time of the log")
             value = first, last
+        if name == "payload" and value != self.payload:
+            return replace(self, payload=value, x=0.0, y=0.0, z=0.0, mass=None)
         return replace(self, **{name: value})
 
 

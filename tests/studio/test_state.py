@@ -88,6 +88,13 @@ def test_what_was_moved_and_undone_is_as_it_was(moves: list[tuple[str, Any]]) ->
     assert back == history[-1]
 
 
+@pytest.mark.parametrize("name", ["x", "mass"])
+def test_another_camera_has_its_own_place_and_mass(name: str) -> None:
+    moved = StudioState().moved(name, 0.02).moved("bandwidth_hz", 6.0)
+    assert moved.moved("payload", "cinema") == StudioState(bandwidth_hz=6.0, payload="cinema")
+    assert moved.moved("payload", None) == moved
+
+
 def test_what_cannot_be_is_nowhere_in_the_history() -> None:
     """The choice before it is shown, by whichever way it was come to; a first one that cannot be stays."""
     good, bad, later = (StudioState(bandwidth_hz=hz) for hz in (1.0, 2.0, 3.0))
