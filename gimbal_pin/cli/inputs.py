@@ -57,6 +57,7 @@ def load_logs(
         UsageError: No log, or logs of different payloads: one identification knows one.
     """
     from gimbal_pin.log.io import split_payload
+    from gimbal_pin.log.log import drop_repeated_logs
 
     if not logs:
         raise UsageError("LOG", "none was given", "name at least one log after the rig")
@@ -70,7 +71,8 @@ def load_logs(
         )
     camera = payload or (tags[0] if tags else None)
     loaded, read = read_logs(rig, camera, logs, mapping)
-    tell([event for log in read for event in log.events])
+    read, repeated = drop_repeated_logs(read)
+    tell([*repeated, *(event for log in read for event in log.events)])
     return fix_still_joints(loaded, read, rig, camera) if moving else (loaded, read)
 
 

@@ -52,6 +52,7 @@ class Estimated:
         lags: By how much later than half a sample after its stamp each joint's torque acts, s, (n,); empty: as stated.
         lag_std: Their standard deviations, s, (n,).
         angle_noise: Standard deviation of each angle's noise and rounding in the logs, rad, (n,); empty: not known.
+        digests: `Log.digest` of the logs that it was estimated from; empty: not known.
     """
 
     names: tuple[str, ...]
@@ -66,6 +67,7 @@ class Estimated:
     lags: tuple[float, ...] = ()
     lag_std: tuple[float, ...] = ()
     angle_noise: tuple[float, ...] = ()
+    digests: tuple[str, ...] = ()
 
     __repr__ = brief
 

@@ -31,7 +31,7 @@ from gimbal_pin.identification.estimators import find_estimator
 from gimbal_pin.identification.identified import Identified, describe_faults
 from gimbal_pin.identification.requirements import check_enough, check_seen, find_unseen
 from gimbal_pin.identification.validation import Accuracy, Validation, measure_accuracy
-from gimbal_pin.log.log import Array, Log, find_interval
+from gimbal_pin.log.log import Array, Log, drop_repeated_logs, find_interval
 from gimbal_pin.log.platform import BASE_MOTIONS, BaseMotion
 from gimbal_pin.regression import (
     TRUST,
@@ -178,7 +178,13 @@ def to_model(design: Design, estimate: Estimate) -> Model:
     dt = find_interval(log.dt for log in design.logs)
     noise = np.mean([resolution(log) for log in design.logs] or [np.zeros(0)], axis=0)
     known = Estimated(
-        design.names, design.units, estimate.theta, estimate.covariance, dt, angle_noise=tuple(noise.tolist())
+        design.names,
+        design.units,
+        estimate.theta,
+        estimate.covariance,
+        dt,
+        angle_noise=tuple(noise.tolist()),
+        digests=tuple(dict.fromkeys(log.digest for log in design.logs)),
     )
     return Model(design.rig.with_phi(phi), design.to_terms(estimate.theta), known)
 
@@ -261,10 +267,11 @@ def identify(
             what = "reads the model's own torque, of which rows have only the measured one, whose noise biases the fit"
             raise UsageError(f"effect '{effect.name}'", what, "leave it out: 'diagnose' estimates it")
     method = find_estimator(estimator) if isinstance(estimator, str) else estimator
+    logs, repeated = drop_repeated_logs(logs)
     checked = [check_log(rig, log, filtering=filtering, repairs_only=examined == "never") for log in logs]
     logs = [one.log for one in checked]
     filters = filtering or _choose_filter(logs, greatest_base_motion(rig, logs))
-    notes = check_time(rig, logs, filters)
+    notes = (*repeated, *check_time(rig, logs, filters))
     train, test, how = split_logs(logs, holdout, filters)
     base = greatest_base_motion(rig, train)
     parted = _LogSplit(rig, train, test, filters, method, base)

@@ -86,7 +86,7 @@ def describe_uncertainty(estimated: Estimated | None) -> dict[str, Any]:
     columns = estimated.names, estimated.theta.tolist(), estimated.std.tolist(), estimated.units
     rows = [dict(zip(("name", "value", "std", "unit"), row)) for row in zip(*columns)]
     rest = {name: list(getattr(estimated, name)) for name in ("missed", "noise", "pure_error")}
-    rest |= {name: list(getattr(estimated, name)) for name in ("lags", "lag_std", "angle_noise")}
+    rest |= {name: list(getattr(estimated, name)) for name in ("lags", "lag_std", "angle_noise", "digests")}
     rest["misfit"] = [list(row) for row in estimated.misfit]
     return {"base_parameters": rows, "covariance": estimated.covariance.tolist(), "dt": estimated.dt, **rest}
 
@@ -175,6 +175,7 @@ class StoredUncertainty:
     lags: tuple[float, ...] = ()
     lag_std: tuple[float, ...] = ()
     angle_noise: tuple[float, ...] = ()
+    digests: tuple[str, ...] = ()
 
 
 def read_known_parameters(data: Any, place: str) -> Estimated:
@@ -203,7 +204,9 @@ def read_known_parameters(data: Any, place: str) -> Estimated:
     names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
     values = np.array([row.value for row in rows])
     rest = (filed.dt, filed.missed, filed.misfit, filed.noise, filed.pure_error)
-    return Estimated(names, units, values, covariance, *rest, filed.lags, filed.lag_std, filed.angle_noise)
+    return Estimated(
+        names, units, values, covariance, *rest, filed.lags, filed.lag_std, filed.angle_noise, filed.digests
+    )
 
 
 def is_model(path: str | Path) -> bool:

@@ -530,6 +530,9 @@ def identify_new(
             one is in another unit, or acts too early or late, see `checks.check_time`.
     """
     rig, before = apply_changes(rig, known.changes), get_known_parameters(known)
+    if twice := [log.name for log in logs if log.digest in before.digests]:
+        what = f"was identified from {twice[0]} itself, which would count twice"
+        raise UsageError("--known", what, "give another log, or leave --known out")
     reduction = reduce_parameters(rig)
     effects = [term.effect for term in known.terms]
     width, count = len(reduction.independent), sum(len(effect.coefficients) for effect in effects)
@@ -554,7 +557,12 @@ def identify_new(
     was = (before.theta, before.covariance)
     identified, one = _conclude_camera(part, own, joint, 1, (mounted, known.rig), was, missed, late)
     check_assignment(blocks, identified.estimate)
-    identified = replace(identified, faults=(*describe_contradiction(found, before), *identified.faults))
+    model = identified.model
+    digests = (*before.digests, *(log.digest for log in logs))
+    if model.estimated is not None:
+        model = replace(model, estimated=replace(model.estimated, digests=digests))
+    faults = (*describe_contradiction(found, before), *identified.faults)
+    identified = replace(identified, model=model, faults=faults)
     return Several({name: identified}, {name: one}, mounted, known=known)
 
 

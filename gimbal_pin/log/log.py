@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -145,6 +146,15 @@ def _is_immutable(array: object) -> bool:
     return False
 
 
+def drop_repeated_logs(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
+    """Return logs without those whose samples another one holds, and a note on each that was left out."""
+    kept = {log.digest: log for log in reversed(logs)}
+    notes = [
+        f"{log.name} repeats {kept[log.digest].name}, and counts once" for log in logs if kept[log.digest] is not log
+    ]
+    return [log for log in logs if kept[log.digest] is log], notes
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """A joint trajectory ``q(t), v = dq/dt, a = dv/dt``.
@@ -232,6 +242,7 @@ class Log(Record):
         events: Sentences about what happened while recording (limits hit, fallbacks).
         seed: What repeats a simulated log as `rng`; None of others, and where a generator was given.
         sources: Column → what of its file it was read from, where a mapping says so.
+        digest: SHA-256 of times, angles and torques as they were first read; parts and altered copies keep it.
     """
 
     name: str
@@ -247,6 +258,7 @@ class Log(Record):
     events: tuple[str, ...] = ()
     seed: int | None = None
     sources: Mapping[str, Source] = field(default_factory=dict)
+    digest: str = ""
 
     ROWS: ClassVar[str] = "samples"
     __repr__ = brief
@@ -271,6 +283,10 @@ class Log(Record):
                 freeze(value, (len(self.t), value.shape[1]), f"{self.name}: {name} of {link}")
         if (late := find_untimely(self.t)) is not None:
             raise LogError(f"{self.name}: sample {late[0]}", *late[1:])
+        if not self.digest:
+            recorded = (self.t, self.q) if self.tau is None else (self.t, self.q, self.tau)
+            content = b"".join(np.ascontiguousarray(values).tobytes() for values in recorded)
+            object.__setattr__(self, "digest", hashlib.sha256(content).hexdigest())
 
     def __reduce__(self) -> tuple[type[Log], tuple[Any, ...]]:
         """Make it pass between processes, which read-only views of dictionaries do not."""
