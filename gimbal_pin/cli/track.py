@@ -84,12 +84,13 @@ def track(
 
     moving = platform != "none" or platform_log is not None
     check_camera_options(controller, compiled, moving, (animation, plot, fault, effect, learn, platform_size != 1.0))
-    loaded = load_rig(rig, payload or read_payload(controller))
+    mounted = payload or read_payload(controller)
+    loaded = load_rig(rig, mounted)
     tuned = None if controller is None else read_tuned(controller, loaded)
     machine = None if compiled is None else Library.load(compiled, loaded)
     plant, log, held = None if model is None else read_plant(model, loaded), None, None
     if moving and learn is not None:
-        own, (log,) = load_logs(rig, loaded.payload, [learn], map if platform_log is None else ())
+        own, (log,) = load_logs(rig, mounted, [learn], map if platform_log is None else ())
         if own.base in log.imus:
             tell(check_platform_log(log.t, log.imus[own.base], log.name).notes)
     steps, judged = None, None

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import CubicHermiteSpline
 
 from gimbal_pin.control.laws.design import Wish
 from gimbal_pin.control.tuning import tune
@@ -28,6 +29,14 @@ def repeated(motion: Motion, seconds: float, dt: float) -> Motion:
     phase = t % motion.t[-1]
     q, v, a = (np.column_stack([np.interp(phase, motion.t, x) for x in getattr(motion, name).T]) for name in "qva")
     return Motion(t, q, v, a)
+
+
+def interpolate_motion(motion: Motion, dt: float) -> Motion:
+    """Return a motion sampled every `dt` s, by the cubic that has its angles and rates; accelerations are linear."""
+    t = motion.t[0] + dt * np.arange(int((motion.t[-1] - motion.t[0]) / dt * (1 + 1e-9)) + 1)
+    path = CubicHermiteSpline(motion.t, motion.q, motion.v)
+    a = np.column_stack([np.interp(t, motion.t, x) for x in motion.a.T])
+    return Motion(t, path(t), path(t, 1), a)
 
 
 @check_arguments
@@ -61,7 +70,7 @@ def bench_run(
         torque_noise: White noise on the reported torque, as a share of each joint's torque rms.
         encoder_bits: Resolution of the encoders; None: the rig's own.
         delay: Samples between measurement and torque.
-        reference: The motion instead of a designed one.
+        reference: The motion instead of a designed one; interpolated where it has another interval than the controller.
         drive: Signal causes between command and torque, as `plant_with` returns them.
         platform: Motion of the base, see `simulate`; None: it stands.
         imus: Links whose IMU is in the log.
@@ -73,6 +82,11 @@ def bench_run(
     if reference is None:
         design = excite(rig, seconds=period, starts=starts, rng=generator, torque_model=plant, dt=dt)
         reference = repeated(design.motion, seconds, dt)
+    given = float(np.mean(np.diff(reference.t)))
+    notes: tuple[str, ...] = ()
+    if not np.allclose(np.diff(reference.t), dt, rtol=1e-6):
+        reference = interpolate_motion(reference, dt)
+        notes = (f"the reference, every {1e3 * given:.4g} ms, is interpolated to the controller's {1e3 * dt:.4g} ms",)
     sensors = replace(Sensors.of(rig, dt), imus=tuple(imus))
     if encoder_bits is not None:
         sensors = replace(sensors, encoder_step=np.full(rig.n, 2 * np.pi / 2**encoder_bits))
@@ -81,7 +95,7 @@ def bench_run(
     )
     tau = np.asarray(log.tau)
     noise = torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * generator.standard_normal(tau.shape)
-    return replace(log, tau=tau + noise, seed=seed)
+    return replace(log, tau=tau + noise, seed=seed, events=(*notes, *log.events))
 
 
 def perturbed(rig: Rig, spread: float, rng: np.random.Generator) -> Model:

@@ -372,8 +372,8 @@ def judgement(found: Judgement, joints: Sequence[ShownJoint]) -> Table:
         errors = [DASH if joint is None else cell(data["errors"][name], place, joint.text) for name in names]
         ratios = [cell(own, place, lambda x: figures(x, 2)) for own in data["ratios"].values()]
         rows.append([place if joint is None else joint.label, *errors, *ratios])
-    others = [controller_name(name) for name in names[1:-1]]
-    head = ["Joint", *(f"{who} error" for who in ("Tuned", *others, "PID")), "Ratio", *(f"Ratio, {x}" for x in others)]
+    *others, rival = (controller_name(name) for name in names[1:])
+    head = ["Joint", *(f"{who} error" for who in ("Tuned", *others, rival)), "Ratio", *(f"Ratio, {x}" for x in others)]
     return Table(head, rows, label=f"Errors on {found.plants} perturbed plants")
 
 

@@ -25,7 +25,7 @@ from gimbal_pin.control import (
 )
 from gimbal_pin.control.laws.design import lowered
 from gimbal_pin.control.laws.loop import smallest_disk
-from gimbal_pin.control.laws.uncertainty import draw_inertia_ratios
+from gimbal_pin.control.laws.uncertainty import draw_changes, draw_inertia_ratios
 from gimbal_pin.dynamics import Estimated, Model, nominal, reduce_parameters
 from gimbal_pin.effects import ActuatorLag, Delay, JointFlexibility, Signal
 from gimbal_pin.errors import UsageError
@@ -129,8 +129,7 @@ def drawn_models(model: Model, count: int) -> list[Model]:
     assert model.estimated is not None
     places = estimate(model)[1]
     assert places is not None
-    zero = np.zeros(len(model.estimated.theta))
-    sets = np.random.default_rng(0).multivariate_normal(zero, model.estimated.covariance, count, method="eigh")
+    sets = draw_changes(model.estimated.covariance, count, np.random.default_rng(0))
     changed = np.tile(model.rig.phi, (count, 1))
     changed[:, places] += sets[:, : len(places)]
     return [Model(model.rig.with_phi(phi), model.terms) for phi in changed]

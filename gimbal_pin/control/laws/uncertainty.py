@@ -98,10 +98,22 @@ def bounds(model: Model, rng: np.random.Generator) -> ModelErrorBounds:
         source = f"no covariance of its parameters: {shares} assumed"
         return ModelErrorBounds(STATED_ALPHA, float(STATED_PHI * load), largest, source)
     deviation, places = known[0].covariance, known[1]
-    draws = rng.multivariate_normal(np.zeros(len(deviation)), deviation, SETS, method="eigh", check_valid="ignore")
+    draws = draw_changes(deviation, SETS, rng)
     alpha, phi = (float(np.quantile(x, 0.95)) for x in bound_drawn_models(model, places, q, v, D, draws))
     source = f"from the estimated covariance, {SETS} parameter sets at {len(q)} poses, 95 %"
     return ModelErrorBounds(alpha, phi, largest, source)
+
+
+def draw_changes(covariance: Array, count: int, rng: np.random.Generator) -> Array:
+    """Draw errors of parameters from a normal distribution, (count, k).
+
+    The correlations are factored and not the covariance: rounding of a huge variance, such as of a drift that a log
+    hardly shows, would otherwise exceed the variance of an inertia.
+    """
+    std = np.sqrt(np.diag(covariance))
+    unit = np.where(std > 0, std, 1.0)
+    correlation, zero = covariance / np.outer(unit, unit), np.zeros(len(std))
+    return np.asarray(std * rng.multivariate_normal(zero, correlation, count, method="eigh", check_valid="ignore"))
 
 
 def bound_drawn_models(model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array) -> tuple[Array, Array]:
@@ -185,8 +197,7 @@ def draw_inertia_ratios(model: Model, kind: str, rng: np.random.Generator) -> Ra
     covariance, places = known[0].covariance, known[1]
     q, _ = sample_poses(model.rig, VARIED if kind == "pid" else EXAMINED_POSES)
     believed = np.diagonal(compute_inertia(model, q), axis1=1, axis2=2)
-    zero = np.zeros(len(covariance))
-    sets = rng.multivariate_normal(zero, covariance, DRAWN_MODELS, method="eigh", check_valid="ignore")
+    sets = draw_changes(covariance, DRAWN_MODELS, rng)
     change = np.moveaxis(np.diagonal(pushes(model, places, q, np.zeros_like(q)), axis1=1, axis2=2), 1, 2)  # (N, n, k)
     true = believed + np.einsum("ijk,sk->sij", change, sets)
     nominal = np.diagonal(compute_inertia(model, home(model.rig)[None])[0]) if kind == "pid" else believed
@@ -212,7 +223,7 @@ def draw_model(model: Model, rng: np.random.Generator) -> Model:
     if known is None:
         return replace(model, estimated=None)
     covariance, (q, _) = known[0].covariance, sample_poses(model.rig)
-    change = rng.multivariate_normal(np.zeros(len(covariance)), covariance, method="eigh", check_valid="ignore")
+    change = draw_changes(covariance, 1, rng)[0]
     for share in (*0.5 ** np.arange(10), 0.0):
         found = change_parameters(model, share * change)
         if np.linalg.eigvalsh(compute_inertia(found, q)).min() > 0:
