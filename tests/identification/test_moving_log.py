@@ -169,6 +169,17 @@ def test_what_the_base_does_is_told_and_what_it_shows_is_found(platform: Platfor
     assert found.held_out is not None and min(found.held_out.fit_percent.values()) > 99.8
 
 
+@pytest.mark.parametrize("size", [0.05, 0.1, 0.2])
+def test_a_platform_that_moves_unseen_is_unknown(size: float) -> None:
+    """Without its IMU no joint is explained, and no cause is named for what all of them feel."""
+    rig, rng = bundled("turret"), np.random.default_rng(2)
+    clean = carried(nominal(rig), swaying(times(8.0), size), 8.0)
+    assert clean.tau is not None
+    log = replace(clean, tau=clean.tau + 1e-3 * rng.normal(size=clean.tau.shape), imus={})
+    found = diagnose(rig, [log], {name: CAUSES[name] for name in ("delay", "presliding", "torque-ripple")})
+    assert (found.verdict, found.findings) == ("unknown", ()) and found.unexplained == list(rig.joints)
+
+
 def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth() -> None:
     """Against a model that stands."""
     size = 0.02
