@@ -294,13 +294,13 @@ def sent(datagrams: list[bytes]) -> list[Log]:
 
 def sample(k: int, lost: int = 0, stamp: int | None = None, values: float | None = None) -> bytes:
     """The frame of a sample at k hundredths of a second, or at another stamp, µs."""
-    numbers = [0.01 * k, 0.02 * k, 1.0, 2.0, 0.01 * k, 0.0] if values is None else [values] * 6
+    numbers = [0.001 * k, 0.002 * k, 0.1, 0.2, 0.01 * k, 0.0] if values is None else [values] * 6
     return encode_frame(Frame(LOG, k, struct.pack("<QI6f", 10_000 * k if stamp is None else stamp, lost, *numbers)))
 
 
 def angles(logs: list[Log]) -> list[int]:
     """Return the hundredths of a second of the samples of logs, by their first angle."""
-    return [round(100 * q) for log in logs for q in log.q[:, 0].tolist()]
+    return [round(1000 * q) for log in logs for q in log.q[:, 0].tolist()]
 
 
 @pytest.mark.parametrize("block", [2, 7, 20])

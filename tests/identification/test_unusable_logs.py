@@ -369,8 +369,9 @@ def test_joints_that_have_changed_places_are_told_with_the_map_that_puts_them_ri
     rig = Rig.load(name)
     write_log(permuted(recorded(rig, 3), order), tmp_path / "x.csv")
     code, _, err = run("identify", name, tmp_path / "x.csv")
-    assert code == 2 and err.count("\n") == 1 and f"{rig.joints[0]}, {rig.joints[1]} have changed places" in err
-    assert run("identify", name, tmp_path / "x.csv", *printed(err))[0] == 0
+    error = err.splitlines()[-1]  # notes on angles beyond the exchanged limits may come before
+    assert code == 2 and f"{rig.joints[0]}, {rig.joints[1]} have changed places" in error
+    assert run("identify", name, tmp_path / "x.csv", *printed(error))[0] == 0
     assert run("diagnose", name, tmp_path / "x.csv", "--json", tmp_path / "x.json")[0] == 0
     said = json.loads((tmp_path / "x.json").read_text())
     assert said["verdict"] == "data" and [one["cause"] for one in said["findings"]] == ["logs-disagree"]

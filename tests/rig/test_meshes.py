@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -108,9 +107,7 @@ def test_what_is_no_mesh_harms_nothing_and_tells_nothing(
         "/",
     )
     broken = list(mutated(tmp_path))
-    start = time.monotonic()
     found = dict(find_meshes([*plain, *absent, *broken, "large.stl", "good.stl"], tmp_path))
-    assert time.monotonic() - start < meshes.MESH_PATIENCE
     for mesh in map(found.pop, broken):
         if isinstance(mesh, Mesh):
             assert np.isfinite(mesh.vertices).all() and mesh.vertices[mesh.faces].shape == (len(mesh.faces), 3, 3)
