@@ -18,10 +18,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from gimbal_pin.control import COMPILED
-from gimbal_pin.pointing import Course, Recipe, run_controllers
+from gimbal_pin.pointing import Pointing, draw_profile, simulate_holding
 from gimbal_pin.pointing.bench import WANTED
-from gimbal_pin.pointing.measurement import Station
+from gimbal_pin.pointing.pointer import Holder
+from gimbal_pin.pointing.result import Row
 from gimbal_pin.pointing.sight import unable
 from tests.exported import (
     COMPILERS,
@@ -58,13 +58,17 @@ def torques(twin: Twin, states: int) -> float:
 
 def jitters(twin: Twin) -> tuple[float, float]:
     """Jitter on profile S of Python's controller and of the compiled one, the sensors' noise fed back, degrees rms."""
-    model, spectrum = twin.stored.model, twin.pointer.navigator.forecast.spectrum
-    station = Station.of(model.rig)
-    sensors = (station.noise, float(station.step.max()))
-    recipe = Recipe(model, WANTED, spectrum, *sensors, law=twin.stored.law, machine=twin.library, learns=False)
-    course = Course(model, SECONDS, station)
-    found = {row.controller: row.jitter_rms for row in run_controllers(course, recipe, SEEDS)}
-    return found[recipe.kind], found[COMPILED]
+    model = twin.stored.model
+
+    def held(holder: Holder, seed: int) -> Pointing:
+        ground = draw_profile(model.rig, SECONDS, seed)
+        return simulate_holding(model, holder, ground, rng=np.random.default_rng([seed, 1]), seconds=SECONDS)
+
+    python, compiled = (
+        Row("", tuple(held(holder, seed) for seed in range(SEEDS))).jitter_rms
+        for holder in (twin.pointer, twin.compiled)
+    )
+    return python, compiled
 
 
 def run(folder: Path, program: str, *options: str, words: tuple[str, ...] = ()) -> str:

@@ -6,19 +6,22 @@ import ctypes
 import shutil
 import subprocess
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 
 from gimbal_pin.control import Ahead, Aim, BaseState, LawMemory, StoredController, stored, tune
 from gimbal_pin.control.laws.carried import CarriedMemory
 from gimbal_pin.dynamics import Model, Reference, nominal, plant_with
 from gimbal_pin.effects import parse_effect
-from gimbal_pin.export import CompiledLaw, CompiledPointer, Library, export_controller
+from gimbal_pin.export import CompiledLaw, Library, export_controller
 from gimbal_pin.export.compiled import at, single
 from gimbal_pin.log import Array
 from gimbal_pin.pointing import Measurement, Pointer
+from gimbal_pin.pointing.navigator import Navigator
 from gimbal_pin.rig import Rig
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
@@ -37,6 +40,72 @@ EVERYTHING = (
     "saturation:{1}:limit=3,knee=2",
 )
 """Causes that need every way in which a term or a drive is written out."""
+
+
+class CompiledMemory(NamedTuple):
+    """Memory of a compiled controller that holds the camera.
+
+    Attributes:
+        state: The C structure, byte by byte.
+    """
+
+    state: bytes
+
+    @property
+    def events(self) -> tuple[str, ...]:
+        """No events: the C side keeps flags and counts."""
+        return ()
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledPointer:
+    """A compiled controller that holds the camera, in place of a `Pointer`.
+
+    Attributes:
+        library: The controller.
+        navigator: Of the Python controller beside it, which says what is wanted.
+    """
+
+    library: Library
+    navigator: Navigator
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+        return float(self.library.about["dt"])
+
+    def start(self, seen: Measurement, camera: Array, base: Array, eased: float = 0.0) -> CompiledMemory:
+        """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3).
+
+        `eased`: time in which levelling comes in, s; 0: there is none.
+        """
+        code = self.library.code
+        state = ctypes.create_string_buffer(code.gimbal_holding_size())
+        sensors = sampled(seen)
+        known = single(*(quaternion(R) for R in (camera, base, self.navigator.wanted)), np.array([eased]))
+        code.gimbal_holding_start(self.library.parameters, state, at(sensors), at(known))
+        return CompiledMemory(state.raw)
+
+    def torque(self, seen: Measurement, memory: CompiledMemory) -> tuple[Array, CompiledMemory]:
+        """Return the torque, N m, (n,), finite and within the limits, and the next memory."""
+        state = ctypes.create_string_buffer(memory.state, len(memory.state))
+        tau, sensors = np.empty(self.library.n, np.float32), sampled(seen)
+        self.library.code.gimbal_holding_step(self.library.parameters, state, at(sensors), at(tau))
+        return self.library.torque(tau), CompiledMemory(state.raw)
+
+
+def sampled(seen: Measurement) -> np.ndarray:
+    """Return ``struct gimbal_sensors``: a stamp in microseconds, which wraps around, and single-precision readings."""
+    links = seen.links if len(seen.links) else np.zeros(3)
+    out = single(np.zeros(1), seen.q, seen.gyro, seen.w, seen.f, links)
+    out[:1].view(np.uint32)[0] = round(1e6 * seen.t) % 2**32 if np.isfinite(seen.t) else 0
+    return out
+
+
+def quaternion(R: Array) -> Array:
+    """Quaternion (w, x, y, z) of a rotation matrix."""
+    x, y, z, w = pin.Quaternion(np.asarray(R)).coeffs()
+    return np.array([w, x, y, z])
 
 
 class Twin(NamedTuple):

@@ -1,5 +1,4 @@
 from .controller_names import BASELINE as BASELINE
-from .controller_names import COMPILED as COMPILED
 from .controller_names import OURS as OURS
 from .drive_gains import DriveGains as DriveGains
 from .drive_gains import convert_gains as convert_gains

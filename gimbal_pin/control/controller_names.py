@@ -2,5 +2,3 @@
 
 OURS, BASELINE = "computed-torque", "pid"
 """Computed torque that knows how the base moves; a PID on the camera's attitude in the world, by its gyro."""
-COMPILED = "compiled"
-"""A controller as it was exported and compiled for the gimbal's processor."""

@@ -1,6 +1,5 @@
 from .ccode import number as number
 from .compiled import CompiledLaw as CompiledLaw
-from .compiled import CompiledPointer as CompiledPointer
 from .compiled import Library as Library
 from .equations import LawEquations as LawEquations
 from .mjcf import convert_to_mjcf as convert_to_mjcf

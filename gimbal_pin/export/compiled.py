@@ -8,17 +8,13 @@ import struct
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from gimbal_pin.dynamics.simulation import Reference
 from gimbal_pin.errors import ModelError
 from gimbal_pin.log.log import Array
-from gimbal_pin.pointing.measurement import Measurement
-from gimbal_pin.pointing.navigator import Navigator
-from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.rig.reading import read_bytes
 from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.structure import check_origin
@@ -103,10 +99,6 @@ class Library:
         """The controller as what follows a reference."""
         return CompiledLaw(self)
 
-    def holding(self, beside: Pointer) -> CompiledPointer:
-        """Return the controller as what holds the camera where `beside` does."""
-        return CompiledPointer(self, beside.navigator)
-
     @cached_property
     def parameters(self) -> ctypes.c_void_p:
         """Address of the default parameters."""
@@ -156,58 +148,6 @@ class CompiledLaw:
         return self.library.torque(tau), held.raw
 
 
-class CompiledMemory(NamedTuple):
-    """What a compiled controller that holds the camera remembers.
-
-    Attributes:
-        state: The C structure, byte by byte.
-    """
-
-    state: bytes
-
-    @property
-    def events(self) -> tuple[str, ...]:
-        """What happened, in sentences: the C side keeps flags and counts, which `Pointing` has no use for."""
-        return ()
-
-
-@dataclass(frozen=True, eq=False)
-class CompiledPointer:
-    """A compiled controller that holds the camera, in place of a `Pointer`.
-
-    Attributes:
-        library: The controller.
-        navigator: Of the Python controller beside it, which says what is wanted.
-    """
-
-    library: Library
-    navigator: Navigator
-
-    @property
-    def dt(self) -> float:
-        """Sampling interval, s."""
-        return float(self.library.about["dt"])
-
-    def start(self, seen: Measurement, camera: Array, base: Array, eased: float = 0.0) -> CompiledMemory:
-        """Memory at the first sample, where the attitudes of camera and base link are known, (3, 3).
-
-        `eased`: time in which levelling comes in, s; 0: there is none.
-        """
-        code = self.library.code
-        state = ctypes.create_string_buffer(code.gimbal_holding_size())
-        sensors = sampled(seen)
-        known = single(*(quaternion(R) for R in (camera, base, self.navigator.wanted)), np.array([eased]))
-        code.gimbal_holding_start(self.library.parameters, state, at(sensors), at(known))
-        return CompiledMemory(state.raw)
-
-    def torque(self, seen: Measurement, memory: CompiledMemory) -> tuple[Array, CompiledMemory]:
-        """Return the torque, N m, (n,), finite and within the limits, and the next memory."""
-        state = ctypes.create_string_buffer(memory.state, len(memory.state))
-        tau, sensors = np.empty(self.library.n, np.float32), sampled(seen)
-        self.library.code.gimbal_holding_step(self.library.parameters, state, at(sensors), at(tau))
-        return self.library.torque(tau), CompiledMemory(state.raw)
-
-
 def at(array: np.ndarray) -> ctypes.c_void_p:
     """Address of an array's entries, which the caller keeps alive."""
     return ctypes.c_void_p(array.ctypes.data)
@@ -216,17 +156,3 @@ def at(array: np.ndarray) -> ctypes.c_void_p:
 def single(*parts: Array) -> np.ndarray:
     """Return arrays one after the other in single precision."""
     return np.concatenate([np.ravel(part) for part in parts]).astype(np.float32)
-
-
-def sampled(seen: Measurement) -> np.ndarray:
-    """Return ``struct gimbal_sensors``: a stamp in microseconds, which wraps around, and single-precision readings."""
-    links = seen.links if len(seen.links) else np.zeros(3)
-    out = single(np.zeros(1), seen.q, seen.gyro, seen.w, seen.f, links)
-    out[:1].view(np.uint32)[0] = round(1e6 * seen.t) % 2**32 if np.isfinite(seen.t) else 0
-    return out
-
-
-def quaternion(R: Array) -> Array:
-    """Quaternion (w, x, y, z) of a rotation matrix."""
-    x, y, z, w = pin.Quaternion(np.asarray(R)).coeffs()
-    return np.array([w, x, y, z])

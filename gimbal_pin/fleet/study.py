@@ -133,7 +133,7 @@ class Study:
             if self.recipe is None:
                 return {**inputs, **self.simulate_step(law, plant, values, unit.seed)}
             own = replace(self.recipe, model=body, law=self.recipe.law and law)
-            return {**inputs, **self.hold_camera(self.holder or own.holder(own.kind), plant, values, unit.seed)}
+            return {**inputs, **self.hold_camera(self.holder or own.pointer(own.kind), plant, values, unit.seed)}
         except GimbalPinError as error:
             return {**inputs, "error": str(error)}
 
@@ -214,4 +214,4 @@ def make_study(
     if retune:
         return Study(variation, wish, None, seconds, recipe)
     law = law or tune(variation.model, **vars(wish)).controller
-    return Study(variation, wish, law, seconds, recipe, None if recipe is None else recipe.holder(recipe.kind))
+    return Study(variation, wish, law, seconds, recipe, None if recipe is None else recipe.pointer(recipe.kind))

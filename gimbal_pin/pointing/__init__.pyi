@@ -11,9 +11,7 @@ from .guard import Guard as Guard
 from .level import Level as Level
 from .level import leveled as leveled
 from .measurement import Measurement as Measurement
-from .measurement import SensorFault as SensorFault
 from .measurement import Station as Station
-from .measurement import parse_fault as parse_fault
 from .navigator import Fusion as Fusion
 from .navigator import attitude as attitude
 from .pointer import Pointer as Pointer

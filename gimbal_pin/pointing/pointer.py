@@ -54,7 +54,7 @@ class Held(NamedTuple):
 
 
 class Holder(Protocol):
-    """What holds a camera: a `Pointer`, or one that was compiled."""
+    """A controller that holds a camera, such as `Pointer`."""
 
     @property
     def navigator(self) -> Navigator:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 
-from gimbal_pin.control.controller_names import BASELINE, COMPILED, OURS
+from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.control.laws import ComputedTorque, JointPid, Margins, Pid
 from gimbal_pin.control.laws.base import Law
 from gimbal_pin.control.laws.carried import CarriedTorque
@@ -22,7 +22,7 @@ from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.forecast import Forecast, Spectrum
 from gimbal_pin.pointing.guard import Guard
 from gimbal_pin.pointing.navigator import Fusion, Navigator
-from gimbal_pin.pointing.pointer import Holder, Pointer
+from gimbal_pin.pointing.pointer import Pointer
 from gimbal_pin.pointing.sight import Sight, holding
 from gimbal_pin.pointing.turn import Pace
 from gimbal_pin.rig.config import Noise
@@ -31,13 +31,6 @@ FALLEN = 0.5
 """Share of the bandwidth of the PID that is fallen back to."""
 SAMPLES = 200
 """Moments at which a model is judged."""
-
-
-class Machine(Protocol):
-    """A compiled controller."""
-
-    def holding(self, beside: Pointer) -> Holder:
-        """Return it as what holds the camera, beside the Python controller that it was exported from."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +47,6 @@ class Recipe:
         dt: Sampling interval, s.
         delay: Samples from measurement to torque, the drives' own not counted.
         law: Whose gains the controller of its kind has; None: both have loops of one disk margin.
-        machine: What `COMPILED` runs; None: there is no such controller.
         learns: Whether the forecast learns in flight.
     """
 
@@ -67,8 +59,9 @@ class Recipe:
     dt: float = 0.001
     delay: int = 1
     law: JointPid | ComputedTorque | None = None
-    machine: Machine | None = None
     learns: bool = True
+
+    names: ClassVar[tuple[str, ...]] = (BASELINE, OURS)
 
     @cached_property
     def sight(self) -> Sight:
@@ -86,15 +79,10 @@ class Recipe:
         """Name of the controller that has the gains of `law`."""
         return BASELINE if isinstance(self.law, JointPid) else OURS
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The controllers: the PID, ours, and the compiled one if there is one."""
-        return (BASELINE, OURS, *[COMPILED] * (self.machine is not None))
-
     def margins(self, name: str) -> tuple[Margins, ...]:
         """Return the margins of a controller's loops, joint by joint, with the drives that the model knows."""
         gains = tuple(own.pid for own in self.equals)
-        if self.law is not None and name in (self.kind, COMPILED):
+        if self.law is not None and name == self.kind:
             gains = small_error_gains(self.law.gains, self.law.robust if isinstance(self.law, ComputedTorque) else None)
         return tuple(equal.of(pid) for equal, pid in zip(self.equals, gains))
 
@@ -111,12 +99,6 @@ class Recipe:
         forecast = Forecast(self.spectrum, tuple(slowest), self.dt, leads, self.learns)
         own = (self.sight, self.wanted, self.dt, forecast, Pace.of(self.model))
         return Navigator(*own, accelerates=foresees, fusion=fusion)
-
-    def holder(self, name: str) -> Holder:
-        """Return one controller of `names`."""
-        if name == COMPILED and self.machine is not None:
-            return self.machine.holding(self.pointer(self.kind))
-        return self.pointer(name)
 
     def pointer(self, name: str = OURS) -> Pointer:
         """Return a controller with its guard, and a PID of half the bandwidth to fall back to.

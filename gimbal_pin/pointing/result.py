@@ -193,16 +193,14 @@ class Verified(Record):
 
     Attributes:
         rig: The rig.
-        rows: The PID's runs, those of computed torque, and those of the compiled controller if there was one.
+        rows: The PID's runs, and those of computed torque.
         loops: Controller → the margins of its loops, joint by joint.
-        failed: Whether sensors failed because that was asked for.
         note: What the plant and the model were, in sentences; "": nobody says.
     """
 
     rig: Rig
     rows: tuple[Row, ...]
     loops: Mapping[str, tuple[Margins, ...]]
-    failed: bool = False
     note: str = ""
 
     ROWS: ClassVar[str] = "pointing"

@@ -40,17 +40,12 @@ class Sensed:
         self.w = np.asarray(platform.w[::2])
         self.platform_imu = np.stack([platform.w[::2], platform.f[::2]], axis=1) + noise[:, 1:3]
         self.noise = np.delete(noise, (1, 2), axis=1).reshape(len(t), -1)
-        self.before: Measurement | None = None
 
-    def see(self, k: int, q: Array, v: Array) -> Measurement | None:
-        """Return what arrives of what the sensors say at sample k of angles and rates."""
+    def see(self, k: int, q: Array, v: Array) -> Measurement:
+        """Return the measurement of angles and rates at sample k."""
         gyros = self.sight.rates(q, v, self.w[k]) + self.noise[k]
         w, f = self.platform_imu[k]
-        arrived: Measurement | None = Measurement(self.t[k], self.station.angles(q), gyros[:3], w, f, gyros[3:])
-        for fault in self.station.faults:
-            arrived = None if arrived is None else fault.apply(arrived, self.before)
-        self.before = self.before if arrived is None else arrived
-        return arrived
+        return Measurement(self.t[k], self.station.angles(q), gyros[:3], w, f, gyros[3:])
 
 
 class SensedHolder:
@@ -65,20 +60,19 @@ class SensedHolder:
         self.holder, self.sensed, self.attitudes = holder, sensed, attitudes
         self.dt, self.events = holder.dt, ()
 
-    def start(self) -> tuple[Array, Any]:
-        """No torque yet, and nothing known."""
-        return np.zeros(self.sensed.sight.rig.n), None
+    def start(self) -> None:
+        """Remember nothing: the holder starts with the first measurement."""
 
     def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: Any) -> tuple[Array, Any]:
-        """Return the holder's torque, the last one where no measurement arrives, and the next memory."""
-        (command, own), k = memory, round(t / self.dt)
+        """Return the holder's torque and its next memory."""
+        k = round(t / self.dt)
         seen = self.sensed.see(k, q, v)
-        if seen is not None:
+        if memory is None:
             base = self.attitudes[k]
-            own = self.holder.start(seen, base @ self.sensed.sight.attitude(q), base) if own is None else own
-            command, own = self.holder.torque(seen, own)
-            self.events = own.events
-        return command, (command, own)
+            memory = self.holder.start(seen, base @ self.sensed.sight.attitude(q), base)
+        command, memory = self.holder.torque(seen, memory)
+        self.events = memory.events
+        return command, memory
 
     @property
     def at_rest(self) -> State:
@@ -166,7 +160,7 @@ class Course:
         if platform is None:
             platform = draw_profile(self.plant.rig, self.seconds, seed, recipe.dt, self.size)
         run = simulate_holding(
-            self.plant, recipe.holder(name), platform, rng=np.random.default_rng([seed, 1]), seconds=self.seconds,
+            self.plant, recipe.pointer(name), platform, rng=np.random.default_rng([seed, 1]), seconds=self.seconds,
             station=self.station, delay=self.delay, drive=self.drive, name=name,
         )  # fmt: skip
         return replace(run, platform="S" if self.recorded is None else "log", seed=seed)

@@ -17,8 +17,7 @@ from gimbal_pin.identification import identify
 from gimbal_pin.log.log import Log
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.pointing.bench import LEARNED, WANTED, learn_recipe, simulate_shaken_log, unbalance_payload
-from gimbal_pin.pointing.measurement import Fault, Station
-from gimbal_pin.pointing.recipe import Machine
+from gimbal_pin.pointing.measurement import Station
 from gimbal_pin.pointing.result import Verified
 from gimbal_pin.pointing.run import Course, run_controllers
 from gimbal_pin.pointing.sight import Sight, unable
@@ -32,11 +31,9 @@ def verify(
     plant: Model | None = None,
     known: Model | None = None,
     law: JointPid | ComputedTorque | None = None,
-    machine: Machine | None = None,
     recorded: Platform | None = None,
     size: float = 1.0,
     causes: Sequence[str] = (),
-    faults: tuple[Fault, ...] = (),
     seeds: int = 5,
     seconds: float = 30.0,
     jobs: int = 1,
@@ -51,11 +48,9 @@ def verify(
             its payload 5 mm off the last axis.
         known: The model that the controllers know; None: that of the log.
         law: A law whose gains the controller of its kind has; None: both have loops of one disk margin.
-        machine: A compiled controller, beside the `law` that it was exported from.
         recorded: Motion of the platform; None: profile S, one per seed.
         size: Profile S times this.
         causes: Causes planted in the plant, as text.
-        faults: What goes wrong with the sensors, in every run.
         seeds: Runs of each controller.
         seconds: Length of a run, s; a recorded motion may end it sooner.
         jobs: Processes.
@@ -71,14 +66,12 @@ def verify(
         plant = draw_model(known, np.random.default_rng(LEARNED))
     stood = nominal(unbalance_payload(rig)) if plant is None else plant
     true, drive = plant_with(stood, [parse_effect(text, rig) for text in causes])
-    station = Station.of(rig, faults)
+    station = Station.of(rig)
     taught = simulate_shaken_log(true, drive) if log is None else log
-    recipe = learn_recipe(rig, taught, station, known, delay=delay)
-    # What was exported does not learn in flight, nor does what it is compared with.
-    recipe = replace(recipe, law=law, machine=machine, learns=machine is None)
+    recipe = replace(learn_recipe(rig, taught, station, known, delay=delay), law=law)
     if recorded is not None:  # taken for that of the point where the axes meet, as profile S is
         recorded = recorded.about(Sight(rig).centre)
         seconds = min(seconds, float(np.floor(1000 * (recorded.t[-1] - recorded.t[0]) - 1)) / 1000)
     rows = run_controllers(Course(true, seconds, station, drive, delay, recorded, size), recipe, seeds, jobs)
     loops = {name: recipe.margins(name) for name in recipe.names}
-    return Verified(rig, rows, loops, bool(faults))
+    return Verified(rig, rows, loops)

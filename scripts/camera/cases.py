@@ -35,7 +35,7 @@ from gimbal_pin.log.platform import Platform
 from gimbal_pin.log.profile import ACCELERATION, ATTITUDE, Band, make_propeller_band, sum_bands
 from gimbal_pin.pointing.bench import WANTED, unbalance_payload
 from gimbal_pin.pointing.forecast import Spectrum
-from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Fault, Measurement, Station
+from gimbal_pin.pointing.measurement import ACCELEROMETER, GYRO, Measurement, Station
 from gimbal_pin.pointing.pointer import Holder
 from gimbal_pin.pointing.recipe import Recipe
 from gimbal_pin.pointing.result import SETTLING, jitter
@@ -44,6 +44,7 @@ from gimbal_pin.pointing.run import Sensed, SensedHolder, errors, simulate_holdi
 from gimbal_pin.pointing.sight import Sight
 from gimbal_pin.rig.config import Noise
 from gimbal_pin.rig.rig import Rig
+from tests.failing_sensors import FailingSensors, Fault
 
 DT = 0.001
 FASTEST, FOREKNOWN = "pid-fastest", "foreknown"
@@ -193,8 +194,8 @@ class Felt(Sensed):
     system: Mounted
     attitudes: list[Array]
 
-    def see(self, k: int, q: Array, v: Array) -> Measurement | None:
-        """Return what arrives; the platform's IMU feels what it does, not what was prescribed."""
+    def see(self, k: int, q: Array, v: Array) -> Measurement:
+        """Return the measurement; the platform's IMU measures the actual motion, not the prescribed one."""
         self.attitudes.append(self.system.R.copy())
         base = self.system.base
         self.platform_imu[k] += np.stack([self.system.w - base.w[2 * k], self.system.force - base.f[2 * k]])
@@ -237,11 +238,12 @@ def run(case: Case, rig: Rig, seed: int, seconds: float, names: Sequence[str]) -
     plant = perturbed(rig, 0.03, np.random.default_rng([seed, 2]))
     if case.heavier:
         plant = replace(plant, rig=PayloadMass(case.heavier * get_payload(rig)[1].mass).apply(plant.rig))
-    ground, station = case.ground(rig, seed, seconds), Station.of(rig, case.faults)
+    ground = case.ground(rig, seed, seconds)
+    station = Station.of(rig)
     recipe = Recipe(known, WANTED, taught(case, rig), station.noise, float(station.step.max()))
     out = {}
     for name in names:
-        pointer = make_holder(recipe, name, ground)
+        pointer = FailingSensors(make_holder(recipe, name, ground), case.faults)
         if case.base:
             out[name] = on_mount(plant, pointer, ground, station, case, seed, seconds)
             continue

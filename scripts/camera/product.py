@@ -66,7 +66,6 @@ class Loop:
         rows = []
         for k in range(self.k, min(self.k + samples, len(self.t))):
             seen = self.sensed.see(k, self.state.q, self.state.v)
-            assert seen is not None
             seen = spoil(seen) if k == self.k else seen
             self.stream.append(seen)
             if k == 0:

@@ -62,7 +62,6 @@ PATHS = (
 SOUND: Mapping[str, tuple[str, ...]] = {
     "effect": ("cogging:pan:amplitude=0.1,harmonic=12", "delay:pan:time=0.002", "base-tilt:roll=0.02",
     "backlash:pan:gap=0.001", "help"),
-    "fault": ("frozen:platform-imu:3:4", "nan:camera-gyro:2", "dropped:3:3.01", "clock:3:-1"),
     "files": ("log.csv", "log.csv+platform.csv"),
     "map": ("q_pan=q_pan*1", "t=t", "tau_pan=tau_pan/2", "map.yaml", "gyro_base_x=gyro_base_x*pi/180"),
     "holdout": ("last-third", "none", "log:1", "log:2"),

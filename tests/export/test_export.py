@@ -15,23 +15,18 @@ from gimbal_pin.control import Ahead, BaseState, tune
 from gimbal_pin.dynamics import Model, Reference, nominal
 from gimbal_pin.effects import Sample, Term
 from gimbal_pin.errors import ModelError
-from gimbal_pin.export import Chain, CompiledPointer, LawEquations, Library, NavigationEquations
+from gimbal_pin.export import Chain, LawEquations, Library, NavigationEquations
 from gimbal_pin.export.compiled import at, single
 from gimbal_pin.export.symbolic import checked, table, terms
 from gimbal_pin.log import write_yaml
 from gimbal_pin.pointing import (
     WANTED,
-    Course,
     Level,
     Measurement,
-    Recipe,
     Sight,
-    Station,
     attitude,
     draw_profile,
     leveled,
-    parse_fault,
-    run_controllers,
     simulate_holding,
 )
 from gimbal_pin.pointing.sight import STEEP
@@ -42,6 +37,7 @@ from tests.exported import (
     COMPILERS,
     EVERYTHING,
     STRICTER,
+    CompiledPointer,
     Side,
     Twin,
     built,
@@ -53,6 +49,7 @@ from tests.exported import (
     sources,
     tracking_gap,
 )
+from tests.failing_sensors import FailingSensors, SensorFault
 from tests.rigs import bundled, chain, spelled
 
 pytest.importorskip("casadi")
@@ -209,11 +206,19 @@ def test_torques_are_pythons(which: str, request: pytest.FixtureRequest) -> None
 
 
 FAULTS = [
-    [],
-    ["frozen:platform-imu:0.05:0.12", "nan:gyros-between:0.3:0.35", "dropped:0.4:0.41", "clock:0.45:-1"],
-    ["nan:encoders:0.05:0.1", "nan:camera-gyro:0.3:0.35", "nan:platform-imu:0.5:0.51"],
-    ["frozen:encoders:0.05:0.2", "nan:camera-gyro:0.15:0.25"],
+    (
+        SensorFault("frozen", ("w", "f"), 0.05, 0.12),
+        SensorFault("nan", ("links",), 0.3, 0.35),
+        SensorFault("dropped", (), 0.4, 0.41),
+        SensorFault("clock", (), 0.45, step=-1.0),
+    ),
+    (
+        SensorFault("nan", ("q",), 0.05, 0.1),
+        SensorFault("nan", ("gyro",), 0.3, 0.35),
+        SensorFault("nan", ("w", "f"), 0.5, 0.51),
+    ),
 ]
+"""Faults of the sensors, one case each."""
 
 
 @compiled_here
@@ -238,13 +243,13 @@ def test_a_continuous_joints_torque_does_not_jump_where_its_encoder_wraps(kind: 
 
 
 @compiled_here
-@pytest.mark.parametrize("faults", FAULTS[1:3])
-def test_the_same_sensors_give_the_same_torques(plain: Twin, faults: list[str]) -> None:
+@pytest.mark.parametrize("faults", FAULTS)
+def test_the_same_sensors_give_the_same_torques(plain: Twin, faults: tuple[SensorFault, ...]) -> None:
     """Sample by sample from profile S with failing sensors, nothing fed back: what differs is rounding, integrated."""
     model, side = plain.stored.model, Side(plain)
-    station = Station.of(model.rig, tuple(map(parse_fault, faults)))
     ground = draw_profile(model.rig, 0.6, 0)
-    simulate_holding(model, side, ground, rng=np.random.default_rng(0), seconds=0.6, station=station)  # type: ignore[arg-type]
+    holder = FailingSensors(side, faults)  # type: ignore[arg-type]
+    simulate_holding(model, holder, ground, rng=np.random.default_rng(0), seconds=0.6)
     assert max(side.gaps) < 2e-3 and float(np.median(side.gaps)) < 2e-4
 
 
@@ -456,23 +461,18 @@ def test_the_compiled_controller_runs_beside_pythons(run: Run, pid: Twin, tmp_pa
         logs.append(np.genfromtxt(path, delimiter=",", names=True))
     for name in logs[0].dtype.names:
         np.testing.assert_allclose(logs[0][name], logs[1][name], atol=1e-4)
-    found = result(run, "track", "turret", tmp_path / "pid.yaml", "--compiled", pid.library.path, "--plants", 1)
-    steps = {(row["name"], row["controller"]): row["joints"] for row in found["experiments"]}
-    for joint, row in steps["all-axes", "pid"].items():
-        assert steps["all-axes", "compiled"][joint]["rms_error"] == pytest.approx(row["rms_error"], rel=0.02)
-    refused(run("track", "turret", "--platform", "S", "--compiled", pid.library.path), 2, "--compiled", "CONTROLLER")
 
 
 @compiled_here
 def test_the_compiled_controller_holds_the_camera_as_pythons(plain: Twin) -> None:
     """On profile S both leave the same jitter, the sensors' noise and the encoders' steps fed back."""
-    model, law = plain.stored.model, plain.stored.law
-    spectrum, station = plain.pointer.navigator.forecast.spectrum, Station.of(model.rig)
-    recipe = Recipe(
-        model, WANTED, spectrum, station.noise, float(station.step.max()), law=law, machine=plain.library, learns=False
+    model = plain.stored.model
+    ground = draw_profile(model.rig, 2.6, 0)
+    python, compiled = (
+        simulate_holding(model, holder, ground, rng=np.random.default_rng(0), seconds=2.6).jitter[0]
+        for holder in (plain.pointer, plain.compiled)
     )
-    found = {row.controller: row.jitter_rms for row in run_controllers(Course(model, 2.6, station), recipe, 1)}
-    assert found["compiled"] == pytest.approx(found["computed-torque"], rel=0.02)
+    assert compiled == pytest.approx(python, rel=0.02)
 
 
 @compiled_here

@@ -42,7 +42,7 @@ from tests.rigs import bundled
 PUSHED = "there a joint goes where it is pushed: jitter and ratios say little of the controllers"
 
 AHEAD = np.array([[1.0, 0.0, 0.0]])
-SIZES = {"pid": 4e-4, "computed-torque": 4e-5, "compiled": 3e-5}
+SIZES = {"pid": 4e-4, "computed-torque": 4e-5}
 
 
 @cache
@@ -135,11 +135,11 @@ def test_the_page_says_what_was_run() -> None:
     for row in verified().rows:
         own = f"{figures(degrees(row.jitter_rms), 2)}° rms of jitter with torque"
         torques = [f"{joint} {figures(size, 2)}" for joint, size in row.torque_rms.items()]
-        assert row.controller == "compiled" or all(word in text for word in (own, *torques))
+        assert all(word in text for word in (own, *torques))
     assert ours in text and theirs in text and "10 times as much" in text
     assert "A note." in text
     rows = [[cell.text_content().strip() for cell in row] for row in tree.xpath("//tbody")[0]]
-    assert [row[0] for row in rows] == ["PID", "computed torque", "compiled"]
+    assert [row[0] for row in rows] == ["PID", "computed torque"]
     assert (len(tree.xpath("//script")), len(tree.xpath("//iframe"))) == (2, 1)  # the frame's own, and the charts'
 
 

@@ -39,7 +39,6 @@ from gimbal_pin.pointing import (
     Pointing,
     Recipe,
     Row,
-    SensorFault,
     Sight,
     Spectrum,
     Station,
@@ -48,7 +47,6 @@ from gimbal_pin.pointing import (
     find_trusted_joints,
     gyros_between,
     jitter,
-    parse_fault,
     run_controllers,
     simulate_holding,
     unbalance_payload,
@@ -57,6 +55,7 @@ from gimbal_pin.pointing.guard import Watch
 from gimbal_pin.pointing.navigator import Fused
 from gimbal_pin.pointing.sight import holding, inverted, lost_turn
 from gimbal_pin.rig import Noise, Rig
+from tests.failing_sensors import FailingSensors, SensorFault
 from tests.rigs import chain
 
 TAPS = 128
@@ -519,13 +518,13 @@ def test_nothing_moves_what_is_known_exactly() -> None:
 
 
 FAULTS = {
-    "camera gyro frozen": (parse_fault("frozen:camera-gyro:0.2"), "gyro", 1.0),
-    "platform IMU frozen": (parse_fault("frozen:platform-imu:0.2"), "without feed-forward", 1.0),
-    "encoders frozen": (parse_fault("frozen:encoders:0.2"), "encoders", 1.0),
-    "encoders say NaN": (parse_fault("nan:encoders:0.2"), "angles go on from the gyros", 1.0),
-    "the gyro in between frozen": (parse_fault("frozen:gyros-between:0.2"), "own gyro alone", 0.1),
-    "a sample is dropped": (parse_fault("dropped:0.2:0.201"), "never came", 0.1),
-    "the clock steps back": (parse_fault("clock:0.2:-7"), "clock stepped", 0.1),
+    "camera gyro frozen": (SensorFault("frozen", ("gyro",), 0.2), "gyro", 1.0),
+    "platform IMU frozen": (SensorFault("frozen", ("w", "f"), 0.2), "without feed-forward", 1.0),
+    "encoders frozen": (SensorFault("frozen", ("q",), 0.2), "encoders", 1.0),
+    "encoders say NaN": (SensorFault("nan", ("q",), 0.2), "angles go on from the gyros", 1.0),
+    "the gyro in between frozen": (SensorFault("frozen", ("links",), 0.2), "own gyro alone", 0.1),
+    "a sample is dropped": (SensorFault("dropped", (), 0.2, 0.201), "never came", 0.1),
+    "the clock steps back": (SensorFault("clock", (), 0.2, step=-7.0), "clock stepped", 0.1),
     "NaN from the first sample on": (SensorFault("nan", ("gyro", "w", "f"), 0.0, 0.1), "failed", 180.0),
     "everything says NaN": (SensorFault("nan", ("q", "gyro", "w", "f"), 0.2), "given up", 180.0),
 }
@@ -536,8 +535,8 @@ def test_failing_sensors_leave_bounded_torque_and_an_event(case: str) -> None:
     fault, word, allowed = FAULTS[case]
     rig = rig_of("thesis")
     plant = nominal(rig)
-    course = Course(plant, 0.4, Station.of(rig, (fault,)))
-    run = course.run(recipe(plant), "computed-torque", 0)
+    holder = FailingSensors(recipe(plant).pointer("computed-torque"), (fault,))
+    run = simulate_holding(plant, holder, draw_profile(rig, 0.4, 0), rng=np.random.default_rng([0, 1]), seconds=0.4)
     assert np.isfinite(run.tau).all() and np.isfinite(run.error).all()
     assert (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
     assert any(word in event for event in run.events), run.events
@@ -613,18 +612,3 @@ def test_a_run_knows_its_torque_and_its_limits() -> None:
     row = Row("a", (run, run))
     assert run.counted.start == 2000 and row.at_limit["yaw"] == pytest.approx(1 / 3)
     assert row.torque_rms["yaw"] == pytest.approx(hypot(1.0, 1.0), rel=1e-9)
-
-
-def test_a_fault_is_read_as_it_is_written() -> None:
-    assert parse_fault("frozen:platform-imu:3:4") == SensorFault("frozen", ("w", "f"), 3.0, 4.0)
-    assert parse_fault("nan:camera-gyro:2") == SensorFault("nan", ("gyro",), 2.0)
-    assert parse_fault("dropped:3:3.01") == SensorFault("dropped", (), 3.0, 3.01)
-    assert parse_fault("clock:3:-1") == SensorFault("clock", (), 3.0, step=-1.0)
-
-
-@given(
-    text=st.one_of(st.text(), st.sampled_from(["frozen", "nan:eyes:1", "dropped:1", "clock:1:nan", "nan:encoders:x"]))
-)
-def test_what_is_no_fault_says_what_there_is(text: str) -> None:
-    with pytest.raises(UsageError, match="camera-gyro"):
-        parse_fault(text)

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup
 
-from gimbal_pin.control.controller_names import BASELINE, COMPILED, OURS
+from gimbal_pin.control.controller_names import BASELINE, OURS
 from gimbal_pin.log.limited import LEAST_SHARE_TOLD, PUSHED, describe_limits
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.bench import WANTED
@@ -22,7 +22,7 @@ from gimbal_pin.report.view import gaze
 MOTIONS = {"S": "profile S (hand or airframe, engine and propellers)", "log": "the recorded motion"}
 EVENTS = 12
 """Most events that are listed."""
-COLOURS = {BASELINE: plots.PLAIN, OURS: "#1a75f2", COMPILED: "#d98200"}
+COLOURS = {BASELINE: plots.PLAIN, OURS: "#1a75f2"}
 CURVE_POINTS = 400
 """Points of a curve."""
 
@@ -68,8 +68,7 @@ def headline(found: Verified) -> str:
     said = f"{ours}, {pid}"
     times = f": {figures(found.gain, 2)} times as much" if found.gain > 1 else ""
     margins = "" if found.is_equal else ", each with margins of its own"
-    failed = " Sensors were failed on purpose while it ran." if found.failed else ""
-    return to_sentence(f"{said}{times}{margins}") + failed
+    return to_sentence(f"{said}{times}{margins}")
 
 
 def numbers(found: Verified) -> list[Card]:
