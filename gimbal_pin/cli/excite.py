@@ -47,7 +47,7 @@ def excite(
         harmonics: harmonics of a period's Fourier series (default: up to half a hertz, at least five)
         starts: random starts of the optimisation
         criterion: what is made small: condition number, or volume of the parameters' uncertainty
-        after: earlier logs: design what teaches most beyond them, by log det of the information
+        after: earlier logs, whose information is added: the volume of all uncertainty is made small
         effect: a cause to be shown as well, as simulate plants it; of any size
         limit: in place of the rig's own, e.g. pan.velocity=2 (rad/s): acceleration, effort, lower or upper, too
         first: the same motion to run first: at a tenth of its amplitude, and slow
@@ -61,7 +61,7 @@ def excite(
     """
     import numpy as np
 
-    from gimbal_pin.excitation import build_sequential_criterion, count_periods, list_shown_effects, predict_estimate
+    from gimbal_pin.excitation import build_criterion_after_logs, count_periods, list_shown_effects, predict_estimate
     from gimbal_pin.excitation import excite as run
     from gimbal_pin.log.io import write_motion
     from gimbal_pin.report.elements import join_documents
@@ -75,7 +75,7 @@ def excite(
     shown = list_shown_effects(plant, effect)
     found = run(
         plant.rig, seconds=seconds, periods=count_periods(seconds) if periods is None else periods, harmonics=harmonics,
-        criterion=build_sequential_criterion(plant.rig, read, seconds, shown) if read else criterion, starts=starts,
+        criterion=build_criterion_after_logs(plant.rig, read, seconds, shown) if read else criterion, starts=starts,
         effects=shown, torque_model=plant, margin=margin, first=first, clearance=clearance, speed=speed, dt=1 / rate,
         rng=np.random.default_rng(seed),
     )  # fmt: skip

@@ -2,7 +2,7 @@ from .adjoint import build_links as build_links
 from .adjoint import compute_regressor_gradient as compute_regressor_gradient
 from .clearance import Clearance as Clearance
 from .columns import ExcitationColumns as ExcitationColumns
-from .columns import build_sequential_criterion as build_sequential_criterion
+from .columns import build_criterion_after_logs as build_criterion_after_logs
 from .columns import list_shown_effects as list_shown_effects
 from .criteria import Condition as Condition
 from .criteria import Criterion as Criterion

@@ -146,15 +146,20 @@ class ExcitationColumns:
         return total
 
 
-def build_sequential_criterion(
+def build_criterion_after_logs(
     rig: Rig, logs: Sequence[Log], seconds: float, effects: Sequence[Effect] = (), prior: float = 1e-4
 ) -> Determinant:
-    """Return the criterion of a motion of so many seconds that teaches most beyond the logs, for `excite`.
+    """Return the determinant criterion of `excite` with the information of earlier logs as its prior.
 
-    `prior`: what is known of every parameter before any log, s.
+    Args:
+        rig: The rig.
+        logs: Earlier logs of it.
+        seconds: Length of the motion, s.
+        effects: Effects whose coefficients are to be shown, as in `excite`.
+        prior: Information about every parameter before any log, s.
     """
     known = ExcitationColumns.of(assume_limits(rig)[0], effects).compute_information([log.ordered(rig) for log in logs])
-    return Determinant(known + prior * np.eye(len(known)), seconds * rig.n, "sequential")
+    return Determinant(known + prior * np.eye(len(known)), seconds * rig.n)
 
 
 def differentiate_direction(motion: Motion, step: float, weights: Array) -> Array:

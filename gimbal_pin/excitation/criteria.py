@@ -110,11 +110,6 @@ class Determinant:
         """``d value = -w tr((P + w A'A)^-1 A' dA)``: one pair per column."""
         return -self.weight(a) * np.linalg.solve(self.information(a), a.T).T, np.eye(a.shape[1])
 
-    def compare_deviations(self, a: Array) -> Array:
-        """Standard deviations of the columns' coefficients after the motion over those before it, (p,)."""
-        before, after = self.information(a[:0]), self.information(a)
-        return np.sqrt(np.diag(np.linalg.inv(after)) / np.diag(np.linalg.inv(before)))
-
 
 def find_criterion(criterion: str | Criterion) -> Criterion:
     """Return the criterion of a name, or the one given; `UsageError` lists the names."""

@@ -17,7 +17,7 @@ from gimbal_pin.effects import Effect
 from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation.clearance import Clearance, Gap
 from gimbal_pin.excitation.columns import ExcitationColumns
-from gimbal_pin.excitation.criteria import Criterion, Determinant, find_criterion
+from gimbal_pin.excitation.criteria import Criterion, find_criterion
 from gimbal_pin.excitation.fourier import Series
 from gimbal_pin.excitation.limits import QUANTITIES, AssumedLimit, Envelope, assume_limits
 from gimbal_pin.excitation.problem import ExcitationProblem
@@ -52,8 +52,6 @@ class Excitation(Record):
         clearance: The smallest distance between parts that can hit each other; None: there are none.
         unchecked: Links that are not checked, as their collision mesh is missing.
         seed: Repeats it as `rng`; None where a generator was given.
-        narrowed: Standard deviations of base parameters and friction with this motion over those of the earlier logs
-            alone, (p,); None where no earlier logs were given.
         assumed: Limits that nobody states, and that it keeps to all the same.
     """
 
@@ -67,7 +65,6 @@ class Excitation(Record):
     limits_used: Mapping[str, Mapping[str, float]]
     speed: Mapping[str, float]
     finished: bool = True
-    narrowed: Array | None = None
     clearance: Gap | None = None
     unchecked: tuple[str, ...] = ()
     seed: int | None = None
@@ -128,7 +125,6 @@ class Excitation(Record):
             "period": self.series.seconds,
             "periods": self.periods,
             "finished": self.finished,
-            "narrowed": None if self.narrowed is None else self.narrowed.tolist(),
             "speed": dict(self.speed),
             "clearance": None if self.clearance is None else self.clearance._asdict(),
             "unchecked": list(self.unchecked),
@@ -259,9 +255,6 @@ def enforce_clearance(problem: ExcitationProblem, x: Array) -> tuple[Array, Gap 
 def describe(problem: ExcitationProblem, x: Array, motion: Motion, finished: bool) -> Excitation:
     """Return x as an `Excitation`, its figures from the dense grid."""
     rig, criterion, dense = problem.columns.rig, problem.criterion, problem.motion(x, problem.dense)
-    narrowed = None
-    if isinstance(criterion, Determinant) and criterion.seconds is not None:
-        narrowed = criterion.compare_deviations(problem.columns.scale_rows(dense))
     shares = Envelope.of(rig).find_largest_shares(problem.model, dense)
     return Excitation(
         rig=rig,
@@ -274,7 +267,6 @@ def describe(problem: ExcitationProblem, x: Array, motion: Motion, finished: boo
         limits_used={joint: dict(zip(QUANTITIES, column.tolist())) for joint, column in zip(rig.joints, shares.T)},
         speed=dict(zip(rig.joints, np.sqrt(np.mean(dense.v**2, axis=0)).tolist())),
         finished=finished,
-        narrowed=narrowed,
         unchecked=() if problem.clearance is None else problem.clearance.unchecked,
     )
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import isfinite, isinf, isnan
-from statistics import median
 
 from gimbal_pin.diagnosis import Rehearsal, Rehearsed
 from gimbal_pin.errors import NORMAL_95
@@ -20,10 +19,6 @@ def show_excitation(found: Excitation) -> Section:
     }
     rows = [(joint, *shares) for joint, shares in used.items()]
     head = f"condition number {found.condition_number:.1f} in {found.length}"
-    if found.narrowed is not None:
-        middle, best = median(found.narrowed.tolist()), min(found.narrowed.tolist())
-        head += f"; with the earlier logs it brings standard deviations to {middle:.2g} times what they were"
-        head += f" (median of the parameters; {best:.2g} for the one that gains most), by identify --refit"
     table = Table(("Joint", "Angle %", "Rate %", "Acceleration %", "Torque %"), rows)
     lines = list[str]()
     if any("-" in shares for shares in used.values()):
