@@ -91,7 +91,7 @@ def calls(made: Path) -> dict[str, tuple[str, ...]]:
         chosen[f"identify-turret-{estimator}"] = words
     chosen["new-rig"] = ("new-rig", "turret", "-o", "{O}/rig.yaml")
     chosen["identify-model"] = ("identify", "turret", "{F}/log-turret.csv", "-o", "{F}/model.yaml")
-    chosen["identify-refit"] = ("identify", "turret", "{F}/log-cogging.csv", "--refit", "--bias", "--bootstrap", "20")
+    chosen["identify-refit"] = ("identify", "turret", "{F}/log-cogging.csv", "--refit", "--bias")
     chosen["identify-shaken"] = ("identify", "thesis", "{F}/shaken-thesis.csv")
     several = ("{F}/log-turret.csv", "{F}/log-cogging.csv", "{F}/log-backlash.csv")
     chosen["identify-several"] = ("identify", "turret", *several)

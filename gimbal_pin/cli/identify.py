@@ -46,8 +46,6 @@ def identify(
     extended: Annotated[opt.Maybe[str], arg(metavar="MODEL")] = None,
     bias: bool = False,
     trust: Annotated[opt.Maybe[float], opt.between("--trust", 0.001, 10)] = None,
-    bootstrap: Annotated[int, opt.between("--bootstrap", 0, 100000, kind=int)] = 0,
-    seed: opt.Seed = 0,
     follow: bool = False,
     forget: Annotated[opt.Maybe[float], opt.between("--forget", 0.1, 1e6, "s")] = None,
     anew: Literal["payload", "everything"] = "payload",
@@ -65,7 +63,6 @@ def identify(
         extended: a model that diagnose found: its causes stand in the equations, so that they bend no body
         bias: test whether least squares is biased even where there is little noise
         trust: how far the URDF's bodies may be off, for ridge and for what the log does not show (default: 0.3)
-        bootstrap: deviations by so many repetitions with blocks of residuals, not by their colour
         follow: learn from a growing CSV file, - (standard input), or a gimbal: udp://HOST:PORT, serial:DEVICE@BAUD
         forget: with --follow: what is older counts less (default: never)
         anew: with --follow: what is estimated anew when the payload has changed
@@ -82,7 +79,7 @@ def identify(
         follow=follow,
         whole=(
             *(("--extended", extended), ("--estimator", estimator != "weighted"), ("--holdout", holdout)),
-            *(("--bias", bias), ("--refit", refit), ("--mass", mass), ("--trust", trust), ("--bootstrap", bootstrap)),
+            *(("--bias", bias), ("--refit", refit), ("--mass", mass), ("--trust", trust)),
             *(("--mcap", mcap), ("--rrd", rrd)),
         ),
         growing=(("--forget", forget), ("--idle", idle is not None), ("--plot", plot), ("--anew", anew != "payload")),
@@ -90,7 +87,7 @@ def identify(
     if extended is not None and known is not None:
         raise UsageError("--extended", "is given beside --known", "give the extended model as --known: its causes stay")
     filters, trusted = choose_filter(cutoff, alignment), trust or TRUST
-    chosen = choose_estimator(estimator, trusted, bootstrap, seed)
+    chosen = choose_estimator(estimator, trusted)
     if not follow and (known is not None or len(list_tags(logs)) > 1):
         if known is None and urdf is not None:
             raise UsageError("--urdf", "takes one payload", "write it from that payload's logs alone")
@@ -217,12 +214,9 @@ def write_models(
         atomic_write(urdf, found.to_urdf())
 
 
-def choose_estimator(name: str, trust: float, bootstrap: int, seed: int) -> Estimator:
-    """Return the estimator of a name, its deviations by repetition if so many are asked for."""
-    import numpy as np
-
-    from gimbal_pin.identification import ESTIMATORS, Bootstrap
+def choose_estimator(name: str, trust: float) -> Estimator:
+    """Return the estimator of a name; `trust` is the relative width of ridge's prior."""
+    from gimbal_pin.identification import ESTIMATORS
     from gimbal_pin.regression import Method, fit_ridge
 
-    chosen = partial(fit_ridge, trust=trust) if Method(name) is Method.RIDGE else ESTIMATORS[Method(name)]
-    return chosen if bootstrap == 0 else Bootstrap(chosen, np.random.default_rng(seed), bootstrap)
+    return partial(fit_ridge, trust=trust) if Method(name) is Method.RIDGE else ESTIMATORS[Method(name)]

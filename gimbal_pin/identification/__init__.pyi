@@ -7,7 +7,6 @@ from .balance import Balance as Balance
 from .bias_test import Hausman as Hausman
 from .bias_test import WhenTested as WhenTested
 from .bias_test import compare_with_instruments as compare_with_instruments
-from .bootstrap import Bootstrap as Bootstrap
 from .difference import BaseDifference as BaseDifference
 from .estimators import ESTIMATORS as ESTIMATORS
 from .fitting import assemble_result as assemble_result

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimation.jobs import CORES, results
 from estimation.logs import drawn, noisy
-from gimbal_pin.identification import ESTIMATORS, Bootstrap, identify
+from gimbal_pin.identification import ESTIMATORS, identify
 from gimbal_pin.regression import Filtering, Method
 from tests.bench_logs import true_theta
 
@@ -20,13 +20,12 @@ BAND = (0.93, 0.97)
 CORNERS = (0.3, 10.0)
 
 
-def one(estimator: str, bootstrap: int, seconds: float, noise: float, seed: int) -> dict[str, Any]:
+def one(estimator: str, seconds: float, noise: float, seed: int) -> dict[str, Any]:
     """Identify one log; return every parameter's error in its own deviations."""
     rig, plant, rng = drawn(seed)
     corner = float(np.exp(rng.uniform(*np.log(CORNERS))))
     log = noisy(plant, rng, seconds, noise, corner)[0]
     method = ESTIMATORS[Method(estimator)]
-    method = Bootstrap(method, rng, bootstrap) if bootstrap else method
     found = identify(rig, [log], estimator=method, holdout="none", filtering=Filtering(alignment=0.0))
     return {"corner": corner, "z": ((found.estimate.theta - true_theta(plant.rig)) / found.estimate.std).tolist()}
 
@@ -36,7 +35,6 @@ def coverage(
     seconds: float = 40.0,
     noise: float = 0.05,
     estimator: Literal["ols", "weighted", "robust", "instrumental", "output-error", "ridge", "physical"] = "weighted",
-    bootstrap: int = 0,
     workers: int = CORES,
     resume: Path | None = None,
 ) -> None:
@@ -49,11 +47,10 @@ def coverage(
         seconds: Length of each, s.
         noise: Noise, as a share of each joint's torque rms.
         estimator: Estimator.
-        bootstrap: Deviations from so many repetitions; 0: from the residuals' colour.
         workers: Processes.
         resume: File of results to go on from.
     """
-    rows = results(partial(one, estimator, bootstrap, seconds, noise), range(logs), workers, resume)
+    rows = results(partial(one, estimator, seconds, noise), range(logs), workers, resume)
     middle = float(np.sqrt(CORNERS[0] * CORNERS[1]))
     for name, some in (
         ("below", [r for r in rows if r["corner"] < middle]),

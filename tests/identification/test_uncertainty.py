@@ -11,74 +11,22 @@ from scipy.signal import lfilter
 
 from gimbal_pin.control import bounds
 from gimbal_pin.dynamics import nominal, reduce_parameters
-from gimbal_pin.errors import DataError, UsageError
-from gimbal_pin.identification import Bootstrap, Identified, identify
+from gimbal_pin.identification import Identified, identify
 from gimbal_pin.identification.bodies import compute_figures, estimate_bodies
 from gimbal_pin.log import Array
 from gimbal_pin.regression import (
-    Block,
-    Estimate,
-    Method,
-    compute_blocks,
     compute_deformation_root,
     find_likeliest_bodies,
-    fit_ordinary,
-    fit_physical,
-    fit_weighted,
     map_phi_to_base,
 )
 from gimbal_pin.rig import Rig, bundled_rigs, pseudo_inertia
-from tests.bench_logs import EXACT, prescribed, rows_of
+from tests.bench_logs import EXACT, prescribed
 
 
 @pytest.fixture(scope="module")
 def found() -> Identified:
     rig = Rig.load("turret", "cinema")
     return identify(rig, [prescribed(nominal(rig), 2, 12.0, torque_noise=0.1)], filtering=EXACT, holdout="none")
-
-
-# --- block bootstrap --------------------------------------------------------------------------------------------------
-
-
-def repeatable(rng: np.random.Generator, pole: float, rows: int = 800) -> Block:
-    t = 0.1 * np.arange(rows)
-    A = np.stack([np.ones_like(t), np.sin(0.3 * t), np.sin(5 * t)], axis=1)[:, None, :]
-    noise = lfilter([1.0], [1.0, -pole], rng.standard_normal(rows + 200))[200:]
-    ones = np.ones((rows, 1))
-    return Block(t, A, (A[:, 0].sum(axis=1) + noise)[:, None], ones, ones, ones, ones, 0 * ones)
-
-
-def test_repetition_tells_the_deviations_of_slow_noise() -> None:
-    """Estimates from a hundred logs scatter as the repetitions of one log's residuals do."""
-    rng, pole = np.random.default_rng(4), 0.9
-    true = np.std([fit_ordinary([repeatable(rng, pole)]).theta for _ in range(100)], axis=0)
-    told = np.mean([Bootstrap(fit_ordinary, rng, 30, 5.0)([repeatable(rng, pole)]).std for _ in range(5)], axis=0)
-    assert np.all(np.abs(told / true - 1) < 0.3)
-
-
-def test_repetition_changes_deviations_alone_and_follows_its_seed(found: Identified) -> None:
-    blocks = [repeatable(np.random.default_rng(1), 0.5)]
-    one, same, other = (Bootstrap(fit_weighted, np.random.default_rng(seed), 20)(blocks) for seed in (0, 0, 1))
-    assert np.array_equal(one.theta, fit_weighted(blocks).theta) and np.array_equal(one.covariance, same.covariance)
-    assert not np.array_equal(one.covariance, other.covariance) and "bootstrap" in one.uncertainty
-
-
-def test_repetition_works_through_bodies_and_refuses_what_it_cannot_do() -> None:
-    rig = Rig.load("turret")
-    log = prescribed(nominal(rig), 1, 12.0, torque_noise=0.1)
-    blocks = compute_blocks(rows_of(rig, log))
-    told = Bootstrap(fit_physical, np.random.default_rng(0), 20, 0.5)(blocks)
-    assert told.phi is not None and np.all(told.std < 3 * fit_physical(blocks).std) and told.std.min() > 0
-    with pytest.raises(DataError, match="fewer than"):
-        Bootstrap(fit_ordinary, np.random.default_rng(0), 20, 5.0)(blocks)
-    with pytest.raises(UsageError, match="simulates the log"):
-        Bootstrap(simulating, np.random.default_rng(0), 20)(blocks)
-    with pytest.raises(UsageError, match="tells no deviation"):
-        Bootstrap(fit_ordinary, np.random.default_rng(0), 2)
-
-
-def simulating(blocks: object) -> Estimate:
-    return Estimate(np.zeros(1), np.eye(1), np.ones(1), 1.0, 1, Method.OUTPUT_ERROR)
 
 
 # --- bodies -----------------------------------------------------------------------------------------------------------
