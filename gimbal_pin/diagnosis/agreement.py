@@ -14,14 +14,13 @@ import numpy as np
 from gimbal_pin.checks import Fault
 from gimbal_pin.diagnosis.evidence import gather
 from gimbal_pin.diagnosis.state import Problem, State, solve_causes
-from gimbal_pin.dynamics.model import build_friction_effects
 from gimbal_pin.dynamics.reduction import reduce_parameters
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
-from gimbal_pin.identification import MATERIAL_SHARE, assess_agreement, greatest_base_motion
+from gimbal_pin.identification import MATERIAL_SHARE
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import Design, Filtering, limit_cutoff, project_rows
+from gimbal_pin.regression import Filtering, project_rows
 from gimbal_pin.rig.rig import Rig
 
 _EXCESS = 2.0
@@ -41,7 +40,7 @@ def find_disagreement(rig: Rig, logs: Sequence[Log], filtering: Filtering, cause
         causes: What has been found, which is put in every fit.
 
     Returns:
-        The fault with the likeliest reason, see `assess_agreement`; None: the logs agree, or cannot tell.
+        The fault; None: the logs agree, or cannot tell.
     """
     reduction, states = reduce_parameters(rig), dict[str, State]()
     for number, log in enumerate(logs if len(logs) > 1 else ()):
@@ -62,11 +61,6 @@ def find_disagreement(rig: Rig, logs: Sequence[Log], filtering: Filtering, cause
         f"the logs are not of one rig: what fits each of them apart differs by {digits(torque[k, j], 2)} N m rms at "
         f"{rig.joints[j]} in log {[*states][k]}, {digits(excess[k, j], 2)} times what the fits leave"
     )
-    reduction = reduce_parameters(rig, base=greatest_base_motion(rig, logs))
-    why = assess_agreement(
-        Design(rig, reduction, build_friction_effects(rig.joints), tuple(logs), limit_cutoff(Filtering(), logs))
-    )
-    sentence += "" if why is None or why.reason is None else f"; {why.why}"
     mend = "diagnose them one at a time; 'identify' takes several payloads together: LOG@PAYLOAD"
     return Fault("logs-disagree", rig.joints[j], sentence, figures, float(excess[k, j]), True, mend).in_units(rig)
 

@@ -1,6 +1,5 @@
 from .agreement import MATERIAL_SHARE as MATERIAL_SHARE
 from .agreement import Agreement as Agreement
-from .agreement import DriftReason as DriftReason
 from .agreement import LogVerdict as LogVerdict
 from .agreement import assess_agreement as assess_agreement
 from .balance import Balance as Balance

@@ -159,7 +159,7 @@ class Identified(Record):
         bias: Whether least squares is biased on these logs; None where not tested.
         parting: By how much the halves of the data differ, in shares of what chance allows, see
             `payload_change.compare_halves`; above one they are of two rigs; None where not tested.
-        agreement: What several logs say of each parameter, and why they differ; None for one log, or where not tested.
+        agreement: Parameters of several logs, log by log; None for one log, or where not tested.
         bound: Least standard deviations that any unbiased estimate from the training rows has, (k,), see
             `regression.bound_deviations`; None where the base did not turn, or where not computed.
         trust: Relative deviation of the URDF's masses that the bodies' deviations stand on.
