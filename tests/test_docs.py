@@ -99,7 +99,7 @@ def test_commands_and_links_of_a_page_are_there(page: Path, tmp_path: Path, monk
             Path(block.title).write_text(block.text, encoding="utf-8")
         for words in block.commands:
             parse_arguments(words)
-    for program in re.findall(r"\bscripts/\w+(?:\.py)?", text):
+    for program in re.findall(r"\bscripts/[\w-]+(?:\.py)?", text):
         assert (ROOT / program).is_file(), program
     for link in LINK.findall(text):
         assert (page.parent / link).exists(), link

@@ -119,19 +119,19 @@ def _describe_inertias(
         found: Refitted less given base parameters.
         problem: The logs.
         hidden: What the logs cannot show: what of it sits at the joint may be the reason.
-        unexplained: Joints whose torque is not explained: nothing is said of their inertia.
+        unexplained: Joints whose torque is not explained: no size of their inertia is stated.
     """
     before, noise = given_beta(found.rig, found.reduction), problem.motion_noise
     for j, (joint, row) in enumerate(zip(found.rig.joints, problem.motion.inertia)):
         whole = float(row @ before)
         change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
-        if joint in unexplained or not (abs(change) > _LEAST_CHANGE and 2 * norm.sf(abs(change) / std) < FALSE_ALARM):
+        if not (abs(change) > _LEAST_CHANGE and 2 * norm.sf(abs(change) / std) < FALSE_ALARM):
             continue
         if not is_physical_inertia(whole * (1 + change)):
             yield f"{joint}: the log does not determine the inertia about its axis; {IMPOSSIBLE}"
         elif noise.is_hiding[j]:
             yield found.rig.in_units(joint, f"{joint}: {_describe_attenuation(noise, j)}")
-        else:
+        elif joint not in unexplained:
             less = f"{format_estimate(100 * abs(change), max(100 * std, 0.01))} % {'more' if change > 0 else 'less'}"
             others = [one.cause for one in hidden if one.joint == joint]
             instead = f"; {' or '.join(others)}, which this log cannot show, may look like that" if others else ""

@@ -102,6 +102,8 @@ def read_model(path: str | Path, rig: Rig) -> Model:
     if "covariance" not in own:
         return model
     known = read_known_parameters(own, str(path))
+    if not own.get("physical", True):  # no body has these base parameters: phi is only the nearest
+        return replace(model, estimated=known)
     reduction = reduce_parameters(rig)
     sums = dict(zip(reduction.base_names, map_phi_to_base(rig, reduction) @ model.rig.phi))
     for name, value, std in zip(known.names, known.theta.tolist(), known.std.tolist()):

@@ -147,12 +147,20 @@ def _is_immutable(array: object) -> bool:
 
 
 def drop_repeated_logs(logs: Sequence[Log]) -> tuple[list[Log], list[str]]:
-    """Return logs without those whose samples another one holds, and a note on each that was left out."""
-    kept = {log.digest: log for log in reversed(logs)}
-    notes = [
-        f"{log.name} repeats {kept[log.digest].name}, and counts once" for log in logs if kept[log.digest] is not log
-    ]
-    return [log for log in logs if kept[log.digest] is log], notes
+    """Return logs without those whose samples another one holds, and a note on each that was left out.
+
+    Parts of one log share its digest; their first and last times tell them apart.
+    """
+    keys = [(log.digest, float(log.t[0]), float(log.t[-1])) for log in logs]
+    kept: list[Log] = []
+    notes = []
+    for k, log in enumerate(logs):
+        first = keys.index(keys[k])
+        if first == k:
+            kept.append(log)
+        else:
+            notes.append(f"{log.name} repeats {logs[first].name}, and counts once")
+    return kept, notes
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,6 +46,7 @@ def known(share: float, name: str = "turret") -> Model:
     size = np.abs(rig.phi[find_base_columns(rig, reduction)])
     root = np.zeros((len(names), len(names)))
     mix = np.random.default_rng(1).standard_normal((len(size), len(size)))
+    root[len(size) :, len(size) :] = 1e-9 * np.eye(len(names) - len(size))  # no estimate is exact
     root[: len(size), : len(size)] = share * size[:, None] * mix / np.linalg.norm(mix, axis=1)[:, None]
     estimated = Estimated(names, ("",) * len(names), np.zeros(len(names)), root @ root.T)
     return replace(model, estimated=estimated, drive=(ActuatorLag(rig.joints[-1], 0.002),))
