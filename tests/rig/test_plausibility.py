@@ -26,8 +26,8 @@ SLIPS = {
 """Unit → the tag and the attributes that are in it, by what they are too large, and of what they are."""
 
 
-def scale(folder: Path, rig: str, slip: str) -> tuple[Path, str]:
-    """Write a bundled rig with the values of one link or joint in another unit; return its file and that name."""
+def scale(folder: Path, rig: str, slip: str, is_everywhere: bool = False) -> tuple[Path, str]:
+    """Write a bundled rig with the values of one or of every link or joint in another unit; return file and name."""
     tag, attributes, factor, owner = SLIPS[slip]
     loaded = bundled(rig, "cinema")
     robot = etree.fromstring((data_folder() / f"{rig}.urdf").read_bytes())
@@ -35,7 +35,8 @@ def scale(folder: Path, rig: str, slip: str) -> tuple[Path, str]:
         range(loaded.n), key=lambda j: float(np.linalg.norm(loaded.model.jointPlacements[j + 1].translation))
     )
     place = (loaded.links if owner == "link" else loaded.joints)[farthest]
-    for element in robot.xpath(f"{owner}[@name=$name]//{tag}", name=place):
+    which = "" if is_everywhere else "[@name=$name]"
+    for element in robot.xpath(f"{owner}{which}//{tag}", name=place):
         for attribute in attributes:
             values = [factor * float(x) for x in element.get(attribute).split()]
             element.set(attribute, " ".join(map(repr, values)))
@@ -52,6 +53,14 @@ def test_a_value_in_another_unit_is_noted_where_it_stands(slip: str, rig: str, t
     said = result(run, "check", path, "--payload", "none")["warnings"]
     assert any(place in note for note in said), said
     assert set(Rig.load(path, "none").notes) <= set(said)
+
+
+@pytest.mark.parametrize("rig", ["turret", "thesis", "drone"])
+@pytest.mark.parametrize("slip", ["grams", "kg mm²", "g cm²", "mm"])
+def test_a_unit_that_all_values_share_is_noted(slip: str, rig: str, tmp_path: Path) -> None:
+    """Then no other link or joint shows it: the motors, the densest material and the size of gimbals do."""
+    path, place = scale(tmp_path, rig, slip, is_everywhere=True)
+    assert any(place in note for note in Rig.load(path, "none").notes)
 
 
 @pytest.mark.parametrize(("name", "payload"), COMBINATIONS)

@@ -92,7 +92,7 @@ def show_check(found: Checked) -> Section:
         "to state more 'gimbal-pin new-rig' writes a YAML for a rig, with comments",
         *(f"note          {warning}" for warning in found.warnings),
     ]
-    state = f"valid, with {len(found.warnings)} notes below" if found.warnings else "sound"
+    state = "valid, with the notes below" if found.warnings else "sound"
     sound = paragraph(f"{rig.title}: tree, axes, limits and inertias are {state}")
     needs = Element(bullets(" ".join(line.split()) for line in lines).html, "\n".join(["", *lines]))
     return Section("Rig", [sound, *show_rig(rig).parts, needs])
