@@ -15,6 +15,7 @@ from .record import describe_parameters as describe_parameters
 from .record import list_alterations as list_alterations
 from .refusals import check_driven as check_driven
 from .refusals import check_sampling as check_sampling
+from .scales import ScaleFault as ScaleFault
 from .scales import compare_scales as compare_scales
 from .torque_time import check_time as check_time
 from .torque_time import find_shifted_torques as find_shifted_torques

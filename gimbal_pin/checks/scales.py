@@ -43,8 +43,22 @@ class Ratio(NamedTuple):
         return self.value / factor > 0 and abs(log(self.value / factor)) < slack
 
 
-def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[str, ...]:
-    """Return sentences on joints whose fit is a multiple of the URDF's, on one for all of them, and on gravity's sign.
+class ScaleFault(NamedTuple):
+    """A multiple of the URDF's that a unit or a mount would make.
+
+    Attributes:
+        sentence: The ratios, and what would make them.
+        torques: Joints whose torque seems to be in another unit: a gain of it is this factor.
+        is_reversed: Whether gravity pulls the other way, so that places of masses are not to be acted on.
+    """
+
+    sentence: str
+    torques: tuple[str, ...] = ()
+    is_reversed: bool = False
+
+
+def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault, ...]:
+    """Return statements on joints whose fit is a multiple of the URDF's, on one for all of them, and on gravity's sign.
 
     Each states ratios with 95 % intervals, which are facts of the fit, and then the unit that would make them. Nothing
     is said of a fit that leaves a tenth of a joint's torque, or of ratios known no better than the URDF. By the URDF's
@@ -78,19 +92,33 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[str, ...]:
         parts.append({name: ratio for name, ratio in own.items() if ratio.is_certain or name == "inertia"})
     inertias = [own["inertia"] for own in parts]
     off = [j for j, ratio in enumerate(inertias) if ratio.value > 0 and ratio.is_certain and not ratio.is_near(1.0)]
-    why = "turn the origin of the URDF's first joint by pi if the rig hangs upside down; else the centre of mass lies"
+    why = (
+        "turn the origin of the URDF's first joint by pi about a horizontal axis if the rig hangs upside down; else the"
+        " centre of mass lies on the other side of the joint's axis"
+    )
     said = [
-        f"{_list_ratios(rig.joints[j], own)}: {why} on the other side of the axis"
+        ScaleFault(f"{_list_ratios(rig.joints[j], own)}: {why}", is_reversed=True)
         for j, own in enumerate(parts)
         if "gravity's torque" in own and own["gravity's torque"].is_near(-1.0)
     ]
     common = exp(sum(log(inertias[j].value) for j in off) / max(len(off), 1))
     if len(off) < max(rig.n, 2) or not all(ratio.is_near(common) for ratio in inertias):
-        return (*said, *(f"{_list_ratios(rig.joints[j], parts[j])}{_name_unit(design, j, parts[j])}" for j in off))
+        each = [(rig.joints[j], parts[j], _name_unit(design, j, parts[j])) for j in off]
+        alike = [(joint,) if _is_of_torque(own) else () for joint, own, _ in each]
+        return (
+            *said,
+            *(ScaleFault(f"{_list_ratios(joint, own)}{unit}", at) for (joint, own, unit), at in zip(each, alike)),
+        )
     is_time = all(own.get("gravity's torque", Ratio(1.0, 0.0)).is_near(1.0) for own in parts)
     unit = f"time, --map t=t*{digits(common**-0.5, 2)}," if is_time else "every torque"
     listed = "; ".join(map(_list_ratios, rig.joints, parts))
-    return (*said, f"{listed}: one factor, {digits(common, 2)}, fits all inertias, as if {unit} had another unit")
+    sentence = f"{listed}: one factor, {digits(common, 2)}, fits all inertias, as if {unit} had another unit"
+    return (*said, ScaleFault(sentence, () if is_time else rig.joints))
+
+
+def _is_of_torque(parts: Mapping[str, Ratio]) -> bool:
+    """Return whether everything known of a joint's torque has the factor of its inertia."""
+    return len(parts) > 1 and all(ratio.is_near(parts["inertia"].value) for ratio in parts.values())
 
 
 def _list_ratios(joint: str, parts: Mapping[str, Ratio]) -> str:

@@ -58,6 +58,7 @@ from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
+from gimbal_pin.identification import describe_common_residual
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
@@ -77,12 +78,16 @@ def report_findings(found: Explained, held: Evidence, checked: Sequence[CheckedL
     found, findings = model.found, describe_findings(model, held)
     state, best, curves = add_tables(found, held, model.baseline, model.figures)
     residual = _list_residuals(found, curves)
+    common = _describe_common_residual(residual, best, held, checked)
+    if common:
+        residual = {joint: replace(left, state="structured") for joint, left in residual.items()}
     after = _add_rest(widen_estimates(build_extended_model(state), state), residual, best["torque_rmse"], held.band)
     said = replace(
         said,
         notes=(*model.denied, *said.notes),
         findings=findings,
         residual=residual,
+        statements=common,
         immaterial=_list_immaterial(found),
         untestable=list_untestable(found, findings),
         detection_limit=dict(zip(held.rig.joints, _compute_limits(found).tolist())),
@@ -150,6 +155,19 @@ def _list_residuals(found: Explained, curves: Mapping[str, Curve]) -> dict[str, 
         )
         for j, (joint, structured) in enumerate(zip(evidence.rig.joints, found.structured))
     }
+
+
+def _describe_common_residual(
+    residual: Mapping[str, Residual], errors: Figures, held: Evidence, checked: Sequence[CheckedLog]
+) -> tuple[str, ...]:
+    """Return what `describe_common_residual` says of the reporting part; nothing where some rest has a structure."""
+    if any(left.state == "structured" for left in residual.values()):
+        return ()
+    rest = np.array([errors["torque_rmse"][joint] for joint in residual])
+    noise = np.array([held.noise_floor(j) for j in range(held.rig.n)])
+    share = 1.0 - max(errors["fit_percent"].values()) / 100.0
+    logs = [one.log for one in checked]
+    return describe_common_residual(held.rig, logs, share, rest, noise, np.zeros_like(rest))
 
 
 def _compute_limits(found: Explained) -> Array:

@@ -82,7 +82,9 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
 def state_payload_with_causes(
     found: Diagnosis, rig: Rig, logs: Sequence[Log], holdout: str | None, filters: Filtering | None, mass: float | None
 ) -> PayloadStatement:
-    """State what `identify` says of the payload with the found causes in its equations; nothing of spoilt logs.
+    """State what `identify` says of the payload with the found causes in its equations.
+
+    Nothing is stated of spoilt logs, or while gravity pulls the other way than the URDF says.
 
     Where these cannot hold a cause, as of the drive or of a friction that reads the torque, or refuse the logs, the
     diagnosis's own fit says it.
@@ -95,7 +97,7 @@ def state_payload_with_causes(
         filters: As for `identify`.
         mass: Of the payload, kg, where it was weighed.
     """
-    if found.state is None:
+    if found.state is None or found.is_reversed:
         return PayloadStatement()
     model = found.after
     if not (model.drive or any(term.effect.loaded for term in model.terms)):

@@ -167,8 +167,12 @@ def diagnose_checked_logs(
     held = retimed(held, found.alignment)
     said = report_findings(found, held, checked, filtering)
     scaled = compare_scales(*beginning) if beginning else ()
-    notes = (*scaled, *said.notes, *resting, *(unjudged(held) if held is not evidence else ()))
-    said = replace(said, idle=idle, notes=notes)
+    another = [joint for one in scaled for joint in one.torques]
+    findings = [one for one in said.findings if not (one.cause == "torque-gain" and one.joint in another)]
+    statements = (*(one.sentence for one in scaled), *said.statements)
+    said = replace(said, statements=statements, is_reversed=any(one.is_reversed for one in scaled))
+    notes = (*said.notes, *resting, *(unjudged(held) if held is not evidence else ()))
+    said = replace(said, idle=idle, notes=notes, findings=tuple(findings))
     state = said.state
     assert state is not None
     said = add_sensor_findings(said, checked, train, test, filtering)

@@ -303,6 +303,8 @@ class Diagnosis(Record):
         instead: Causes that were fitted in the findings' places.
         altered: Log → what was altered in it before anything was fitted, see `checks.check_log`.
         data: The logs.
+        statements: Sentences about a whole log that stand before all findings and keep the verdict from *nothing*.
+        is_reversed: Whether gravity pulls a joint the other way than the URDF says.
     """
 
     rig: str
@@ -331,6 +333,8 @@ class Diagnosis(Record):
     instead: tuple[Cause, ...] = ()
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
     data: tuple[Log, ...] = ()
+    statements: tuple[str, ...] = ()
+    is_reversed: bool = False
 
     ROWS: ClassVar[str] = "findings"
     __repr__ = brief
@@ -381,7 +385,7 @@ class Diagnosis(Record):
             return "data"
         if findings:
             return "named" if any(one.status == "named" for one in findings) else "ambiguous"
-        return "unknown" if self.unexplained else "nothing"
+        return "unknown" if self.unexplained or self.statements else "nothing"
 
     @property
     def opinions(self) -> dict[str, Opinion]:
@@ -438,7 +442,7 @@ class Diagnosis(Record):
             + [each.to_dict() for each in self.findings]
             + [each.to_dict() for each in self.faults if not (each.makes_physics_unreliable or each.slight)],
             "causes": [dict(zip(("cause", "joint", "probability"), one)) for one in likely],
-            "notes": list(self.notes),
+            "notes": [*self.statements, *self.notes],
             "altered": list_alterations(self.altered),
             **{key: value or {} for key, value in self.given.to_dict().items()},
             "residual": {

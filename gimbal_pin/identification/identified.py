@@ -25,6 +25,7 @@ from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camer
 from gimbal_pin.regression.consistency import Consistent
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.inertia import to_urdf
+from gimbal_pin.rig.rig import Rig
 from gimbal_pin.rig.types import Rng, make_generator
 from gimbal_pin.rig.urdf import replace_friction
 
@@ -90,12 +91,9 @@ def _iterate_unexplained(found: Identified) -> Iterator[str]:
 
 
 def _iterate_common_residual(found: Identified) -> Iterator[str]:
-    """Yield a sentence where most of every joint's rest is neither sensors' noise nor a function of its motion.
-
-    A base that moves does that if its IMU is not in the logs; a log of the joints alone cannot tell it from contact.
-    """
+    """Yield what `describe_common_residual` says of the rows that were fitted, where the motion's noise was judged."""
     rig, train = found.model.rig, found.train
-    if rig.n < 2 or found.bias is None or any(rig.base in log.imus for log in found.data):
+    if found.bias is None:
         return
     noise = np.zeros(rig.n)
     for log in found.data:
@@ -104,13 +102,32 @@ def _iterate_common_residual(found: Identified) -> Iterator[str]:
     rest = np.array([train.torque_rmse[joint] for joint in rig.joints])
     size = np.array([found.missed[joint].size if joint in found.missed else np.inf for joint in rig.joints])
     share = 1.0 - max(train.fit_percent.values()) / 100.0
-    least = max(LARGE_REST, OVER_NOISE * found.bias.noise)
-    if share > least and np.all(rest > OVER_NOISE * noise) and np.all(2.0 * size**2 < rest**2):
-        what = (
-            f"{digits(100 * share, 2)} % or more of every joint's torque are neither noise nor a function of its motion"
-        )
-        mend = f"if the base moved, log its IMU (gyro_{rig.base}_x, accel_{rig.base}_x, …)"
-        yield f"{what} that was found: {mend}; else look for contact, or for what changes with time"
+    if share > OVER_NOISE * found.bias.noise:
+        yield from describe_common_residual(rig, found.data, share, rest, noise, size)
+
+
+def describe_common_residual(
+    rig: Rig, logs: Sequence[Log], share: float, rest: Array, noise: Array, size: Array
+) -> tuple[str, ...]:
+    """Return a sentence where most of every joint's rest is neither sensors' noise nor a function of its motion.
+
+    A base that moves does that if its IMU is not in the logs; a log of the joints alone cannot tell it from contact.
+
+    Args:
+        rig: The rig.
+        logs: What was recorded.
+        share: Least share of a joint's torque that is left.
+        rest: What is left, N m rms, (n,).
+        noise: What the sensors' noise leaves in the same band, N m rms, (n,).
+        size: What a function of the joint's motion predicts of the rest, N m rms, (n,).
+    """
+    if rig.n < 2 or any(rig.base in log.imus for log in logs) or not share > LARGE_REST:
+        return ()
+    if not (np.all(rest > OVER_NOISE * noise) and np.all(2.0 * size**2 < rest**2)):
+        return ()
+    what = f"{digits(100 * share, 2)} % or more of every joint's torque are neither noise nor a function of its motion"
+    mend = f"if the base moved, log its IMU (gyro_{rig.base}_x, accel_{rig.base}_x, …)"
+    return (f"{what} that was found: {mend}; else look for contact, or for what changes with time",)
 
 
 def _iterate_negative(found: Identified) -> Iterator[str]:
@@ -172,6 +189,7 @@ class Identified(Record):
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
         data: The logs as they were fitted, mended where something was wrong with them; () where they came bit by bit.
         mass: Of the payload, kg, where it was weighed.
+        is_reversed: Whether gravity pulls a joint the other way than the URDF says, see `checks.compare_scales`.
     """
 
     model: Model
@@ -201,6 +219,7 @@ class Identified(Record):
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
     data: tuple[Log, ...] = ()
     mass: float | None = None
+    is_reversed: bool = False
 
     ROWS: ClassVar[str] = "base_parameters"
     __repr__ = brief

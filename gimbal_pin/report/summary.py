@@ -201,6 +201,8 @@ def missed(wrong: Diagnosis | None) -> str:
     if wrong.verdict == "data":
         faults = listed(dict.fromkeys(fault.cause for fault in wrong.spoiling))
         return f"The log itself is at fault ({faults}): nothing that it seems to say about the rig should be believed"
+    if not (wrong.lacking or wrong.unexplained):
+        return to_sentence(wrong.statements[0])[:-1]
     found = listed(named(finding) for finding in wrong.lacking) if wrong.lacking else ""
     rest = f"torque at {listed(wrong.unexplained)} for which no cause was accepted" if wrong.unexplained else ""
     return f"The rigid model misses {', and '.join(part for part in (found, rest) if part)}"

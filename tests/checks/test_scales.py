@@ -11,7 +11,7 @@ import pytest
 from gimbal_pin.diagnosis import diagnose
 from gimbal_pin.dynamics import nominal
 from gimbal_pin.effects import CAUSES
-from gimbal_pin.identification import identify
+from gimbal_pin.identification import compare_payload, identify
 from gimbal_pin.log import Log
 from gimbal_pin.rig import Rig
 from tests.bench_logs import EXACT, prescribed
@@ -36,6 +36,13 @@ def scaled(log: Log, joint: int, **factors: float) -> Log:
     for name, factor in factors.items():
         changes[name][:, joint] *= factor
     return replace(log, **changes)
+
+
+def reverse_gravity(rig: Rig) -> Log:
+    """Simulate a rig that hangs upside down."""
+    model = rig.model.copy()
+    model.gravity.linear = -model.gravity.linear
+    return prescribed(nominal(replace(rig, model=model)), seconds=16.0, dt=4e-3, torque_noise=5e-3)
 
 
 def said(rig: Rig, log: Log) -> str:
@@ -79,10 +86,7 @@ def test_one_factor_of_all_inertias_is_named_as_time(rig: Rig, log: Log, speed: 
 @pytest.mark.parametrize("name", ["turret", "handheld"])
 def test_gravity_that_pulls_the_other_way_is_named(name: str) -> None:
     rig = bundled(name)
-    model = rig.model.copy()
-    model.gravity.linear = -model.gravity.linear
-    log = prescribed(nominal(replace(rig, model=model)), seconds=16.0, dt=4e-3, torque_noise=5e-3)
-    assert re.search(r"gravity's torque -1 ± .*upside down", said(rig, log))
+    assert re.search(r"gravity's torque -1 ± .*horizontal axis if the rig hangs", said(rig, reverse_gravity(rig)))
 
 
 @pytest.mark.parametrize("name", ["turret", "thesis", "ptu"])
@@ -94,6 +98,36 @@ def test_nothing_is_said_of_what_the_urdf_states(name: str) -> None:
 
 
 def test_a_diagnosis_says_it_too(rig: Rig, log: Log) -> None:
-    causes = {name: CAUSES[name] for name in ("cogging",)}
-    found = diagnose(rig, [scaled(log, 0, tau=2.5)], causes, rng=np.random.default_rng(0), filtering=EXACT)
-    assert any("1/torque_constant" in note for note in found.notes)
+    found = diagnose(rig, [scaled(log, 0, tau=2.5)], FEW, filtering=EXACT)
+    assert "1/torque_constant" in found.statements[0]
+    assert found.verdict == "unknown"
+    assert not found.findings
+
+
+FEW = {name: CAUSES[name] for name in ("cogging", "torque-gain")}
+
+
+@pytest.mark.parametrize("constants", [(0.4, 0.4), (0.15, 0.2)])
+def test_torques_in_ampere_are_no_gain(rig: Rig, log: Log, constants: tuple[float, float]) -> None:
+    found = diagnose(rig, [replace(log, tau=log.tau / np.array(constants))], FEW, filtering=EXACT)
+    assert found.statements
+    assert found.verdict == "unknown"
+    assert not [one for one in found.findings if one.cause == "torque-gain"]
+
+
+@pytest.mark.parametrize("name", ["turret", "handheld"])
+def test_no_place_is_advised_while_gravity_pulls_the_other_way(name: str) -> None:
+    rig = bundled(name)
+    log = reverse_gravity(rig)
+    found = diagnose(rig, [log], FEW, filtering=EXACT)
+    assert found.verdict == "unknown"
+    assert "gravity's torque -1 " in found.statements[0]
+    for said in (found.given, compare_payload(identify(rig, [log], filtering=EXACT))):
+        assert not said.lines
+        assert not said.advice
+
+
+def test_a_right_log_has_no_statement(rig: Rig, log: Log) -> None:
+    found = diagnose(rig, [log], FEW, filtering=EXACT)
+    assert found.verdict == "nothing"
+    assert not found.statements

@@ -108,7 +108,11 @@ def state_verdict(found: Diagnosis) -> str:
     places = [f"{' or '.join(one.alike)} at {one.joint or 'the rig'}" for one in found.lacking]
     named = [place for place, one in zip(places, found.lacking) if one.status == "named"]
     open_ = [place for place, one in zip(places, found.lacking) if one.status != "named"]
-    parts = [VERDICTS[verdict].format(named=listed(named or [""]), unexplained=listed(found.unexplained or [""]))]
+    parts = list(map(to_sentence, found.statements))
+    if found.lacking or found.unexplained or not parts:
+        parts.append(
+            VERDICTS[verdict].format(named=listed(named or [""]), unexplained=listed(found.unexplained or [""]))
+        )
     if verdict == "named" and open_:
         parts.append(f"It may also lack {listed(open_)}: this log leaves open which.")
     if verdict == "unknown" and found.candidate is not None:
