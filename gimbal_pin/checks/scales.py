@@ -101,6 +101,13 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
         for j, own in enumerate(parts)
         if "gravity's torque" in own and own["gravity's torque"].is_near(-1.0)
     ]
+    listed = "; ".join(map(_list_ratios, rig.joints, parts))
+    constants = [motor.torque_constant or 1.0 for motor in rig.motors]
+    if all(map(_is_current, constants, parts)) and len(off) == rig.n > 1 and design.logs:
+        columns = [f"tau_{joint}" for joint in rig.joints]
+        maps = design.logs[0].remapped({name: (name, k) for name, k in zip(columns, constants)})
+        sentence = f"{listed}: each is 1/torque_constant of its motor, as if the torques were currents: {maps}"
+        return (*said, ScaleFault(sentence, rig.joints))
     common = exp(sum(log(inertias[j].value) for j in off) / max(len(off), 1))
     if len(off) < max(rig.n, 2) or not all(ratio.is_near(common) for ratio in inertias):
         each = [(rig.joints[j], parts[j], _name_unit(design, j, parts[j])) for j in off]
@@ -111,7 +118,6 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
         )
     is_time = all(own.get("gravity's torque", Ratio(1.0, 0.0)).is_near(1.0) for own in parts)
     unit = f"time, --map t=t*{digits(common**-0.5, 2)}," if is_time else "every torque"
-    listed = "; ".join(map(_list_ratios, rig.joints, parts))
     sentence = f"{listed}: one factor, {digits(common, 2)}, fits all inertias, as if {unit} had another unit"
     return (*said, ScaleFault(sentence, () if is_time else rig.joints))
 
@@ -124,6 +130,13 @@ def _is_of_torque(parts: Mapping[str, Ratio]) -> bool:
 def _list_ratios(joint: str, parts: Mapping[str, Ratio]) -> str:
     """Return what a joint's parts are in multiples of the URDF's."""
     return f"{joint}: {', '.join(f'{name} {ratio}' for name, ratio in parts.items())} the URDF's"
+
+
+def _is_current(constant: float, parts: Mapping[str, Ratio]) -> bool:
+    """Return whether a joint's parts are those of a torque over its motor's torque constant, N m per A."""
+    factor = parts["inertia"].value
+    is_constant = abs(log(constant)) > TRUST and factor > 0 and abs(log(factor * constant)) < TRUST
+    return is_constant and all(ratio.is_near(factor) for ratio in parts.values())
 
 
 def _name_unit(design: Design, j: int, parts: Mapping[str, Ratio]) -> str:

@@ -77,7 +77,10 @@ def unwrap_angles(
 
 
 def check_within_stops(name: str, rig: Rig, q: Array, sources: Mapping[str, Source]) -> list[str]:
-    """Return a note on each joint that exceeds its stops, with the likely offset of its encoder.
+    """Return a note on each joint that exceeds its stops, with the zeros of its encoder that would keep it between.
+
+    Of a motion from a to b between stops from l to u these are ``b - u ≤ zero ≤ a - l``. Where a usual offset is among
+    them, its mapping is given; where none is, the log does not tell the zero.
 
     Raises:
         LogError: A joint is beyond its stops all along, though it has room for all of its motion between them.
@@ -89,12 +92,20 @@ def check_within_stops(name: str, rig: Rig, q: Array, sources: Mapping[str, Sour
         if len(q) < LEAST_SAMPLES or not slack > 0 or (low >= lower - slack and high <= upper + slack):
             continue
         source = sources.get(f"q_{joint}", Source(f"q_{joint}"))
-        fits = [text for text, zero in OFFSETS.items() if lower <= low - zero and high - zero <= upper]
-        zero = OFFSETS[fits[0]] if fits else (low + high - lower - upper) / 2
+        least, most = high - upper, low - lower
+        fits = [text for text, zero in OFFSETS.items() if least <= zero <= most]
         what = f"lies at {digits(low, 3)} to {digits(high, 3)} rad, and its limits are {lower:.3g} and {upper:.3g} rad"
-        mend = f"state encoder_zero: {digits(zero, 5)} of this motor in the rig's YAML, or correct the limits"
-        mend = f"--map 'q_{joint}={source.times(1.0)} {fits[0]}', or {mend}" if fits else mend
-        if (low > upper or high < lower) and high - low <= upper - lower:
+        stated = rig.motors[rig.joint_index(joint)].encoder_zero
+        mend = "correct the limits"
+        if fits:
+            zero = digits(stated + OFFSETS[fits[0]], 5)
+            mend = f"--map 'q_{joint}={source.times(1.0)} {fits[0]}', or state encoder_zero: {zero} of this motor in"
+            mend = f"{mend} the rig's YAML, or correct the limits"
+        elif least <= most:
+            span = f"{digits(stated + least, 4)} to {digits(stated + most, 4)} rad"
+            mend = f"the log does not tell the encoder's zero, which may be {span}: measure it at a known pose"
+            mend = f"{mend}, and state it as encoder_zero of this motor in the rig's YAML, or correct the limits"
+        if (low > upper or high < lower) and least <= most:
             raise LogError(f"{name}: q_{joint}", rig.in_units(joint, what), rig.in_units(joint, mend))
         notes.append(rig.in_units(joint, f"{name}: q_{joint} {what}; {mend}"))
     return notes

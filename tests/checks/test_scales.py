@@ -70,6 +70,23 @@ def test_a_torque_in_another_unit_is_named_with_its_factor(
     assert float(mended) == pytest.approx(1 / factor, rel=0.05) and text.count("inertia") == 1
 
 
+@pytest.mark.parametrize("constants", [(0.21, 0.17), (0.1, 0.5), (2.5, 2.5)])
+def test_currents_are_named_with_each_motors_torque_constant(constants: tuple[float, float], log: Log) -> None:
+    plain = bundled("turret")
+    motors = tuple(replace(motor, torque_constant=k) for motor, k in zip(plain.motors, constants))
+    text = said(replace(plain, motors=motors), replace(log, tau=log.tau / np.array(constants)))
+    for joint, constant in zip(plain.joints, constants):
+        assert f"--map 'tau_{joint}=tau_{joint}*{constant}'" in text
+
+
+def test_constants_of_other_motors_do_not_name_currents(log: Log) -> None:
+    """Torques of one other unit, and constants that are not its inverse."""
+    plain = bundled("turret")
+    rig = replace(plain, motors=tuple(replace(motor, torque_constant=k) for motor, k in zip(plain.motors, (0.2, 0.02))))
+    text = said(rig, replace(log, tau=5.0 * np.asarray(log.tau)))
+    assert "one factor, 5" in text and "torque_constant" not in text
+
+
 def test_an_angle_in_another_unit_is_named(rig: Rig, log: Log) -> None:
     """Dry friction is right then, and inertia is not; where gravity pulls, another angle is no multiple."""
     text = said(rig, scaled(log, 0, q=1 / 3, v=1 / 3))

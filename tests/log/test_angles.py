@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -88,6 +89,28 @@ def test_angles_beyond_the_limits_are_refused_with_their_offset(tmp_path: Path, 
         read_log(tmp_path / "x.csv", rig)
     read = read_log(tmp_path / "x.csv", rig, [f"q_tilt=q_tilt - {zero}" if zero > 0 else f"q_tilt=q_tilt + {-zero}"])
     assert read.q == pytest.approx(log.q, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["turret", "ptu"])
+@pytest.mark.parametrize(("zero", "stated"), [(4.14, 0.0), (-3.9, 0.0), (2.4, -1.3)])
+def test_an_unknown_zero_is_refused_with_the_interval_that_holds_it(
+    name: str, zero: float, stated: float, tmp_path: Path
+) -> None:
+    plain = bundled(name)
+    motors = (plain.motors[0], replace(plain.motors[1], encoder_zero=stated))
+    limits = (plain.limits[0], replace(plain.limits[1], lower=-1.0, upper=1.2))
+    rig = replace(plain, motors=motors, limits=limits)
+    t = 4e-3 * np.arange(1000)
+    q = np.column_stack([np.sin(3 * t), 0.9 * np.sin(5 * t)])
+    columns = {"t": t, **{f"q_{joint}": x for joint, x in zip(rig.joints, (q + np.array([0.0, zero])).T)}}
+    write_columns({**columns, **{f"tau_{joint}": np.sin(t) for joint in rig.joints}}, tmp_path / "x.csv")
+    with pytest.raises(LogError) as refused:
+        read_log(tmp_path / "x.csv", rig)
+    text = str(refused.value)
+    ends = re.search(r"may be ([-\d.]+) to ([-\d.]+) rad", text)
+    assert ends and float(ends[1]) < zero < float(ends[2]) and "encoder_zero" in text and "--map" not in text
+    middle = (float(ends[1]) + float(ends[2])) / 2
+    assert f"{middle:.3f}" not in text
 
 
 def test_angles_partly_beyond_the_limits_are_noted(tmp_path: Path) -> None:
