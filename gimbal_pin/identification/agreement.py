@@ -87,8 +87,8 @@ class Agreement:
         """Number of parameters that agree, that drift, and that no log shows."""
         count = {one: sum(x.verdict is one for x in self.parameters) for one in LogVerdict}
         head = f"{len(self.logs)} logs: {count[LogVerdict.AGREES]} of {len(self.parameters)} parameters agree"
-        others = (f"{count[one]} {one}" for one in (LogVerdict.DRIFTS, LogVerdict.NOT_SHOWN) if count[one])
-        return ", ".join([head, *others])
+        others = ((count[LogVerdict.DRIFTS], "drift"), (count[LogVerdict.NOT_SHOWN], "not shown"))
+        return ", ".join([head, *(f"{number} {verb}" for number, verb in others if number)])
 
     def to_dict(self) -> dict[str, Any]:
         """Return what `identify --json` writes."""
