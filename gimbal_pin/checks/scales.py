@@ -104,8 +104,8 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
     listed = "; ".join(map(_list_ratios, rig.joints, parts))
     constants = [motor.torque_constant or 1.0 for motor in rig.motors]
     if all(map(_is_current, constants, parts)) and len(off) == rig.n > 1 and design.logs:
-        columns = [f"tau_{joint}" for joint in rig.joints]
-        maps = design.logs[0].remapped({name: (name, k) for name, k in zip(columns, constants)})
+        names = [f"tau_{joint}" for joint in rig.joints]
+        maps = design.logs[0].remapped({name: (name, k) for name, k in zip(names, constants)})
         sentence = f"{listed}: each is 1/torque_constant of its motor, as if the torques were currents: {maps}"
         return (*said, ScaleFault(sentence, rig.joints))
     common = exp(sum(log(inertias[j].value) for j in off) / max(len(off), 1))
