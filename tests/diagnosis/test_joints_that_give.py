@@ -158,10 +158,10 @@ def test_a_spring_is_found_by_its_zero() -> None:
     assert told == pytest.approx(stiff, rel=0.1)
 
 
-@pytest.mark.parametrize(("stroke", "damping"), [(0.03, 0.2), (0.08, 0.05)])
-def test_damped_presliding_is_identified(stroke: float, damping: float) -> None:
+@pytest.mark.parametrize(("stroke", "damping", "slips"), [(0.03, 0.2, False), (0.08, 0.05, False), (0.05, 0.1, True)])
+def test_bristles_are_told_from_others_by_damping_and_lengths(stroke: float, damping: float, slips: bool) -> None:
     name = RIG.joints[0]
-    term = Term(Presliding(name, stroke, True), (0.1, damping))
+    term = Term(Presliding(name, stroke, True, slips), (0.1, damping))
     plain = nominal(RIG)
     log = prescribed(replace(plain, terms=(*plain.terms, term)), seconds=14.0, torque_noise=1e-3, dt=2e-3)
     problem = Problem.of(gather(RIG, [log], replace(DIAGNOSIS_BAND, alignment=0.0)), reduce_parameters(RIG))
@@ -169,7 +169,7 @@ def test_damped_presliding_is_identified(stroke: float, damping: float) -> None:
     tried = [refined(first, one) for one in Presliding.tried(name, problem.evidence.seen[0])]
     found = max(tried, key=partial(worth, first))
     state = solve_causes(problem, (found,), first)
-    assert isinstance(found, Presliding) and found.damped
+    assert isinstance(found, Presliding) and found.damped and found.slips == slips
     assert found.stroke == pytest.approx(stroke, rel=0.1)
     assert state.coefficients(found)[1] == pytest.approx(damping, rel=0.2)
 
