@@ -49,12 +49,10 @@ class ScaleFault(NamedTuple):
     Attributes:
         sentence: The ratios, and what would make them.
         torques: Joints whose torque seems to be in another unit: a gain of it is this factor.
-        is_reversed: Whether gravity pulls the other way, so that places of masses are not to be acted on.
     """
 
     sentence: str
     torques: tuple[str, ...] = ()
-    is_reversed: bool = False
 
 
 def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault, ...]:
@@ -97,7 +95,7 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
         " centre of mass lies on the other side of the joint's axis"
     )
     said = [
-        ScaleFault(f"{_list_ratios(rig.joints[j], own)}: {why}", is_reversed=True)
+        ScaleFault(f"{_list_ratios(rig.joints[j], own)}: {why}")
         for j, own in enumerate(parts)
         if "gravity's torque" in own and own["gravity's torque"].is_near(-1.0)
     ]

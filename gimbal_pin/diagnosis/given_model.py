@@ -82,9 +82,7 @@ def compare_given_model(found: Diagnosis, state: State, causes: Mapping[str, typ
 def state_payload_with_causes(
     found: Diagnosis, rig: Rig, logs: Sequence[Log], holdout: str | None, filters: Filtering | None, mass: float | None
 ) -> PayloadStatement:
-    """State what `identify` says of the payload with the found causes in its equations.
-
-    Nothing is stated of spoilt logs, or while gravity pulls the other way than the URDF says.
+    """State what `identify` says of the payload with the found causes in its equations; nothing of spoilt logs.
 
     Where these cannot hold a cause, as of the drive or of a friction that reads the torque, or refuse the logs, the
     diagnosis's own fit says it.
@@ -97,7 +95,7 @@ def state_payload_with_causes(
         filters: As for `identify`.
         mass: Of the payload, kg, where it was weighed.
     """
-    if found.state is None or found.is_reversed:
+    if found.state is None:
         return PayloadStatement()
     model = found.after
     if not (model.drive or any(term.effect.loaded for term in model.terms)):

@@ -170,7 +170,7 @@ def diagnose_checked_logs(
     another = [joint for one in scaled for joint in one.torques]
     findings = [one for one in said.findings if not (one.cause == "torque-gain" and one.joint in another)]
     statements = (*(one.sentence for one in scaled), *said.statements)
-    said = replace(said, statements=statements, is_reversed=any(one.is_reversed for one in scaled))
+    said = replace(said, statements=statements)
     notes = (*said.notes, *resting, *(unjudged(held) if held is not evidence else ()))
     said = replace(said, idle=idle, notes=notes, findings=tuple(findings))
     state = said.state

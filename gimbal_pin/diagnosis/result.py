@@ -304,7 +304,6 @@ class Diagnosis(Record):
         altered: Log → what was altered in it before anything was fitted, see `checks.check_log`.
         data: The logs.
         statements: Sentences about a whole log that stand before all findings and keep the verdict from *nothing*.
-        is_reversed: Whether gravity pulls a joint the other way than the URDF says.
     """
 
     rig: str
@@ -334,7 +333,6 @@ class Diagnosis(Record):
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
     data: tuple[Log, ...] = ()
     statements: tuple[str, ...] = ()
-    is_reversed: bool = False
 
     ROWS: ClassVar[str] = "findings"
     __repr__ = brief

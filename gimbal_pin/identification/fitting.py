@@ -283,7 +283,6 @@ def identify(
     estimate = add_lag_spread(blocks, estimate, late)
     unused = [log.name for log in test if any(log is one for one in logs)]
     notes += tuple(f"{name} only judged the others and taught nothing; --refit learns from all" for name in unused)
-    scales = compare_scales(blocks, estimate)
     found = add_misfit_and_lags(assemble_result(blocks, estimate, tested, how, trust), missed, late)
     found = replace(
         found,
@@ -294,8 +293,7 @@ def identify(
         altered=collect_alterations(checked),
         data=tuple(logs),
         holdout=holdout or choose_holdout(logs),
-        faults=tuple(one.sentence for one in scales),
-        is_reversed=any(one.is_reversed for one in scales),
+        faults=tuple(fault.sentence for fault in compare_scales(blocks, estimate)),
     )
     if examined == "never":
         return found

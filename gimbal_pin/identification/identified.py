@@ -189,7 +189,6 @@ class Identified(Record):
         swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
         data: The logs as they were fitted, mended where something was wrong with them; () where they came bit by bit.
         mass: Of the payload, kg, where it was weighed.
-        is_reversed: Whether gravity pulls a joint the other way than the URDF says, see `checks.compare_scales`.
     """
 
     model: Model
@@ -219,7 +218,6 @@ class Identified(Record):
     altered: Mapping[str, tuple[Alteration, ...]] = field(default_factory=dict)
     data: tuple[Log, ...] = ()
     mass: float | None = None
-    is_reversed: bool = False
 
     ROWS: ClassVar[str] = "base_parameters"
     __repr__ = brief

@@ -329,7 +329,7 @@ class PayloadStatement:
 
 def compare_payload(found: Identified, mass: float | None = None) -> PayloadStatement:
     """Compare what `identify` found with the rig that it was given; `mass`: the payload's, kg, where it was weighed."""
-    if found.is_of_two_rigs or found.is_reversed:
+    if found.is_of_two_rigs:
         return PayloadStatement()
     return state_payload(BaseDifference.of(found), mass, not found.swapped, found.trust)
 

@@ -195,7 +195,7 @@ def compare_camera(
         mass: Its mass, kg, where it was weighed.
         known: The gimbal with another camera, relative to which it is then said where this one sits.
     """
-    if found.is_reversed or not camera.covariance.any():
+    if not camera.covariance.any():
         return compare_payload(found, mass)
     whole = BaseDifference.of(found)
 
