@@ -59,7 +59,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def until(condition: str, seconds: float = 60.0) -> Step:
+def until(condition: str, seconds: float = 180.0) -> Step:
     """Wait until a script's value is true."""
 
     async def waited(tab: Any) -> None:
