@@ -38,9 +38,9 @@ Twice as much would leave out encoders that bias an inertia by a quarter at four
 """
 JUDGED_PARTS = 24
 """Parts of the log, the worst of which is judged."""
-RAISED = 4.0
+CUTOFF_RAISE_FACTOR = 4.0
 """Factor by which the cutoff is raised to see whether the parameters depend on it."""
-WALKED = 0.1
+MAX_CUTOFF_DEPENDENCE = 0.1
 """Change of the torque at the raised cutoff, as a share of its rms, from which the dependence is a finding.
 
 It does not make the physics unreliable: nothing is fitted at the raised cutoff. Twice as much leaves it a note.
@@ -68,7 +68,7 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
     halves = [list(made.iterate_blocks(partial(take_half, first=first))) for first in (0, 1)]
     crossed = fit_repeated(*halves)
     middle = fit_weighted([a._replace(A=(a.A + b.A) / 2) for a, b in zip(*halves)])
-    raised = min(RAISED, HIGHEST_CUTOFF / (log.dt * filtering.cutoff))
+    raised = min(CUTOFF_RAISE_FACTOR, HIGHEST_CUTOFF / (log.dt * filtering.cutoff))
     wider = fit_weighted(list(raise_cutoff(made, raised)))
     pairs = ((crossed, middle), (fit_weighted(rows), wider))
     bias, walk = (float(compute_change(rows, *pair)[drowned >= DROWNED].max()) for pair in pairs)
@@ -84,7 +84,7 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
     coarse = f" (encoder steps of {digits(1000 * step, 2)} mrad, {bits:.0f} bits per turn)" if step else ""
     unreliable = bias > MATERIAL
     end = f"at {cutoff:g} Hz it does no harm"
-    if walk > WALKED:
+    if walk > MAX_CUTOFF_DEPENDENCE:
         end += f"; a cutoff of {digits(raised * cutoff, 2)} Hz would change the torque by {digits(100 * walk, 2)} %"
     if unreliable:
         end = f"it changes the parameters by {digits(100 * bias, 2)} % of the torque at {cutoff:g} Hz"
@@ -94,7 +94,7 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
         "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
         "variables until then"
     )
-    strength, slight = share / DROWNED, not unreliable and walk <= WALKED
+    strength, slight = share / DROWNED, not unreliable and walk <= MAX_CUTOFF_DEPENDENCE
     return Examined(Fault(cause, joint, sentence, figures, strength, unreliable, mend, answer, slight=slight))
 
 

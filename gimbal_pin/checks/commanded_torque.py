@@ -18,7 +18,7 @@ LEAST_SENSOR_NOISE = 3e-4
 
 Twice as much would still be less than any of ten measured devices whose drives report a current.
 """
-FEWEST_SAMPLES = 40
+MIN_SAMPLES = 40
 """Fewest samples of which the four coefficients are fitted to every second."""
 OVER = 1.02
 """A torque beyond this multiple of the motor's limit was never delivered: a drive regulates its current to 1 %."""
@@ -32,7 +32,7 @@ def check_commanded_torque(rig: Rig, log: Log, filtering: Filtering) -> Examined
     column itself shows that the motor cannot have followed: beyond its limit. A log without a reference, or with
     another law, tells nothing of where its torque comes from, however smooth that is.
     """
-    if log.tau is None or log.q_ref is None or len(log) < FEWEST_SAMPLES:
+    if log.tau is None or log.q_ref is None or len(log) < MIN_SAMPLES:
         return None
     size = np.sqrt(np.mean(log.tau**2, axis=0))
     left = np.array([compute_law_error(log, j, log.tau[:, j], log.q_ref[:, j]) for j in range(rig.n)])

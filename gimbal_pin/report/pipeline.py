@@ -221,7 +221,7 @@ def auto(
         rig: The rig.
         logs: Its logs.
         folder: Where the files go; made if it is not there.
-        rng: Source of the bootstraps and of the sensors' noise in the verification, or its seed; None: a fresh one,
+        rng: Source of the sensors' noise in the verification, or its seed; None: a fresh one,
             whose seed is in the result.
         estimator: Blocks → `Estimate`.
         holdout: As for `identify`.

@@ -16,12 +16,12 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.log.mapping import Source, format_remapping
 from gimbal_pin.rig.rig import Rig
 
-COARSE = 10
+JOINED_INTERVALS = 10
 """Intervals that are joined for a second estimate of a rate's scale, which a low-pass or delay changes less."""
-OTHER_SCALE = 1.25
+MIN_WRONG_RATE_SCALE = 1.25
 """Factor between an angle and its rate's integral that is another unit or gear: scales of gyros and drives differ by
 some per cent. Doubling its logarithm, 1.56, would hide a gear of 3 to 2."""
-CLEAR = 100.0
+MIN_INCREMENT_TO_NOISE_POWER = 100.0
 """Power of increments over their noise from which these must correlate with their rate's by more than 0.9: noise alone
 then leaves 0.99. At twice that fewer joints are judged."""
 
@@ -116,17 +116,19 @@ def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q
         maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{factor:.3g}"))})
         raise LogError(name, what, f"one of the two is in degrees, or in other units: {maps}, or map q_{joint}")
     notes = []
-    few = slice(0, len(moved) // COARSE * COARSE)
+    few = slice(0, len(moved) // JOINED_INTERVALS * JOINED_INTERVALS)
     noise = 2.0 * signals.noise_std(q) ** 2, len(t) / len(moved) * (np.median(np.diff(t)) * signals.noise_std(v)) ** 2
     for j, (joint, x, y) in enumerate(pairs):
-        coarse = find_ratio(*(part[few].reshape(-1, COARSE).sum(axis=1) for part in (x, y)))[1]
+        coarse = find_ratio(*(part[few].reshape(-1, JOINED_INTERVALS).sum(axis=1) for part in (x, y)))[1]
         ratio = ratios.get(joint, 0.0)
         is_scale = ratio * coarse > 0 and abs(np.log(ratio / coarse)) < np.log(1.1)
-        if not ratio and all(np.mean(part**2) > CLEAR * power[j] for part, power in zip((x, y), noise)):
+        if not ratio and all(
+            np.mean(part**2) > MIN_INCREMENT_TO_NOISE_POWER * power[j] for part, power in zip((x, y), noise)
+        ):
             notes.append(
                 f"{name}: dq_{joint} is not the derivative of q_{joint}: leave rates out, or map another column"
             )
-        elif is_scale and abs(np.log(ratio)) > np.log(OTHER_SCALE):
+        elif is_scale and abs(np.log(ratio)) > np.log(MIN_WRONG_RATE_SCALE):
             maps = format_remapping(sources, {f"dq_{joint}": (f"dq_{joint}", float(f"{ratio:.3g}"))})
             what = f"q_{joint} moves {ratio:.3g} times as far as dq_{joint} says"
             notes.append(
