@@ -14,6 +14,7 @@ from gimbal_pin.control.tuning import tune
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.dynamics.simulation import Controller, Sensors, simulate
 from gimbal_pin.effects import Signal
+from gimbal_pin.errors import UsageError
 from gimbal_pin.excitation import excite
 from gimbal_pin.log.log import Array, Log, Motion
 from gimbal_pin.log.platform import Platform
@@ -82,6 +83,8 @@ def bench_run(
     if reference is None:
         design = excite(rig, seconds=period, starts=starts, rng=generator, torque_model=plant, dt=dt)
         reference = repeated(design.motion, seconds, dt)
+    if len(reference.t) < 2:
+        raise UsageError("reference", "has one sample", "give a motion of at least two")
     given = float(np.mean(np.diff(reference.t)))
     notes: tuple[str, ...] = ()
     if not np.allclose(np.diff(reference.t), dt, rtol=1e-6):

@@ -162,12 +162,13 @@ class _ParquetColumns(Mapping[str, Array]):
 
     name: str
     file: Any
+    names: tuple[str, ...]
 
     def __len__(self) -> int:
-        return len(self.file.schema_arrow)
+        return len(self.names)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.file.schema_arrow.names)
+        return iter(self.names)
 
     def __getitem__(self, column: str) -> Array:
         """Return a column as float64, nan where a value is missing; `LogError` if it is damaged or no numbers."""
@@ -223,7 +224,7 @@ def _load_parquet(path: Path) -> _ParquetColumns:
         raise LogError(str(path), f"is not Parquet ({error})", "give it the suffix of its format") from error
     groups = [file.metadata.row_group(k) for k in range(file.num_row_groups)]
     check_size(path, sum(max(group.total_byte_size, 8 * group.num_rows) for group in groups), LogError)
-    return _ParquetColumns(str(path), file)
+    return _ParquetColumns(str(path), file, tuple(file.schema_arrow.names))
 
 
 def _write_parquet(columns: Mapping[str, Array], path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
@@ -139,7 +140,7 @@ def read_numeric_columns(table: ColumnTable) -> tuple[dict[str, Array], list[str
     Raises:
         LogError: No column holds numbers.
     """
-    names = [name for name in dict.fromkeys(table.columns) if table.columns.count(name) == 1]
+    names = [name for name, count in Counter(table.columns).items() if count == 1]
     data, flaws, refusal = (
         dict[str, Array](),
         list[str](),
