@@ -2,6 +2,7 @@
 
     scripts/blind draw --folder F --seed N   logs, rigs and truths: a sample (``--counts clean 30 single 60``)
     scripts/blind run --folder F             diagnoses what is not diagnosed yet
+    scripts/blind store --folder F --csv C   the answers in one file, a line each, which ``judge --folder C`` reads too
     scripts/blind judge --folder F           the table: every figure with Wilson bounds, must, aim, PASS or FAIL
     scripts/blind --reliability --folder F   stated probabilities against the truth: table, picture and JSON in F
 
@@ -20,13 +21,14 @@ from dataclasses import asdict
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from time import process_time
 from typing import Any, Literal
 
 import tyro
 from tqdm import tqdm
 
 from gimbal_pin.cli import main as gimbal_pin
-from tests.blind import cases, files, plant, reliability, table
+from tests.blind import answers, cases, files, plant, reliability, table
 from tests.blind import draw as sampling
 from tests.blind.judge import Judged, confident, judge, tells
 from tests.blind.plan import Plan
@@ -63,6 +65,7 @@ def diagnosed(folder: Path) -> None:
     Exit code 3 is a refusal, and so is 2 where the log lacks a joint that moves in its URDF; all else is an error.
     """
     missing = loaded(folder / "truth.json")["plan"].get("idle") == "unlogged"
+    started = process_time()
     with TemporaryDirectory() as place:
         rig, log, said = (Path(place) / name for name in ("rig.yaml", "log.csv", "said.json"))
         for name in LOGS:
@@ -75,6 +78,7 @@ def diagnosed(folder: Path) -> None:
             code = stop.code if isinstance(stop, SystemExit) else repr(stop)
             verdict = "refused" if code == 3 or (code == 2 and missing) else "error"
             answer = json.dumps({"verdict": verdict, "findings": [], "exit": code})
+    files.write_whole(folder / "seconds", f"{process_time() - started:.2f}\n")
     files.write_whole(folder / "diagnosis.json", answer)
 
 
@@ -117,8 +121,20 @@ def run(folder: Path, jobs: int = os.cpu_count() or 1) -> None:
     in_parallel(jobs, diagnosed, [(place,) for place in drawn if not (place / "diagnosis.json").exists()])
 
 
+def store(folder: Path, csv: Path) -> None:
+    """Store the answers of a folder in a CSV file of one line per log.
+
+    Args:
+        folder: Folder of the draw, diagnosed.
+        csv: The file to write.
+    """
+    print(f"{answers.write(csv, folder)} logs → {csv}")
+
+
 def judged_in(folder: Path) -> dict[str, Judged]:
     """Folder name → the case, of every log that is diagnosed."""
+    if folder.suffix == ".csv":
+        return answers.read(folder)
     places = sorted(said.parent for said in folder.glob("*/diagnosis.json"))
     return {each.name: judge(loaded(each / "truth.json"), loaded(each / "diagnosis.json")) for each in places}
 
@@ -139,7 +155,7 @@ def judge_folder(folder: Path, each: bool = False) -> None:
     """Print the table.
 
     Args:
-        folder: Folder of the draw, diagnosed.
+        folder: Folder of the draw, diagnosed, or a CSV file of stored answers.
         each: Print each log's truth and diagnosis too, for development; never of a final draw before its table.
     """
     cases_of = judged_in(folder)
@@ -169,7 +185,7 @@ def judge_probabilities(folder: Path) -> None:
 
 def main() -> None:
     """Run one of the commands; ``--reliability`` is one too."""
-    commands = {"draw": draw, "run": run, "judge": judge_folder, "reliability": judge_probabilities}
+    commands = {"draw": draw, "run": run, "store": store, "judge": judge_folder, "reliability": judge_probabilities}
     asked = ["reliability" if word == "--reliability" else word for word in sys.argv[1:]]
     tyro.extras.subcommand_cli_from_dict(commands, prog="scripts/blind", description=__doc__, args=asked)
 

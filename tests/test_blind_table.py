@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
+from tests.blind import answers
 from tests.blind.judge import judge, named_wrong, near
 from tests.blind.table import Figure, text, wilson
 from tests.blind.table import score as score_of
@@ -87,6 +90,17 @@ def test_a_perfect_diagnosis_reaches_every_aim_but_too_sure_intervals() -> None:
     }
     assert row(rows, "held-out gain").value == pytest.approx(1.0)
     assert row(rows, "data faults told").value == 1.0
+
+
+def test_stored_answers_are_judged_as_the_folder_they_came_from(tmp_path: Path) -> None:
+    for number, case in enumerate(TRUTHS):
+        place = tmp_path / "draw" / f"log-{number:03d}"
+        place.mkdir(parents=True)
+        (place / "truth.json").write_text(json.dumps(case))
+        (place / "diagnosis.json").write_text(json.dumps(perfect(case)))
+    assert answers.write(tmp_path / "stored.csv", tmp_path / "draw") == len(TRUTHS)
+    stored = answers.read(tmp_path / "stored.csv")
+    assert score_of(list(stored.values())) == score((case, perfect(case)) for case in TRUTHS)
 
 
 def test_silence_is_never_wrong_and_never_right() -> None:
