@@ -408,10 +408,8 @@ JSON: Mapping[str, Callable[[Log], str]] = {
         {"mass": 0.3, "motor": "xl330", "entries": as_records(x)}, indent=1
     ),
     "lists by column": lambda x: json.dumps({name: values.tolist() for name, values in log_columns(x).items()}),
-    "values by row of pandas": lambda x: pandas.DataFrame(log_columns(x)).to_json(double_precision=15),
-    "rows and columns of pandas": lambda x: pandas.DataFrame(log_columns(x)).to_json(
-        orient="split", double_precision=15
-    ),
+    "records of pandas": lambda x: pandas.DataFrame(log_columns(x)).to_json(orient="records", double_precision=15),
+    "records with nulls": lambda x: json.dumps([{**row, "temp_pan": None} for row in as_records(x)]),
     "a record a line": lambda x: "\n".join(map(json.dumps, as_records(x))) + '\n{"t": 3.0, "q_p',
     "joint states": lambda x: "\n".join(
         json.dumps(as_joint_state(row, TURRET.joints[:: 1 if k % 3 else -1])) for k, row in enumerate(as_records(x))

@@ -12,10 +12,7 @@ from numpy.typing import NDArray
 from gimbal_pin.errors import DataError, LogError
 from gimbal_pin.log.io.tables import (
     ColumnTable,
-    decode_register,
-    describe_register,
-    describe_stamps,
-    even_stamps,
+    decode_columns,
     find_repeated_rows,
     quote_names,
 )
@@ -168,7 +165,8 @@ def read_groups(
     raw = table.read(wanted or table.columns[:1])
     raw.setdefault(ROW_COLUMN, np.arange(len(next(iter(raw.values()))), dtype=np.float64))
     if notes is not None:
-        raw |= _decode_columns(table, raw, present, notes)
+        read = {source.column: raw[source.column] for source in present.values()}
+        raw |= decode_columns(table.name, present["t"].column, read, notes)
     for group in groups.values():
         if notes is not None and not group.required and group.columns[0] in present:
             sparse = [c for c in group.columns if np.isnan(raw[present[c].column]).mean() > _LOST]
@@ -195,25 +193,6 @@ def read_groups(
             mend = f"write more digits, or, of evenly spaced rows: --map t={ROW_COLUMN}*{interval:.6g}"
         raise LogError(table.place(int(kept[row]), present["t"].column), what, mend)
     return arrays
-
-
-def _decode_columns(
-    table: ColumnTable, raw: Mapping[str, Array], present: Mapping[str, Source], notes: list[str]
-) -> dict[str, Array]:
-    """Return the columns that are signed registers or rounded times, as they are meant; `notes` takes a sentence."""
-    decoded = {}
-    time = present["t"].column
-    read = {source.column: raw[source.column] for source in present.values()}
-    even, rounding = even_stamps(time, read)
-    if rounding:
-        decoded[time] = even
-        notes.append(describe_stamps(f"{table.name}: '{time}'", even, rounding))
-    for column in [column for column in read if column not in (time, ROW_COLUMN)]:
-        values, bits = decode_register(read[column])
-        if bits:
-            decoded[column] = values
-            notes.append(describe_register(f"{table.name}: '{column}'", bits))
-    return decoded
 
 
 def _select_whole_rows(

@@ -17,10 +17,7 @@ from gimbal_pin.log.io.recognise import Channel, Recognised, assign_columns, is_
 from gimbal_pin.log.io.tables import (
     ColumnTable,
     JoinedTable,
-    decode_register,
-    describe_register,
-    describe_stamps,
-    even_stamps,
+    decode_columns,
     find_time,
     quote_names,
     read_numeric_columns,
@@ -186,10 +183,6 @@ def _inspect_stream(table: ColumnTable, rig: Rig | None, notes: list[str]) -> tu
     # What no column holds must not overflow: since 1970 there are 2e18 ns, in a day at 1e5 rad/s 2e14 counts.
     bounded = {name: np.clip(values, -1e30, 1e30) for name, values in data.items()}
     data = {name: np.where(np.abs(values) < SMALLEST_VALUE, 0.0, values) for name, values in bounded.items()}
-    for name, (values, bits) in {name: decode_register(values) for name, values in data.items()}.items():
-        if bits:
-            data[name] = values
-            notes.append(describe_register(f"{table.name}: '{name}'", bits))
     if odd := [name for name in data if "'" in name and '"' in name]:
         notes.append(f"{table.name}: no mapping can name {quote_names(odd)}; rename them")
         data = {name: values for name, values in data.items() if name not in odd}
@@ -201,9 +194,7 @@ def _inspect_stream(table: ColumnTable, rig: Rig | None, notes: list[str]) -> tu
     if time not in data:
         time = ROW_COLUMN
         data[ROW_COLUMN] = np.arange(len(next(iter(data.values()))), dtype=np.float64)
-    data[time], rounding = even_stamps(time, data)
-    if rounding:
-        notes.append(describe_stamps(f"{table.name}: '{time}'", data[time], rounding))
+    data = decode_columns(table.name, time, data, notes)
     found = recognise(time, data, rig)
     return InspectedStream(time, data.pop(time) * found.scale, data, found.channels[time == ROW_COLUMN :]), found
 

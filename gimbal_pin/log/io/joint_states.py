@@ -21,10 +21,10 @@ _FIELD = re.compile(r"(?:.*\.)?(name|position|velocity|effort)\[?(\d+)\]?")
 _STAMPS = re.compile(r"(?:.*\.)?header\.stamp")
 
 
-def list_joint_values(names: Sequence[str], fields: dict[str, Sequence[Any]]) -> Iterator[tuple[str, float]]:
+def list_joint_values(names: Sequence[str], fields: dict[str, Sequence[Any]]) -> Iterator[tuple[str, Any]]:
     """Yield column and value of one message: its names, and field → a value per name, or fewer."""
     for field, prefix in JOINT_STATE_FIELDS.items():
-        yield from ((f"{prefix}_{joint}", float(x)) for joint, x in zip(names, fields.get(field, ())))
+        yield from ((f"{prefix}_{joint}", x) for joint, x in zip(names, fields.get(field, ())))
 
 
 def is_command(topic: str) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +50,9 @@ def _parse(text: str) -> tuple[Any, list[str]]:
     try:
         return json.loads(text), []
     except json.JSONDecodeError as error:
-        lines = text.splitlines()
-        whole = error.lineno > 1 and error.msg == "Extra data" and error.lineno <= len(lines)
-        if not whole:
+        if error.lineno == 1 or error.msg != "Extra data":
             raise
+    lines = text.splitlines()
     values = []
     for number, line in enumerate(lines, start=1):
         try:
@@ -65,35 +65,25 @@ def _parse(text: str) -> tuple[Any, list[str]]:
 
 
 def _to_columns(value: Any, depth: int = 0) -> Any:
-    """Return nested tables of arrays, (N,) or (N, k), in a JSON value; None where it holds no numbers."""
+    """Return nested tables of columns, (N,), in a JSON value; None where it holds no numbers."""
     if depth > DEEPEST_NESTING:
         return None
     if isinstance(value, dict):
-        if isinstance(value.get("columns"), list) and isinstance(value.get("data"), list):  # pandas' "split"
-            return _to_columns([dict(zip(map(str, value["columns"]), row)) for row in value["data"]], depth + 1)
-        if value and all(key.isdecimal() for key in value):  # pandas' default: value by row, of a column or a record
-            return _to_columns(list(value.values()), depth + 1)
         inner = {key: _to_columns(each, depth + 1) for key, each in value.items()}
         return {key: each for key, each in inner.items() if each is not None}
     if not isinstance(value, list) or not value:
         return None
     if isinstance(value[0], dict):
         return _stack_records([record for record in value if isinstance(record, dict)])
-    if isinstance(value[0], list):
-        rows = [row for row in value if isinstance(row, list) and len(row) == len(value[0]) <= WIDEST_ARRAY]
-        return _stack_records([{f"c{k}": x for k, x in enumerate(row)} for row in rows])
     return _to_array(value)
 
 
 def _stack_records(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return column → values, (N,), of records, nan where one lacks a value."""
-    columns: dict[str, list[Any]] = {}
-    for row, record in enumerate(records):
-        for name, value in _flatten(record):
-            values = columns.setdefault(name, [])
-            values += [None] * (row - len(values)) + [value]
-    full = {name: [*values, *[None] * (len(records) - len(values))] for name, values in columns.items()}
-    arrays = {name: _to_array(values) for name, values in full.items()}
+    import pandas
+
+    table = pandas.DataFrame([dict(_flatten(record)) for record in records], dtype=object)
+    arrays = {name: _to_array(table[name].tolist()) for name in table}
     return {name: array for name, array in arrays.items() if array is not None and not np.isnan(array).all()}
 
 
@@ -104,13 +94,12 @@ def _flatten(value: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, 
             if {whole, fraction} == value.keys() and all(isinstance(x, (int, float)) for x in value.values()):
                 yield name or "t", value[whole] + 1e-9 * value[fraction]
                 return
-        joints = names if isinstance(names := value.get("name"), list) else []
-        is_state = bool(joints) and isinstance(value.get("position"), list)
+        lists = {field: value[field] for field in ("name", *JOINT_STATE_FIELDS) if isinstance(value.get(field), list)}
+        is_state = bool(lists.get("name")) and "position" in lists
         if is_state:
-            fields = {field: value.get(field) or () for field in JOINT_STATE_FIELDS}
-            yield from list_joint_values(joints, {field: [_or_nan(x) for x in each] for field, each in fields.items()})
+            yield from list_joint_values(lists["name"], lists)
         for key, inner in value.items():
-            if not (is_state and key in ("name", *JOINT_STATE_FIELDS)):
+            if not (is_state and key in lists):
                 yield from _flatten(inner, f"{name}.{key}" if name else key, depth + 1)
     elif isinstance(value, list) and len(value) <= WIDEST_ARRAY and depth < DEEPEST_NESTING:
         for k, inner in enumerate(value):
@@ -119,24 +108,16 @@ def _flatten(value: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, 
         yield name, value
 
 
-def _or_nan(value: Any) -> float:
-    """Return a number, nan for anything else."""
-    return float(value) if isinstance(value, (int, float)) else np.nan
-
-
 def _to_array(values: Sequence[Any]) -> np.ndarray[Any, Any] | None:
     """Return numbers, nan for null, or times of day and dates in seconds, (N,); None of anything else."""
-    texts = [value for value in values if isinstance(value, str)]
-    if texts:
-        if not all(isinstance(value, str) or value is None for value in values) or not all(map(is_stamp, texts)):
-            return None
-        return parse_stamps([value or "" for value in values])
-    if not all(value is None or isinstance(value, (int, float)) for value in values):
-        return None
-    try:
-        return np.array([np.nan if value is None else value for value in values], dtype=np.float64)
-    except OverflowError:
-        return None
+    present = [value for value in values if value is not None and value == value]
+    kinds = set(map(type, present))
+    if kinds == {str} and all(map(is_stamp, present)):
+        return parse_stamps(values)
+    if kinds <= {bool, int, float}:
+        with suppress(OverflowError):
+            return np.array(values, dtype=np.float64)
+    return None
 
 
 def _strip_container(streams: Sequence[Stream]) -> list[Stream]:

@@ -92,11 +92,6 @@ def decode_register(values: Array) -> tuple[Array, int]:
     return (signed, bits) if jumps == [True, False] and np.unique(seen).size > 2 else (values, 0)
 
 
-def describe_register(place: str, bits: int) -> str:
-    """Return a sentence on a column that `decode_register` has changed."""
-    return f"{place} holds signed registers of {bits} bits: {2**bits - 1} is read as -1"
-
-
 _LEAST_STAMPS = 50
 """Fewest rows of which the interval is estimated from rounded stamps."""
 _STAMP_SPAN = 1.1
@@ -128,10 +123,27 @@ def even_stamps(time: str, columns: Mapping[str, Array]) -> tuple[Array, float]:
     return (line, rounding) if np.ptp(t - line) <= _STAMP_SPAN * rounding else (t, 0.0)
 
 
-def describe_stamps(place: str, t: Array, rounding: float) -> str:
-    """Return a sentence on times that `even_stamps` has changed."""
-    interval = (t[-1] - t[0]) / (len(t) - 1)
-    return f"{place}: stamps are rounded to {rounding:.3g}: its rows are taken as evenly spaced, {interval:.6g} apart"
+def decode_columns(name: str, time: str, columns: Mapping[str, Array], notes: list[str]) -> dict[str, Array]:
+    """Return the columns with `even_stamps` for times and `decode_register` for all others.
+
+    Args:
+        name: The file.
+        time: Name of the column of times.
+        columns: Name → values, (N,) each.
+        notes: Takes a sentence on each column that changes.
+    """
+    t, rounding = even_stamps(time, columns)
+    if rounding:
+        interval = (t[-1] - t[0]) / (len(t) - 1)
+        evenly = f"its rows are taken as evenly spaced, {interval:.6g} apart"
+        notes.append(f"{name}: '{time}': stamps are rounded to {rounding:.3g}: {evenly}")
+    decoded = {**columns, time: t}
+    for column in [column for column in columns if column != time]:
+        decoded[column], bits = decode_register(columns[column])
+        if bits:
+            meaning = f"signed registers of {bits} bits: {2**bits - 1} is read as -1"
+            notes.append(f"{name}: '{column}' holds {meaning}")
+    return decoded
 
 
 def read_numeric_columns(table: ColumnTable) -> tuple[dict[str, Array], list[str]]:
