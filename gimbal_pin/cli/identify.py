@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
@@ -48,7 +48,6 @@ def identify(
     trust: Annotated[opt.Maybe[float], opt.between("--trust", 0.001, 10)] = None,
     follow: bool = False,
     forget: Annotated[opt.Maybe[float], opt.between("--forget", 0.1, 1e6, "s")] = None,
-    anew: Literal["payload", "everything"] = "payload",
     idle: Annotated[opt.Maybe[float], opt.between("--idle", 0, 1e6, "s")] = None,
     plot: opt.Plotted = None,
     json: opt.Json = None,
@@ -65,7 +64,6 @@ def identify(
         trust: how far the URDF's bodies may be off, for ridge and for what the log does not show (default: 0.3)
         follow: learn from a growing CSV file, - (standard input), or a gimbal: udp://HOST:PORT, serial:DEVICE@BAUD
         forget: with --follow: what is older counts less (default: never)
-        anew: with --follow: what is estimated anew when the payload has changed
         idle: with --follow: end when the file has not grown for so long (default: never)
         plot: with --follow: write the estimates over time: .png, .svg or .pdf
     """
@@ -82,7 +80,7 @@ def identify(
             *(("--bias", bias), ("--refit", refit), ("--mass", mass), ("--trust", trust)),
             *(("--mcap", mcap), ("--rrd", rrd)),
         ),
-        growing=(("--forget", forget), ("--idle", idle is not None), ("--plot", plot), ("--anew", anew != "payload")),
+        growing=(("--forget", forget), ("--idle", idle is not None), ("--plot", plot)),
     )
     if extended is not None and known is not None:
         raise UsageError("--extended", "is given beside --known", "give the extended model as --known: its causes stay")
@@ -100,7 +98,7 @@ def identify(
         estimate = partial(read_cameras(rig, payload, logs, map, known, extended), estimator=chosen, filtering=filters)
         return tell_cameras(estimate, holdout, refit, mass, output, urdf, json)
     if follow:
-        online = start_online(rig, logs, payload, known, filters, forget, anew)
+        online = start_online(rig, logs, payload, known, filters, forget)
         found = learn(online, logs[0], map, idle, plot, json == Path("-"))
     else:
         loaded, read = load_logs(rig, payload, logs, map, moving=True)
@@ -149,7 +147,6 @@ def start_online(
     known: str | None,
     filters: Filtering | None,
     forget: float | None,
-    anew: str,
 ) -> Online:
     """Return what learns from a log that grows."""
     from gimbal_pin.identification import Online, read_model
@@ -158,7 +155,7 @@ def start_online(
         raise UsageError("LOG", f"names {len(logs)} logs", "follow one at a time")
     loaded = load_rig(rig, payload or list_tags(logs)[0])
     before = None if known is None else read_model(known, load_rig(rig, read_payload(known)))
-    return Online.of(loaded, filtering=filters, fading=forget or inf, everything=anew == "everything", known=before)
+    return Online.of(loaded, filtering=filters, fading=forget or inf, known=before)
 
 
 def identify_beside_causes(

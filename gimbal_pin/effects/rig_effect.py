@@ -170,13 +170,10 @@ def find_joint_axis(rig: Rig, body: int) -> Array:
     return np.array(jacobian.reshape(6, -1)[3:, body])  # of one joint it is (6,)
 
 
-def describe_way(way: Array, unit: str = "mm") -> str:
-    """``4.2 mm forward, 1 mm right``: a way of so many metres forward, left and up, (3,).
-
-    Given mass times way, kg m, the unit is "mm kg".
-    """
+def describe_way(way: Array) -> str:
+    """Return a displacement in words, ``4.2 mm forward, 1 mm right``, of metres forward, left and up, (3,)."""
     ways = zip(way.tolist(), DIRECTIONS)
-    return ", ".join(f"{1e3 * abs(d):.3g} {unit} {names[0] if d > 0 else names[1]}" for d, names in ways if d)
+    return ", ".join(f"{1e3 * abs(d):.3g} mm {names[0] if d > 0 else names[1]}" for d, names in ways if d)
 
 
 def add_to_body(rig: Rig, body: int, phi: Array, owner: str) -> Rig:

@@ -57,7 +57,6 @@ class Balance:
         std: Standard deviations, m, (3,).
         mass: Mass of the payload that the way stands on, kg.
         source: Whose that is: "identified", "weighed", or its URDF's where it does not show, "stated".
-        named: Whether that payload is still the mounted one: if not, only mass times way is known.
         before: Joint → largest gravity torque over its poses as it is, N m.
         after: The same once the payload has been slid.
         available: Joint → torque of its motor, N m.
@@ -68,7 +67,6 @@ class Balance:
     std: Array
     mass: float
     source: str
-    named: bool
     before: Mapping[str, float]
     after: Mapping[str, float]
     available: Mapping[str, float]
@@ -87,23 +85,18 @@ class Balance:
     def how(self) -> str:
         """Say how far to slide it, and what that saves."""
         clear = np.where(np.abs(self.way) > np.maximum(2 * self.std, WORTH), self.way, 0.0)
-        who, unit, factor = ("payload", "mm", 1.0) if self.named else ("payload that was put on", "mm kg", self.mass)
         if not clear.any():
-            most = 1e3 * factor * float(np.max(np.abs(self.way) + 2 * self.std))
-            return f"the {who} is balanced, to {digits(most, 2)} {unit}"
+            most = 1e3 * float(np.max(np.abs(self.way) + 2 * self.std))
+            return f"the payload is balanced, to {digits(most, 2)} mm"
         joint = max(self.before, key=lambda name: self.before[name] - self.after[name])
         std = 1e3 * max(float(self.std[clear != 0].max()), 1e-5)
         after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
         saved = f"gravity then takes {after} instead of {before} {self.forces[joint]} at {joint}"
-        way = f"{describe_way(clear * factor, unit)} (± {digits(NORMAL_95 * std * factor, 1)} {unit}"
+        way = f"{describe_way(clear)} (± {digits(NORMAL_95 * std, 1)} mm"
         open_ = "the stated {}, which the log does not show: half as far if it weighs twice that"
         of = {"stated": open_, "weighed": "the {} that were weighed"}.get(self.source, "its {}")
-        stands = (
-            f" at {of.format(f'{digits(1e3 * self.mass, 4)} g')})"
-            if self.named
-            else "), each divided by its mass in kg, which nobody told"
-        )
-        return f"to balance the {who}, slide it {way}{stands}: {saved}"
+        mass = of.format(f"{digits(1e3 * self.mass, 4)} g")
+        return f"to balance the payload, slide it {way} at {mass}): {saved}"
 
     def holding(self) -> str:
         """Say whether the motors hold it as it is."""
@@ -119,10 +112,10 @@ class Balance:
     def to_dict(self) -> dict[str, Any]:
         """Return what JSON holds: millimetres forward, left and up."""
         return {
-            "slide_mm": (1e3 * self.way).tolist() if self.named else None,
-            "std_mm": (1e3 * self.std).tolist() if self.named else None,
-            "stated_mass": 1e3 * self.mass if self.named else None,
-            "mass_source": self.source if self.named else None,
+            "slide_mm": (1e3 * self.way).tolist(),
+            "std_mm": (1e3 * self.std).tolist(),
+            "stated_mass": 1e3 * self.mass,
+            "mass_source": self.source,
             "moment_kg_mm": (1e3 * self.mass * self.way).tolist(),
             "gravity_torque_before": dict(self.before),
             "gravity_torque_after": dict(self.after),
@@ -132,7 +125,7 @@ class Balance:
         }
 
 
-def compute_balance(found: BaseDifference, mass: KnownMass | None = None, named: bool = True) -> Balance | None:
+def compute_balance(found: BaseDifference, mass: KnownMass | None = None) -> Balance | None:
     """``argmin_s Σ_q ‖W (G(q) + S(q) s)‖²`` over poses q within the limits; None where no payload is mounted.
 
     G = Y(q) β is gravity with the identified base parameters, S its change per way s of the payload, in proportion to
@@ -141,7 +134,6 @@ def compute_balance(found: BaseDifference, mass: KnownMass | None = None, named:
     Args:
         found: The gimbal with the payload.
         mass: The payload's mass; None: the stated one.
-        named: Whether the payload is the one that the rig states.
     """
     rig = found.rig
     try:
@@ -167,4 +159,4 @@ def compute_balance(found: BaseDifference, mass: KnownMass | None = None, named:
     std = np.sqrt(np.maximum(np.diag(per_beta @ found.covariance @ per_beta.T), 0.0) + more * (way / weighs) ** 2)
     source = "stated" if mass is None else "weighed" if mass.is_weighed else "identified"
     available, forces = dict(zip(rig.joints, rig.tau_max.tolist())), {j: rig.in_units(j, "N m") for j in rig.joints}
-    return Balance(way, std, weighs, source, named, before, after, available, forces)
+    return Balance(way, std, weighs, source, before, after, available, forces)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from math import inf
+from math import inf, pi
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,22 +17,11 @@ from gimbal_pin.errors import DataError, LogError, UsageError
 from gimbal_pin.identification.fitting import assemble_result, to_model
 from gimbal_pin.identification.identified import Identified
 from gimbal_pin.identification.payload_change import payload_directions
-from gimbal_pin.identification.payload_swap import (
-    LOOK,
-    PUSH_ROWS,
-    SWAP_WINDOWS,
-    Expectation,
-    Score,
-    compute_scores,
-    compute_scores_without_push,
-    find_onset,
-)
 from gimbal_pin.identification.payloads import get_known_parameters
 from gimbal_pin.identification.requirements import LEAST_MOVING, find_unseen
 from gimbal_pin.identification.validation import measure_accuracy
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import (
-    TRUSTED,
     Block,
     Design,
     DesignBlocks,
@@ -42,11 +31,9 @@ from gimbal_pin.regression import (
     Misfit,
     PastRows,
     Recording,
-    ResidualNoise,
     add_misfit,
     compute_residuals,
     compute_settling_time,
-    count_effective_rows,
     fit_residual_noise,
     join_logs,
     loosen_prior,
@@ -57,37 +44,25 @@ from gimbal_pin.rig.brief import brief
 from gimbal_pin.rig.rig import Rig
 
 PROGRESS_INTERVAL = 1.0
-"""Time of the log from one progress to the next, s."""
+"""Time of the log from one progress line to the next, s."""
 FIRST_SAMPLES = 64
 """Samples after which the sampling interval is judged."""
-RESERVED = LOOK + 5
-"""Newest rows that the reference does not know while nothing seems to have changed."""
-RESERVED_IN_DOUBT = 2 * max(SWAP_WINDOWS) + PUSH_ROWS
-"""The same while something does: those that the slowest alarm can be about."""
-PLAIN_SCORE = 15.0
-"""Times beyond chance that a score without any few rows is if a payload was swapped; what a model's form leaves out
-near standstill for a second or two (Stribeck of more than half the friction) reaches five."""
-DOUBT = 0.2
-"""Share of friction by which it may be off without anything having changed."""
-REFRESHED = 8
-"""Rows after which the reference of the innovations is solved anew."""
-NOISE_ROWS = 64
-"""Rows (8 s at 4 Hz) after which the noise is known; an alarm before takes a score that few rows' noise cannot make."""
-CORRELATED_ROWS_SHARE = 2.5
-"""Rows, half a period of the cutoff apart, that tell as much of slow noise's power as one would of white noise's."""
-REMEMBERED = 480.0
-"""Rows over which the dispersion of the score is averaged."""
+NEWEST_ROWS = 16
+"""Newest rows, two seconds at a cutoff of 4 Hz, that `Online.torque_error` predicts from the rows before them. With
+twice as many the error shown is smoother, and later."""
+ROWS_PER_REFERENCE = 8
+"""Rows after which the parameters that predict the newest rows are estimated anew: each takes some milliseconds."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
+    """An event of the estimation.
 
     Attributes:
-        t: When it was noticed, s of the log.
-        what: "changed" or "known".
-        since: When it began, s of the log.
-        sentence: The same for a person.
+        t: Time at which it was noticed, s of the log.
+        what: "known": every parameter shows.
+        since: Time of the first row that it rests on, s of the log.
+        sentence: Description for a person.
     """
 
     t: float
@@ -98,68 +73,41 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """What is kept of the rows since the last change, and the events.
+    """Rows and events so far.
 
     Attributes:
-        rows: The newest of them, at most `Online.most_rows`.
+        rows: The newest rows, at most `Online.most_rows`.
         past: Those before.
-        prior: ``[U z]`` of what was known at the last change, or beforehand; None: nothing.
-        gamma: The noise that was known then, as in `Expectation`; None: nothing.
-        reference: The estimate that the newest rows are compared with; None until everything is known.
-        expected: What of it that takes.
-        dispersion: Mean of the score over its expectation so far.
-        looks: From how many rows that is.
-        beyond: For how many rows each window's score has been beyond chance.
         predicted: Prediction, torque and share of rows before they were learned, one column.
-        since: Start of what is learned now, s.
-        ready: Whether everything was known, once, since then.
-        events: What happened.
+        reference: Estimate from all rows but the newest; None until every parameter shows.
+        events: Events so far.
     """
 
     rows: Block
     past: PastRows
     predicted: PastRows
-    prior: Array | None = None
-    gamma: Array | None = None
     reference: Estimate | None = None
-    expected: Expectation | None = None
-    dispersion: float = 1.0
-    looks: int = 0
-    beyond: tuple[int, ...] = (0,) * len(SWAP_WINDOWS)
-    since: float = -inf
-    ready: bool = False
     events: tuple[Event, ...] = ()
 
     __repr__ = brief
 
     @property
-    def doubtful(self) -> int:
-        """How many of the newest rows seem to be of another payload, until that is announced or passes."""
-        rows = max((count + window for count, window in zip(self.beyond, SWAP_WINDOWS) if count), default=0)
-        return min(rows, len(self.rows.t))
-
-    @property
-    def settled(self) -> int:
-        """How many rows the reference may know."""
-        return self.past.rows + len(self.rows.t) - self.reserved
-
-    @property
-    def reserved(self) -> int:
-        """How many of the newest rows the reference does not know."""
-        return min(RESERVED_IN_DOUBT if self.doubtful else RESERVED, len(self.rows.t))
+    def count(self) -> int:
+        """Number of rows so far."""
+        return self.past.rows + len(self.rows.t)
 
 
 class LogMemory(NamedTuple):
-    """All that is remembered of a log: as much after an hour as after some minutes, but for the events.
+    """All that is remembered of a log: its size does not grow with time, but for the events.
 
     Attributes:
         name: Name of the log.
-        learned: What was learned.
+        learned: Rows and events so far.
         recording: Samples that later rows depend on; None until the sampling interval is known.
         pending: Blocks that came since these were looked at.
-        due: Time of a sample that is worth looking at them, s.
+        due: Time of a sample that makes the next rows whole, s.
         t: Time of the newest sample, s.
-        samples: How many came.
+        samples: Number of samples so far.
     """
 
     name: str
@@ -176,29 +124,29 @@ class LogMemory(NamedTuple):
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """What happened: payloads changed, parameters known."""
+        """Events so far."""
         return self.learned.events
 
 
 @dataclass(frozen=True, eq=False)
 class Online:
-    """``memory = online.advance(memory, log)`` takes samples in, one or many at a time; `model` answers at any moment.
+    """Recursive estimator: ``memory = online.advance(memory, log)`` takes samples in, one or many at a time.
 
-    The answer is that of `identify` with everything for training, whichever way the samples were cut into blocks: the
-    rows are those of `regression.read_window`, and `solve` is the same. The base is taken as standing.
+    `model` answers at any moment, and its answer is that of `identify` with everything for training, whichever way the
+    samples were cut into blocks: the rows are those of `regression.read_window`, and `solve` is the same. The base is
+    taken as standing. A payload that is swapped meanwhile is not noticed: start anew for it, with the old model as
+    `known`.
 
     Attributes:
         design: Rig, base parameters, effects and filters.
-        directions: How a change of the payload moves the parameters, (k, r).
-        everything: Whether a change of payload lets all parameters loose.
+        free: Number of parameters that are not known beforehand.
         fading: Time constant of forgetting, s of a joint's motion; infinite: none.
-        prior: ``[U z]`` of what is known beforehand; None: nothing.
+        prior: ``[U z]`` of the parameters known beforehand; None: none.
         most_rows: Rows that are held as they are, four minutes at 4 Hz; the older half of more is kept as its factors.
     """
 
     design: Design
-    directions: Array
-    everything: bool = False
+    free: int
     fading: float = inf
     prior: Array | None = None
     most_rows: int = 2048
@@ -212,7 +160,6 @@ class Online:
         *,
         filtering: Filtering | None = None,
         fading: float = inf,
-        everything: bool = False,
         known: Model | None = None,
     ) -> Online:
         """Return the estimator for a rig.
@@ -222,7 +169,6 @@ class Online:
             effects: Effects on top of Coulomb and viscous friction; none with a memory.
             filtering: Cutoff and alignment; None: the defaults, with the lags of the known model.
             fading: Time constant of exponential forgetting, s of a joint's motion; standing still forgets nothing.
-            everything: After a change of payload estimate all parameters anew, not the payload's alone.
             known: An identified model of this gimbal with any payload: the payload's parameters alone are estimated.
 
         Raises:
@@ -235,14 +181,15 @@ class Online:
             raise UsageError("fading", f"is {fading:g} s", "give a positive time, or infinity")
         everywhere = build_friction_effects(rig.joints) + tuple(effects)
         design = Design(rig, reduce_parameters(rig), everywhere, (), filtering or _take_lags(known))
-        directions, prior = payload_directions(design), None
-        if known is not None:
-            before = get_known_parameters(known)
-            if before.names != design.names:
-                what = "holds other parameters than this rig"
-                raise UsageError("the known model", what, f"identify {rig.name} once")
-            prior = loosen_prior(before.theta, before.covariance, directions)
-        return Online(design, directions, everything, fading, prior)
+        if known is None:
+            return Online(design, len(design.names), fading)
+        before = get_known_parameters(known)
+        if before.names != design.names:
+            what = "holds other parameters than this rig"
+            raise UsageError("the known model", what, f"identify {rig.name} once")
+        directions = payload_directions(design)
+        prior = loosen_prior(before.theta, before.covariance, directions)
+        return Online(design, directions.shape[1], fading, prior)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -251,14 +198,19 @@ class Online:
 
     def start(self, name: str = "online") -> LogMemory:
         """Return the memory before the first sample; `name` is what errors and results call the log."""
-        return LogMemory(name, self._forget(self.prior))
+        n = self.design.rig.n
+        k = len(self.design.names)
+        empty = np.zeros((0, n))
+        rows = Block(np.zeros(0), np.zeros((0, n, k)), *[empty] * 6)
+        return LogMemory(name, Learned(rows, PastRows.empty(n, k), PastRows.empty(n, 1)))
 
     def advance(self, memory: LogMemory, log: Log) -> LogMemory:
         """Return the memory after more samples.
 
         Args:
             memory: Before.
-            log: Samples later than those before, in one block or many; with rates in all of them or in none.
+            log: Samples later than those before, in one block or many; with rates in all of them or in none. Angles
+                that start over after a turn, in a block or between two, are unwrapped.
 
         Raises:
             LogError: They are not later than those before, or lack a joint of the rig.
@@ -266,7 +218,7 @@ class Online:
         """
         if not len(log):
             return memory
-        memory = _append_samples(memory, log.ordered(self.design.rig))
+        memory = _append_samples(memory, log.ordered(self.design.rig), self.design.rig.slides)
         if memory.t <= memory.due:
             return memory
         filtering, recording = self.design.filtering, memory.recording
@@ -277,16 +229,15 @@ class Online:
         else:
             recording = recording.with_logs(memory.pending)
         learned = memory.learned
-        while (found := read_window(self.design, recording)) is not None:
-            now, (blocks, recording) = recording.compute_due(filtering), found
+        while (window := read_window(self.design, recording)) is not None:
+            now = recording.compute_due(filtering)
+            blocks, recording = window
             for block in blocks:
                 learned = self._learn(learned, block, now)
         return memory._replace(recording=recording, pending=(), learned=learned, due=recording.compute_due(filtering))
 
     def estimate(self, memory: LogMemory) -> Estimate:
-        """Return the parameters from all samples so far, since the last change of payload.
-
-        While the newest second or two seem to be of another payload, but may be a push, they are left out.
+        """Return the parameters from all samples so far.
 
         Raises:
             DataError: They are too few yet, or leave no trace of some parameters; it names these.
@@ -314,28 +265,31 @@ class Online:
         estimate, block, missed = self._estimate(memory)
         blocks = DesignBlocks(self.design, (block,))
         check_assignment(blocks, estimate, memory.name)
-        found = assemble_result(blocks, estimate, None, "")
-        notes = tuple(event.sentence for event in memory.events)
-        swapped = any(event.what == "changed" for event in memory.events)
-        if swapped:
-            payload = self.design.rig.payload
-            notes += (f"what speaks of the payload's mass stands on {payload}, which was there at first",)
-        predicted, tested = memory.learned.predicted, None
+        identified = assemble_result(blocks, estimate, None, "")
+        predicted = memory.learned.predicted
+        held_out = None
         if predicted.rows:
-            how = "predicted before it was learned"
-            tested = measure_accuracy(self.joints, [predicted.to_block()], np.ones(1), how)
-        missing = dict(zip(self.joints, missed))
-        found = replace(found, held_out=tested, simpler=(), missed=missing)
-        return replace(found, logs=(memory.name,), notes=notes, swapped=swapped)
+            held_out = measure_accuracy(
+                self.joints, [predicted.to_block()], np.ones(1), "predicted before it was learned"
+            )
+        return replace(
+            identified,
+            held_out=held_out,
+            simpler=(),
+            missed=dict(zip(self.joints, missed)),
+            logs=(memory.name,),
+            notes=tuple(event.sentence for event in memory.events),
+        )
 
     def torque_error(self, memory: LogMemory) -> Mapping[str, float]:
-        """Joint → rms of what the newest two seconds' torque was mispredicted by, N m; empty until it was predicted."""
-        reference, rows = memory.learned.reference, _select(memory.learned.rows, slice(-max(SWAP_WINDOWS), None))
+        """Return joint → rms by which the newest two seconds' torque was mispredicted, N m; empty before that."""
+        reference = memory.learned.reference
+        rows = _select(memory.learned.rows, slice(-NEWEST_ROWS, None))
         if reference is None or not len(rows.t):
             return {}
-        error, share = compute_residuals(rows, reference.theta), rows.share
-        rms = np.sqrt(np.sum(error**2, axis=0) / np.maximum(np.sum(share**2, axis=0), 1e-300))
-        return dict(zip(self.joints, rms.tolist()))
+        error = compute_residuals(rows, reference.theta)
+        count = np.maximum(np.sum(rows.share**2, axis=0), np.finfo(float).tiny)
+        return dict(zip(self.joints, np.sqrt(np.sum(error**2, axis=0) / count).tolist()))
 
     def _time(self, memory: LogMemory) -> LogMemory:
         """Choose the grid once the samples of a first window tell their interval: the mean but for lost samples."""
@@ -350,13 +304,6 @@ class Online:
         dt = float(np.mean(steps[steps < 1.5 * np.median(steps)]))
         return memory._replace(recording=Recording(log, np.zeros((0, 2)), dt, float(log.t[0])))
 
-    def _forget(self, prior: Array | None) -> Learned:
-        """Return what is known before the first row."""
-        n, k = self.design.rig.n, len(self.design.names)
-        nothing = np.zeros((0, n))
-        rows = Block(np.zeros(0), np.zeros((0, n, k)), *[nothing] * 6)
-        return Learned(rows, PastRows.empty(n, k), PastRows.empty(n, 1), prior)
-
     def answer(self, memory: LogMemory) -> tuple[Estimate, Block]:
         """Return the estimate without what the model misses, and rows of the same squares and products as its own.
 
@@ -368,9 +315,9 @@ class Online:
         """Return the estimate with what the model misses, rows as `answer`, and that at each joint."""
         learned = self._finish(memory)
         estimate, block = self._check(memory, learned)
-        if learned.prior is not None or self.fading < inf:
+        if self.prior is not None or self.fading < inf:
             return estimate, block, ()
-        estimate, missed = add_misfit(self._weigh(learned, learned.doubtful)[0], estimate)
+        estimate, missed = add_misfit(self._weigh(learned)[0], estimate)
         return estimate, block, missed
 
     def _finish(self, memory: LogMemory) -> Learned:
@@ -379,71 +326,72 @@ class Online:
         if recording is None:
             raise DataError(memory.name, "has too few samples so far", "go on")
         recording = recording.with_logs(memory.pending)
-        while (found := read_window(self.design, recording, ended=True)) is not None:
-            blocks, recording = found
+        while (window := read_window(self.design, recording, ended=True)) is not None:
+            blocks, recording = window
             for block in blocks:
                 learned = self._append(learned, block)
         return learned
 
     def _check(self, memory: LogMemory, learned: Learned) -> tuple[Estimate, Block]:
         """Return what `answer` does; `DataError` that says what is missing."""
-        estimate, block, hidden = self._solve(learned, learned.doubtful)
+        estimate, block, hidden = self._solve(learned)
         if estimate is None:
-            what = f"has given {learned.past.rows + len(learned.rows.t)} rows so far; they cannot show any of"
+            what = f"has given {learned.count} rows so far; they cannot show any of"
             raise DataError(memory.name, what, "go on moving every joint", hidden)
-        moving = np.mean(block.share**2, axis=0) > LEAST_MOVING
-        check_driven(memory.name, self.joints, np.abs(block.b).max(axis=0), moving)
+        is_moving = np.mean(block.share**2, axis=0) > LEAST_MOVING
+        check_driven(memory.name, self.joints, np.abs(block.b).max(axis=0), is_moving)
         if hidden:
             raise DataError(memory.name, "so far leaves no trace of", "move every joint, several at a time", hidden)
         return estimate, block
 
     def _append(self, learned: Learned, block: Block) -> Learned:
-        """Add rows that are of the present payload; of too many the older half becomes the past."""
-        block = _select(block, block.t >= learned.since)
+        """Add rows; of too many the older half becomes the past."""
         learned = replace(learned, rows=Block(*(np.concatenate(x) for x in zip(learned.rows, block))))
         if len(learned.rows.t) <= self.most_rows or learned.reference is None:
             return learned
         half = self.most_rows // 2
         blocks, past = self._weigh(replace(learned, rows=_select(learned.rows, slice(half))))
-        past = past.add(blocks, _fit_noise(blocks, learned.reference).processes)
+        theta = learned.reference.theta
+        # The noise of the residual as it is, without leverage: of so many rows it does not matter.
+        noise = fit_residual_noise(
+            blocks, [block.A for block in blocks], theta, np.zeros((len(theta),) * 2), np.ones(len(self.joints))
+        )
+        past = past.add(blocks, noise.processes)
         return replace(learned, rows=_select(learned.rows, slice(half, None)), past=past)
 
     def _weigh(self, learned: Learned, left_out: int = 0) -> tuple[list[Block], PastRows]:
         """Return the rows but for some newest, and the past, by how long ago they were; apart where time is missing."""
-        rows, past = _select(learned.rows, slice(len(learned.rows.t) - left_out)), learned.past
+        rows = _select(learned.rows, slice(max(len(learned.rows.t) - left_out, 0)))
+        past = learned.past
+        step = 0.5 / self.design.filtering.cutoff
         if self.fading < inf and len(rows.t):
-            moved = np.cumsum(rows.share, axis=0) * self._row_step
+            moved = np.cumsum(rows.share, axis=0) * step
             root = np.exp((moved - moved[-1]) / (2 * self.fading))
             rows = rows._replace(A=rows.A * root[:, :, None], b=rows.b * root, share=rows.share * root)
             past = past.fade(np.exp(-moved[-1] / self.fading))
-        cuts = np.flatnonzero(np.diff(rows.t) > 1.5 * self._row_step) + 1
+        cuts = np.flatnonzero(np.diff(rows.t) > 1.5 * step) + 1
         return [_select(rows, part) for part in np.split(np.arange(len(rows.t)), cuts) if len(part)], past
 
-    @property
-    def _row_step(self) -> float:
-        """Time from row to row, s."""
-        return 0.5 / self.design.filtering.cutoff
-
-    def _solve(self, learned: Learned, left_out: int) -> tuple[Estimate | None, Block, tuple[str, ...]]:
+    def _solve(self, learned: Learned, left_out: int = 0) -> tuple[Estimate | None, Block, tuple[str, ...]]:
         """Return the estimate but for some newest rows, all its rows as few, and what does not show in them.
 
         There is none from fewer rows than three per parameter that is not known beforehand.
         """
-        (blocks, past), names, prior = self._weigh(learned, left_out), self.design.names, learned.prior
+        names = self.design.names
+        blocks, past = self._weigh(learned, left_out)
         whole = past.add(blocks)
         block = whole.to_block()
-        if not blocks or whole.count.sum() < 3 * (len(names) if prior is None else self.directions.shape[1]):
+        if not blocks or whole.count.sum() < 3 * self.free:
             return None, block, names
-        known = past if learned.gamma is None else past.with_noise(learned.gamma[0])
-        estimate = solve(blocks, prior, method=Method.RECURSIVE, past=known)
+        estimate = solve(blocks, self.prior, method=Method.RECURSIVE, past=past)
         hidden = find_unseen(names, [block], estimate)
-        if prior is not None:  # what was known beforehand need not show again
+        if self.prior is not None:  # what was known beforehand need not show again
             known_at_rest = ~np.any(block.A != 0.0, axis=(0, 1)) & np.isfinite(estimate.std)
             hidden = tuple(name for name in hidden if not known_at_rest[names.index(name)])
         return estimate, block, hidden
 
     def _learn(self, learned: Learned, block: Block, now: float) -> Learned:
-        """Take the rows of a window in, and see whether they fit.
+        """Predict the rows of a window, then take them in.
 
         Args:
             learned: Before.
@@ -453,83 +401,17 @@ class Online:
         if learned.reference is not None:
             guess = (block.A @ learned.reference.theta)[:, :, None]
             learned = replace(learned, predicted=learned.predicted.add([block._replace(A=guess)]))
-        learned = self._refresh(self._append(learned, block), learned.settled)
-        reference, expected, squares = learned.reference, learned.expected, self._count_squares(learned)
-        if reference is None or expected is None or not len(block.t):
-            return self._announce(learned, now)
-        found = compute_scores(learned.rows, expected)
-        alarms = [one.is_alarm(learned.dispersion, squares) for one in found]
-        # Rows at standstill, without freedom, leave the count as it is.
-        counts = zip(learned.beyond, found, alarms)
-        beyond = tuple(
-            (old + len(block.t) if old else 1) if alarm else old * (one.freedom == 0) for old, one, alarm in counts
-        )
-        learned = replace(learned, beyond=beyond)
-        if any(count >= window + PUSH_ROWS for count, window in zip(beyond, SWAP_WINDOWS)):
-            return self._loosen(learned, reference, expected, now)
-        # A score that is so far beyond chance even without a push need not last.
-        doubted = PLAIN_SCORE * learned.dispersion
-        if any(alarms) and any(
-            one.is_alarm(doubted, squares) for one in compute_scores_without_push(learned.rows, expected)
-        ):
-            return self._loosen(learned, reference, expected, now)
-        if learned.settled >= NOISE_ROWS and not any(alarms):
-            learned = _average_dispersion(learned, found[-1], len(block.t))
-        return self._announce(learned, now)
-
-    def _refresh(self, learned: Learned, before: int) -> Learned:
-        """Solve the reference anew where enough rows have settled since there were so many."""
-        if learned.settled // REFRESHED == before // REFRESHED:
+        before = learned.count // ROWS_PER_REFERENCE
+        learned = self._append(learned, block)
+        if not learned.events and len(learned.rows.t):
+            estimate, _, hidden = self._solve(learned)
+            if estimate is not None and not hidden:
+                said = f"every parameter shows since {now:.1f} s"
+                learned = replace(learned, events=(Event(now, "known", float(learned.rows.t[0]), said),))
+        if learned.count // ROWS_PER_REFERENCE == before:
             return learned
-        estimate, _, hidden = self._solve(learned, learned.reserved)
-        if estimate is None or hidden:
-            return replace(learned, reference=None, expected=None)
-        blocks, _ = self._weigh(learned, learned.reserved)
-        noise, rows = _fit_noise(blocks, estimate), count_effective_rows(blocks)
-        gamma = np.stack([process.to_autocovariance(LOOK) for process in noise.processes], axis=1) * rows / noise.rows
-        if learned.gamma is not None:
-            gamma = (rows * gamma + TRUSTED * learned.gamma) / (rows + TRUSTED)
-        size = len(self.design.reduction.independent)
-        doubt = np.where(np.arange(len(estimate.theta)) < size, 0.0, DOUBT * estimate.theta)
-        expected = Expectation(estimate.theta, estimate.covariance + np.diag(doubt**2), gamma, self.directions)
-        return replace(learned, reference=estimate, expected=expected)
-
-    def _count_squares(self, learned: Learned) -> float:
-        """From how many squares the noise is known of the joint that tells least; enough of them count as no end."""
-        if learned.settled >= NOISE_ROWS:
-            return inf
-        count = np.sum(learned.rows.share[: len(learned.rows.t) - learned.reserved] ** 2, axis=0)
-        return float((count.min() - len(self.design.names) / len(count)) / CORRELATED_ROWS_SHARE)
-
-    def _loosen(self, learned: Learned, reference: Estimate, expected: Expectation, now: float) -> Learned:
-        """Announce a change; keep what it leaves known, and start anew behind it.
-
-        Of the newest rows none is kept: some have samples before the change and after it.
-        """
-        newest = _select(learned.rows, slice(-learned.reserved, None))
-        since, resumed = find_onset(newest, expected, learned.dispersion), compute_settling_time(self.design.filtering)
-        loose = "everything" if self.everything else "its parameters"
-        said = f"the payload changed at {since:.1f} s: {loose} are estimated anew"
-        prior = loosen_prior(reference.theta, reference.covariance, self.directions)
-        return replace(
-            self._forget(None if self.everything else prior),
-            predicted=learned.predicted,
-            gamma=None if self.everything else expected.gamma,
-            since=float(newest.t[-1]) + resumed,
-            events=(*learned.events, Event(now, "changed", since, said)),
-            dispersion=learned.dispersion,
-            looks=learned.looks,
-        )
-
-    def _announce(self, learned: Learned, now: float) -> Learned:
-        """Say when everything is known, the first time since the start or since a change."""
-        if learned.ready or not len(learned.rows.t):
-            return learned
-        estimate, _, hidden = self._solve(learned, learned.doubtful)
-        if estimate is None or hidden:
-            return learned
-        event = Event(now, "known", float(learned.rows.t[0]), f"every parameter shows since {now:.1f} s")
-        return replace(learned, ready=True, events=(*learned.events, event))
+        estimate, _, hidden = self._solve(learned, NEWEST_ROWS)
+        return replace(learned, reference=None if hidden else estimate)
 
 
 def _take_lags(known: Model | None) -> Filtering:
@@ -537,7 +419,7 @@ def _take_lags(known: Model | None) -> Filtering:
     return Filtering(lags=() if known is None or known.estimated is None else known.estimated.lags)
 
 
-def _append_samples(memory: LogMemory, log: Log) -> LogMemory:
+def _append_samples(memory: LogMemory, log: Log, slides: Sequence[bool]) -> LogMemory:
     """Append samples; this is all that is done for most of them, so it is done with little."""
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
@@ -547,27 +429,15 @@ def _append_samples(memory: LogMemory, log: Log) -> LogMemory:
     if not log.t.item(0) > memory.t:
         what = f"time goes from {memory.t!r} back to {log.t.item(0)!r} s"
         raise LogError(memory.name, what, "give the samples in the order of time")
+    q = log.q if before is None else np.vstack([before.q[-1:], log.q])
+    if len(q) > 1 and np.abs(np.diff(q, axis=0)).max() > pi:
+        log = replace(log, q=np.where(slides, log.q, np.unwrap(q, axis=0)[-len(log) :]))
     return memory._replace(pending=(*memory.pending, log), t=log.t.item(-1), samples=memory.samples + len(log))
 
 
 def _select(block: Block, rows: Any) -> Block:
-    """Some rows of a block."""
+    """Return some rows of a block."""
     return Block(*(x[rows] for x in block))
-
-
-def _fit_noise(blocks: Sequence[Block], estimate: Estimate) -> ResidualNoise:
-    """Return the noise of each joint's residual as it is, without leverage."""
-    k = len(estimate.theta)
-    columns, weight = [block.A for block in blocks], np.ones(len(estimate.residual_std))
-    return fit_residual_noise(blocks, columns, estimate.theta, np.zeros((k, k)), weight)
-
-
-def _average_dispersion(learned: Learned, newest: Score, rows: int) -> Learned:
-    """Average the score: a model that leaves structure in its residual has larger ones without any change."""
-    looks = learned.looks + rows
-    step = rows * max(1 / looks, 1 / REMEMBERED)
-    mean = max(1.0, learned.dispersion + step * (newest.mean - learned.dispersion))
-    return replace(learned, looks=looks, dispersion=mean)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from gimbal_pin.identification.bodies import Body, estimate_bodies
 from gimbal_pin.identification.validation import Accuracy, Opinion, is_degraded
 from gimbal_pin.log import signals
 from gimbal_pin.log.log import Array, Log
-from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, find_camera_body, map_phi_to_base
+from gimbal_pin.regression import TRUST, Estimate, Filtering, Misfit, map_phi_to_base
 from gimbal_pin.regression.consistency import Consistent
 from gimbal_pin.rig.brief import Record, brief
 from gimbal_pin.rig.inertia import to_urdf
@@ -41,8 +41,6 @@ that, a base that moves half as much is not mentioned."""
 OVER_NOISE = 5.0
 """Unexplained torque over that of the sensors' noise in the same band, of torque or acceleration: none is by chance.
 At twice that, logs of drives with noisy currents are not judged."""
-MIXED = 1e-9
-"""Share of a body's parameter in a base parameter under which that knows nothing of it."""
 
 
 def describe_faults(checked: Sequence[CheckedLog]) -> tuple[str, ...]:
@@ -186,7 +184,6 @@ class Identified(Record):
         simpler: Accuracy of simpler models on the rows by which the model is judged: the URDF, and its bodies with the
             fitted friction.
         holdout: What was held out, as `identify` takes it: "last-third", "log:N" or "none".
-        swapped: Whether the payload was changed for one that nobody has named: then its mass is not the rig's.
         data: The logs as they were fitted, mended where something was wrong with them; () where they came bit by bit.
         mass: Of the payload, kg, where it was weighed.
     """
@@ -211,7 +208,6 @@ class Identified(Record):
     bound: Array | None = None
     trust: float = TRUST
     holdout: str = "none"
-    swapped: bool = False
     missed: Mapping[str, Misfit] = field(default_factory=dict)
     simpler: tuple[Accuracy, ...] = ()
     faults: tuple[str, ...] = ()
@@ -267,9 +263,6 @@ class Identified(Record):
         """The URDF's value of every parameter, (k,); NaN for what it does not state, as of an unknown payload."""
         rig, names = self.model.rig, [kind.name for kind in ALWAYS]
         base = self.reduction.mixing @ self.given[name_columns(rig)[1]]
-        if self.swapped:
-            mine = slice(10 * find_camera_body(rig), 10 * find_camera_body(rig) + 10)
-            base = np.where(np.any(np.abs(map_phi_to_base(rig, self.reduction)[:, mine]) > MIXED, axis=1), np.nan, base)
         others = np.full(len(self.names) - len(base), np.nan)
         at = 0
         for term in self.model.terms:

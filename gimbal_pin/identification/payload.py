@@ -331,13 +331,12 @@ def compare_payload(found: Identified, mass: float | None = None) -> PayloadStat
     """Compare what `identify` found with the rig that it was given; `mass`: the payload's, kg, where it was weighed."""
     if found.is_of_two_rigs:
         return PayloadStatement()
-    return state_payload(BaseDifference.of(found), mass, not found.swapped, found.trust)
+    return state_payload(BaseDifference.of(found), mass, found.trust)
 
 
 def state_payload(
     found: BaseDifference,
     mass: float | None = None,
-    is_named: bool = True,
     trust: float = TRUST,
     own: BaseDifference | None = None,
 ) -> PayloadStatement:
@@ -346,15 +345,13 @@ def state_payload(
     Args:
         found: The refitted base parameters against the given ones.
         mass: Of the payload, kg, where it was weighed.
-        is_named: Whether the payload is the one that the rig states.
         trust: See `explain_by_payload`.
         own: The part of the difference that is the payload's, where the gimbal is known.
     """
     if not found.rig.aims:
         return PayloadStatement()
     explained = explain_by_payload(found, mass, trust) if own is None else explain_by_payload(own, mass, 0.0)
-    apart = explained if is_named else None
-    return PayloadStatement(apart, compute_balance(found, None if apart is None else apart.known_mass, is_named))
+    return PayloadStatement(explained, compute_balance(found, None if explained is None else explained.known_mass))
 
 
 def report_with_payload(found: Identified, payload: PayloadStatement) -> dict[str, Any]:

@@ -113,5 +113,5 @@ def describe_two_rigs(logs: int) -> str:
     where = "the log" if logs == 1 else "the logs"
     return (
         f"the first and the second half of {where} are of two rigs, as if the payload had been swapped: the parameters "
-        "are of neither; identify with --follow, which announces a swap, or split the data there"
+        "are of neither; split the data there, and identify each part"
     )

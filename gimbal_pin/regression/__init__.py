@@ -82,7 +82,6 @@ from gimbal_pin.regression.physical import factor_wide_states as factor_wide_sta
 from gimbal_pin.regression.physical import fit_bounded_bodies as fit_bounded_bodies
 from gimbal_pin.regression.physical import fit_physical as fit_physical
 from gimbal_pin.regression.physical import fit_ridge as fit_ridge
-from gimbal_pin.regression.recursive import TRUSTED as TRUSTED
 from gimbal_pin.regression.recursive import PastRows as PastRows
 from gimbal_pin.regression.recursive import loosen_prior as loosen_prior
 from gimbal_pin.regression.samples import HIGHEST_CUTOFF as HIGHEST_CUTOFF

@@ -15,8 +15,6 @@ ORDER = 12
 """Highest order: six periods of the cutoff."""
 STABLE = 0.995
 """A reflection coefficient beyond this ends the recursion."""
-RESPONSE = 512
-"""Rows after which an impulse has died away: a minute at 4 Hz."""
 
 
 class Autoregression(NamedTuple):
@@ -32,11 +30,6 @@ class Autoregression(NamedTuple):
     def colour(self, x: Array) -> Array:
         """Turn ε into e along the first axis."""
         return np.asarray(lfilter([1.0], self.polynomial, x, axis=0))
-
-    def to_autocovariance(self, lags: int) -> Array:
-        """``E e_t e_{t+l}`` at lags l from 0, (lags,): power times that of the impulse's response."""
-        response = self.colour(np.eye(1, RESPONSE + lags)[0])
-        return np.array([self.power * (response[:RESPONSE] @ response[lag : lag + RESPONSE]) for lag in range(lags)])
 
 
 def join_blocks(blocks: Sequence[Block]) -> list[Block]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,8 +13,6 @@ from gimbal_pin.regression.design import Block
 from gimbal_pin.regression.noise import Autoregression, join_blocks
 from gimbal_pin.rig.brief import brief
 
-TRUSTED = 40
-"""Rows for which the noise that was known beforehand counts."""
 LEAST_EIGENVALUE = 1e-9
 """Least eigenvalue of a correlation that counts as one."""
 
@@ -52,16 +50,6 @@ class PastRows:
         """Return it with each joint's rows counting less, (n,)."""
         root = np.sqrt(weight)[:, None, None]
         return PastRows(root * self.factors, root**4 * self.score, self.rows)
-
-    def with_noise(self, power: Array) -> PastRows:
-        """Return it as if `TRUSTED` more rows had shown a residual of this power at each joint, (n,), and nothing else.
-
-        What weighs the joints then trusts the noise that was known beforehand.
-        """
-        nothing, one = np.zeros((1, *self.score.shape[:2])), np.ones((1, len(power)))
-        none, share = 0 * one, np.sqrt(TRUSTED) * one
-        trusted = Block(one[:, 0], nothing, np.sqrt(power) * share, one, one, share, none, none)
-        return replace(self.add([trusted]), rows=self.rows)
 
     def add(self, blocks: Sequence[Block], processes: Sequence[Autoregression] | None = None) -> PastRows:
         """Return it with more rows; without their residuals' processes the score's covariance stays as it is."""

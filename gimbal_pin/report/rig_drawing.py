@@ -41,9 +41,10 @@ class RigDrawing:
 
     @property
     def way(self) -> Array:
-        """How far to slide the payload forward, left and up, m, (3,), as far as that is known."""
-        known = None if self.balance is None or not self.balance.named else self.balance
-        return np.zeros(3) if known is None else np.where(np.abs(known.way) > 2 * known.std, known.way, 0.0)
+        """Displacement that balances the payload, forward, left and up, m, (3,); zero where it is not known."""
+        if self.balance is None:
+            return np.zeros(3)
+        return np.where(np.abs(self.balance.way) > 2 * self.balance.std, self.balance.way, 0.0)
 
     def __html__(self) -> str:
         """Return it as an element of a page."""

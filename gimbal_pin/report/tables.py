@@ -165,7 +165,7 @@ def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Tabl
         if evaluated is not None:
             torque, largest = float(evaluated.torque_rms[j]), float(np.abs(evaluated.stacked("error")[:, j]).max())
             share = f"{figures(100 * rmse / torque, 2)} %" if torque else DASH  # nothing drove this joint
-            stated = nan if found.swapped or not found.simpler else found.simpler[0].fit_percent[joint.name]
+            stated = nan if not found.simpler else found.simpler[0].fit_percent[joint.name]
             row += [figures(torque), share, figures(scale * largest), percent(stated)]
         rows.append(row)
     return Table(head, rows, label="Torque error")

@@ -8,8 +8,7 @@ from estimation.biased import biased
 from estimation.coverage import coverage
 from estimation.physical import physical
 from estimation.recipe import recipe
-from estimation.swap import swap
 
 if __name__ == "__main__":
-    verbs = {"physical": physical, "biased": biased, "coverage": coverage, "recipe": recipe, "swap": swap}
+    verbs = {"physical": physical, "biased": biased, "coverage": coverage, "recipe": recipe}
     tyro.extras.subcommand_cli_from_dict(verbs)

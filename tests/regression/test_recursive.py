@@ -62,13 +62,6 @@ def test_the_past_as_rows_has_their_mean_squares() -> None:
     np.testing.assert_allclose(np.mean(block.A**2, axis=0), np.mean(rows.A**2, axis=0), rtol=1e-9)
 
 
-def test_noise_that_was_known_weighs_the_joints() -> None:
-    """Without rows of its own a joint has that residual, and no parameter moves."""
-    rows = draw_rows(3)
-    known = solve([rows], past=PastRows.empty(2, 4).with_noise(np.array([0.01, 100.0])))
-    assert known.rows == len(rows.t) and known.residual_std[1] > 3 > 0.3 > known.residual_std[0]
-
-
 def test_loosening_forgets_along_its_directions_only() -> None:
     """What is orthogonal to them in the metric of the information keeps value and covariance."""
     rng, known = np.random.default_rng(1), fit_weighted([draw_rows(4)])
