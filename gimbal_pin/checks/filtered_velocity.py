@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -151,20 +150,11 @@ def find_low_pass_or_delay(
 
 
 def apply_low_pass(signal: Array, corner: float, order: int, dt: float) -> Array:
-    """A causal Butterworth low-pass along the first axis, at rest at its first value."""
-    from scipy.signal import sosfilt
+    """Return a signal, (m,), after a causal Butterworth low-pass of `corner` Hz that starts at rest."""
+    from scipy.signal import butter, sosfilt
 
-    return np.asarray(
-        sosfilt(design_butterworth(order, min(corner * dt, 0.45)), signal - signal[0], axis=0) + signal[0]
-    )
-
-
-@cache
-def design_butterworth(order: int, corner: float) -> Array:
-    """Second-order sections of the low-pass, corner in shares of the sampling rate; every joint tries the same ones."""
-    from scipy.signal import butter
-
-    return np.asarray(butter(order, corner, fs=1.0, output="sos"))
+    sections = butter(order, min(corner * dt, 0.45), fs=1.0, output="sos")
+    return np.asarray(sosfilt(sections, signal - signal[0]) + signal[0])
 
 
 class Remainder(NamedTuple):

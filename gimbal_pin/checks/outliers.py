@@ -107,6 +107,8 @@ def find_spikes(log: Log, left: Mapping[str, Array]) -> list[Wild]:
 
 def find_lone_samples(column: Array, left: Array, dt: float) -> Flags:
     """Samples far from the cubic through their neighbours, which agree with each other, (N - 4,)."""
+    from scipy.ndimage import convolve1d
+
     wild = left > SPIKE_OVER_LOG * compute_trimmed_rms(left)
     if not wild.any():
         return wild
@@ -117,13 +119,8 @@ def find_lone_samples(column: Array, left: Array, dt: float) -> Flags:
     agree = np.maximum(near, far) < LONE * SPIKE_HEIGHT * left
     hit = wild & (left > SPIKE_OVER_WINDOW * window) & agree
     # Of a channel that changes its sign with every sample all neighbours but the nearest agree.
-    return np.asarray(hit & ~shift_flags(hit, 1) & ~shift_flags(hit, -1))
-
-
-def shift_flags(flags: Flags, by: int) -> Flags:
-    """Return flags so many places later, (N,), false where there were none."""
-    padded = np.pad(flags, 1)
-    return padded[1 - by : len(flags) + 1 - by]
+    neighbours = convolve1d(hit.astype(int), [1, 0, 1], mode="constant")
+    return np.asarray(hit & (neighbours == 0))
 
 
 def interpolate_spikes(log: Log, found: Sequence[Wild]) -> Log:

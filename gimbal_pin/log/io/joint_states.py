@@ -71,6 +71,8 @@ def open_topic_echo(table: CsvTable) -> ColumnTable:
     Raises:
         LogError: A name is empty, a value no number, or no time is written.
     """
+    import pandas
+
     places: dict[str, list[int]] = {}
     for place, column in enumerate(table.columns):
         if match := _FIELD.fullmatch(column):
@@ -91,26 +93,20 @@ def open_topic_echo(table: CsvTable) -> ColumnTable:
         }
     except ValueError as error:
         raise LogError(table.name, f"holds a value that is no number ({error})", "record the topic again") from error
-    said = texts[names].to_numpy(dtype=str)
-    joints: dict[tuple[str, ...], list[int]] = {}
-    for row, each in enumerate(map(tuple, said.tolist())):
-        joints.setdefault(each, []).append(row)
-    streams: dict[tuple[str, ...], dict[str, np.ndarray[Any, Any]]] = {}
-    for order, rows in joints.items():
+    orders = list(map(tuple, texts[names].to_numpy(dtype=str).tolist()))
+    messages = list[dict[str, float]]()
+    for row, order in enumerate(orders):
         if "" in order or len(set(order)) < len(order):
-            where = f"{table.name}:{table.first + rows[0]}"
+            where = f"{table.name}:{table.first + row}"
             raise LogError(where, f"names the joints {', '.join(order)}", "give each joint a name of its own")
-        columns = streams.setdefault(tuple(sorted(order)), {"t": np.full(len(t), np.nan)})
-        columns["t"][rows] = t[rows]
-        for field, prefix in JOINT_STATE_FIELDS.items():
-            for k, joint in enumerate(order if field in values else ()):
-                columns.setdefault(f"{prefix}_{joint}", np.full(len(t), np.nan))[rows] = values[field][rows, k]
-    found = []
-    for k, columns in enumerate(streams.values()):
-        rows = ~np.isnan(columns["t"])
-        time = "t" if len(streams) == 1 else f"t#{k}"
-        found.append(drop_empty_columns(Stream(time, {time if c == "t" else c: x[rows] for c, x in columns.items()})))
-    return make_table(table.name, found, [])
+        messages.append(dict(list_joint_values(order, {field: x[row] for field, x in values.items()})))
+    sets = [",".join(sorted(order)) for order in orders]
+    streams = list[Stream]()
+    for k, (_, rows) in enumerate(pandas.DataFrame(messages).groupby(np.array(sets), sort=False)):
+        time = "t" if len(set(sets)) == 1 else f"t#{k}"
+        columns = {str(column): rows[column].to_numpy() for column in rows}
+        streams.append(drop_empty_columns(Stream(time, {time: t[rows.index], **columns})))
+    return make_table(table.name, streams, [])
 
 
 def _to_seconds(stamps: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:

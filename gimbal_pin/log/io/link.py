@@ -13,7 +13,7 @@ import struct
 import time
 from binascii import crc_hqx
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from math import inf, isfinite
 from typing import NamedTuple
 
@@ -78,7 +78,7 @@ def is_link(path: str) -> bool:
 
 def encode_frame(frame: Frame) -> bytes:
     """Return a frame as bytes, its zero included."""
-    plain = _pack_header(frame) + frame.body
+    plain = struct.pack("<BBH", _VERSION, frame.type, frame.sequence % 2**16) + frame.body
     return _stuff(plain + struct.pack("<H", crc_hqx(plain, 0xFFFF))) + b"\0"
 
 
@@ -90,11 +90,6 @@ def decode_frame(data: bytes) -> Frame | None:
     if crc_hqx(plain[:-2], 0xFFFF) != int.from_bytes(plain[-2:], "little"):
         return None
     return Frame(plain[1], int.from_bytes(plain[2:4], "little"), plain[4:-2])
-
-
-def _pack_header(frame: Frame) -> bytes:
-    """Return the bytes before a frame's body."""
-    return struct.pack("<BBH", _VERSION, frame.type, frame.sequence % 2**16)
 
 
 def _stuff(plain: bytes) -> bytes:
@@ -173,7 +168,8 @@ def receive_frames(channel: LinkChannel, idle: float = inf) -> Iterator[Frame | 
     while True:
         now, before = time.monotonic(), heard
         if now - greeted >= _HELLO_INTERVAL:
-            _send(channel, encode_frame(Frame(_HELLO, count, b"")))
+            with suppress(ConnectionRefusedError):  # where nobody listens yet it is lost, as on a line
+                channel.write(encode_frame(Frame(_HELLO, count, b"")))
             greeted, count = now, count + 1
         *parts, rest = (rest + channel.read()).split(b"\0")
         rest = rest[-_LONGEST_FRAME:]
@@ -187,14 +183,6 @@ def receive_frames(channel: LinkChannel, idle: float = inf) -> Iterator[Frame | 
             paused = now
             yield None
     yield None
-
-
-def _send(channel: LinkChannel, data: bytes) -> None:
-    """Send bytes; where nobody listens yet they are lost, as on a line."""
-    try:
-        channel.write(data)
-    except ConnectionRefusedError:
-        return
 
 
 class Sample(NamedTuple):
