@@ -25,26 +25,25 @@ def fleet(
     seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
-    """Compare many rigs' logs: which unit is not like its siblings, in what, and since when.
+    """Compare many rigs' logs: units that deviate from the others, in which parameter, and since when.
 
     Args:
-        logs: folder or URL of the logs and their manifest
-        rig: what all units are built as (default: what the manifest says)
-        reference: results of an earlier fleet, which units are judged against (default: each other)
+        logs: folder of the logs and their manifest
+        rig: rig that all units are built as (default: the manifest's)
+        reference: results of an earlier fleet to compare with (default: the units of these logs)
         quick: identify only, and look for no causes
     """
     origin = describe_origin(fleet, locals())
-    from gimbal_pin.fleet import read_manifest
-    from gimbal_pin.fleet.engine import open_executors, write_whole
+    from gimbal_pin.fleet import open_executor
     from gimbal_pin.fleet.fleet import compare_fleet
+    from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.report.pages import describe_record
 
-    manifest = read_manifest(logs)
-    with open_executors(scheduler, workers) as (executor, several):
-        found = compare_fleet(
-            manifest, rig=rig, payload=payload, folder=output, reference=reference, quick=quick, seed=seed,
-            executor=executor, workers=several, quiet=False,
+    with open_executor(workers, scheduler) as executor:
+        compared = compare_fleet(
+            logs, rig=rig, payload=payload, folder=output, reference=reference, quick=quick, seed=seed,
+            executor=executor, quiet=False,
         )  # fmt: skip
-    page = replace(describe_record(found), origin=origin)
-    write_whole(output, "report.html", page.to_html().encode())
-    present(page.to_text(), found.to_dict(), json)
+    page = replace(describe_record(compared), origin=origin)
+    atomic_write(output / "report.html", page.to_html())
+    present(page.to_text(), compared.to_dict(), json)

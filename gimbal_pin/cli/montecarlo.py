@@ -18,7 +18,7 @@ def montecarlo(
     model: Annotated[Positional[Path | None], arg(metavar="[MODEL]", help_behavior_hint="")] = None,
     *,
     output: opt.Results,
-    count: Annotated[int, opt.between("--count", 1, 10**7, kind=int)] = 100,
+    count: Annotated[int, opt.between("--count", 1, 10**6, kind=int)] = 100,
     vary: opt.File = None,
     spec: Annotated[opt.Repeated, arg(metavar="'FIGURE < NUMBER'")] = (),
     sobol: bool = False,
@@ -32,7 +32,7 @@ def montecarlo(
     seed: opt.Seed = 0,
     json: opt.Json = None,
 ) -> None:
-    """Simulate rigs that differ: how many meet a specification, what costs most of it, and the worst ten.
+    """Simulate rigs that differ: how many meet a specification, which inputs use most of it, and the worst ten.
 
     Args:
         model: a model's YAML, from identify (default: as the URDF states it)
@@ -46,23 +46,19 @@ def montecarlo(
         seconds: length of each run
     """
     origin = describe_origin(montecarlo, locals())
-    from gimbal_pin.fleet.engine import open_executors, write_whole
+    from gimbal_pin.fleet import open_executor
     from gimbal_pin.fleet.montecarlo import monte_carlo
-    from gimbal_pin.fleet.variation import Variation, choose_default_vary, read_vary
+    from gimbal_pin.log.io.files import atomic_write
     from gimbal_pin.report.pages import describe_record
 
     loaded = load_rig(rig, payload or read_payload(model) or read_payload(controller))
     known = read_plant(model, loaded)
-    varied = choose_default_vary(known) if vary is None else read_vary(vary)
-    variation = Variation(known, varied, "variation" if vary is None else str(vary))
-    variation.check()
     stored = None if controller is None else read_tuned(controller, loaded)
-    with open_executors(scheduler, workers) as (executor, several):
-        found = monte_carlo(
-            loaded, known, count=count, folder=output, vary=varied, spec=spec, controller=stored, retune=retune,
-            platform=platform == "S", seconds=seconds, sobol=sobol, seed=seed, executor=executor, workers=several,
-            quiet=False,
+    with open_executor(workers, scheduler) as executor:
+        study = monte_carlo(
+            loaded, known, count=count, folder=output, vary=vary, spec=spec, controller=stored, retune=retune,
+            platform=platform == "S", seconds=seconds, sobol=sobol, seed=seed, executor=executor, quiet=False,
         )  # fmt: skip
-    page = replace(describe_record(found), origin=origin)
-    write_whole(output, "report.html", page.to_html().encode())
-    present(page.to_text(), found.to_dict(), json)
+    page = replace(describe_record(study), origin=origin)
+    atomic_write(output / "report.html", page.to_html())
+    present(page.to_text(), study.to_dict(), json)

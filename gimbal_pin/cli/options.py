@@ -104,7 +104,7 @@ MaybeYaml = Annotated[File, Writes((".yaml", ".yml")), TO]
 INTO = arg(aliases=["-o"], help="folder for the files, made if it is not there; its run.json says of which run")
 AutoFolder = Annotated[Path, Writes(run=paths.list_auto_files), INTO, arg(metavar="DIR")]
 Results = Annotated[
-    str, arg(aliases=["-o"], metavar="DIR", help="folder or URL for the results; what is there goes on")
+    Path, arg(aliases=["-o"], metavar="DIR", help="folder for the results; a run that was interrupted continues there")
 ]
 Urdf = Annotated[File, Writes((".urdf", ".xml"))]
 Mjcf = Annotated[File, Writes((".xml", ".mjcf"))]
@@ -152,7 +152,7 @@ DELAY_SAMPLES = between("--delay-samples", 0, 50, kind=int)
 Workers = Annotated[
     int,
     between("--workers", 0, 4096, kind=int),
-    arg(help="processes of this machine; 0: one per processor, 1: no other than this one"),
+    arg(help="processes of this machine without --scheduler; 0: one per processor, 1: only this one"),
 ]
 Scheduler = Annotated[str | None, optional("tcp://HOST:PORT", "run on the Dask cluster of this scheduler instead")]
 Plants = Annotated[

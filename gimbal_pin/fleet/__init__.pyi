@@ -1,8 +1,5 @@
-from .engine import Progress as Progress
-from .engine import Run as Run
-from .engine import open_executors as open_executors
-from .engine import process_pool as process_pool
-from .engine import run_units as run_units
+from .executor import map_units as map_units
+from .executor import open_executor as open_executor
 from .fleet import Fleet as Fleet
 from .fleet import Reason as Reason
 from .fleet import Verdict as Verdict
@@ -14,7 +11,6 @@ from .population import Comparison as Comparison
 from .population import Deviation as Deviation
 from .population import DeviationKind as DeviationKind
 from .population import compare_units as compare_units
-from .variation import RigDesign as RigDesign
-from .variation import Variation as Variation
 from .variation import Vary as Vary
-from .variation import read_vary as read_vary
+from .variation import draw_rigs as draw_rigs
+from .variation import make_variation as make_variation

@@ -1,29 +1,30 @@
-"""Many rigs' logs compared: which unit is not like its siblings, in what, and since when."""
+"""Logs of many rigs compared: units that deviate from the others, in which parameter, and since when."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
 from enum import Enum
 from functools import partial
-from itertools import chain
-from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from gimbal_pin.diagnosis import diagnose
+from gimbal_pin.diagnosis import Diagnosis, diagnose
 from gimbal_pin.errors import DataError, GimbalPinError, UsageError
-from gimbal_pin.fleet.engine import RUN, Capacity, ExecutorFactory, Value, compute_table, open_folder, read_table
-from gimbal_pin.fleet.manifest import FleetLog, Manifest, local_copy, read_manifest
-from gimbal_pin.fleet.population import Comparison, Deviation, DeviationKind, compare_units
+from gimbal_pin.fleet.executor import TABLE, Value, map_units, read_settings
+from gimbal_pin.fleet.manifest import FleetLog, Manifest, read_manifest
+from gimbal_pin.fleet.population import Comparison, Deviation, compare_units
 from gimbal_pin.fleet.study import describe_rig
 from gimbal_pin.identification import identify
 from gimbal_pin.log.io import read_log
-from gimbal_pin.log.log import Log
+from gimbal_pin.log.io.readers import files_of
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.arguments import check_arguments
 from gimbal_pin.rig.brief import Record, brief
@@ -32,15 +33,18 @@ from gimbal_pin.rig.rig import Rig
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SCATTER = 3.0
-"""How far apart the stated errors of like logs may lie: of one motion of 8 s with other noise they differ by up to a
-factor of 2.4 (turret, 16 logs)."""
+LARGEST_ERROR_RATIO = 3.0
+"""Standard deviation of a unit's parameter, in that of the median unit, beyond which the unit is tested again. Logs of
+one motion of 8 s with other noise differ by a factor of up to 2.4 (turret, 16 logs). Double: a log that shows a
+parameter six times worse than the others passes."""
 MAJORITY = 0.5
-"""Share of the siblings from which a cause or a fault is the fleet's way rather than a unit's own."""
+"""Share of the other units from which a cause or a fault is usual in the fleet and not a unit's own."""
+EARLIER = "earlier fleet: "
+"""Prefix of the units of a reference, of which one may have the same name as a unit of these logs."""
 
 
 class Verdict(str, Enum):
-    """What becomes of a unit."""
+    """Result for a unit."""
 
     __str__ = str.__str__
 
@@ -50,73 +54,32 @@ class Verdict(str, Enum):
 
 
 class Reason(str, Enum):
-    """Why a unit does not pass."""
+    """Reason why a unit does not pass."""
 
     __str__ = str.__str__
 
     ODD_PARAMETER = "odd-parameter"
-    """A parameter is not like its siblings': fails."""
+    """A parameter deviates from the other units': fails."""
     OWN_CAUSE = "own-cause"
-    """Less than half of its siblings have a cause that is named for it: fails."""
+    """A cause is named that less than half of the other units have: fails."""
     DATA = "data"
-    """A log cannot be used, or has a fault that less than half of its siblings' have: test again."""
+    """A log cannot be used, or has a fault that less than half of the other units have: test again."""
     ERROR = "error"
-    """The program ended on a log: test again, and report it."""
+    """The program failed on a log: test again, and report it."""
     UNCERTAIN = "uncertain"
-    """Its error in a parameter exceeds the fleet's spread and `SCATTER` times its siblings' error: test again."""
+    """A parameter's error exceeds the fleet's spread and `LARGEST_ERROR_RATIO` times the median: test again."""
 
 
-FindingKey = tuple[str, str | None, str]
+COLUMNS = ("serial", "error", "units", "verdict", "findings")
+"""Columns of the table of logs, which lack where no log has a value."""
+FAILING = (Reason.ODD_PARAMETER, Reason.OWN_CAUSE)
+Finding = tuple[str, str | None, str]
 """Cause, joint or None for the rig, and status: "named", or "data" of a fault of the log."""
-
-
-def examine_log(log: FleetLog, rig: Rig, cutoff: float | None, quick: bool, seed: int) -> dict[str, Value]:
-    """Return a log's row; the `error` of one that cannot be used is the row's.
-
-    `value.NAME` and `std.NAME` per parameter, from the whole log, `units` their units; `torque_rmse.JOINT`, N m, and
-    `fit_percent.JOINT` on the third that a second fit has not seen; unless `quick`, `findings` as JSON: cause, joint,
-    status.
-    """
-    head: dict[str, Value] = {"log": log.path, "serial": log.unit, "time": log.time}
-    copy = Path(log.path)
-    try:
-        with local_copy(log.path) as copy:
-            read = read_log(copy, rig, log.mapping)
-        return {**head, **identify_log(read, rig, cutoff), **({} if quick else diagnose_log(read, rig, seed))}
-    except GimbalPinError as error:
-        return {**head, "error": str(error).replace(str(copy), log.path)}
-
-
-def identify_log(log: Log, rig: Rig, cutoff: float | None) -> dict[str, Value]:
-    """Return a log's parameters and how well they hold, see `examine_log`."""
-    filtering = None if cutoff is None else Filtering(cutoff=cutoff)
-    whole = identify(rig, [log], holdout="none", filtering=filtering, examined="never")
-    units = json.dumps(dict(zip(whole.names, whole.units)))
-    row: dict[str, Value] = {"seconds": float(log.t[-1] - log.t[0]), "samples": len(log), "units": units}
-    row |= zip((f"value.{name}" for name in whole.names), whole.estimate.theta.tolist())
-    row |= zip((f"std.{name}" for name in whole.names), whole.estimate.std.tolist())
-    try:
-        judged = identify(rig, [log], filtering=filtering, examined="never").held_out
-    except DataError:  # its first two thirds do not show every parameter
-        judged = None
-    figures = ((figure, getattr(judged, figure, {})) for figure in ("torque_rmse", "fit_percent"))
-    return row | {f"{figure}.{joint}": known.get(joint) for figure, known in figures for joint in rig.joints}
-
-
-def diagnose_log(log: Log, rig: Rig, seed: int) -> dict[str, Value]:
-    """Return verdict and findings; a log that is too short for them has neither, and `undiagnosed` says why."""
-    try:
-        found = diagnose(rig, [log], rng=np.random.default_rng(seed))
-    except DataError as error:
-        return {"verdict": None, "findings": "[]", "undiagnosed": str(error)}
-    findings = [{"cause": one.cause, "joint": one.joint, "status": "data"} for one in found.spoiling]
-    findings += [{"cause": one.cause, "joint": one.joint, "status": one.status} for one in found.findings]
-    return {"verdict": found.verdict, "findings": json.dumps(findings), "undiagnosed": None}
 
 
 @dataclass(frozen=True)
 class FleetCause:
-    """A cause at a joint, None for the whole rig, and how many units have it, `of` how many that were diagnosed."""
+    """Cause at a joint, None for the whole rig, with the number of units that have it, `of` those diagnosed."""
 
     cause: str
     joint: str | None
@@ -126,13 +89,13 @@ class FleetCause:
 
 @dataclass(frozen=True)
 class UnitCause:
-    """A cause or fault that is a unit's own.
+    """Cause or fault that a unit has and most others do not.
 
     Attributes:
         cause: Its name.
-        joint: Where; None for the whole rig.
+        joint: Its joint; None for the whole rig.
         status: "named", or "data" of a fault.
-        since: When the first log with it was taken, as the manifest states it; None: the unit was never without it.
+        since: Time of the first log with it, as the manifest states it; None: no earlier log was diagnosed.
     """
 
     cause: str
@@ -141,23 +104,23 @@ class UnitCause:
     since: str | None
 
     def __str__(self) -> str:
-        """Return it as people read it."""
+        """Return cause and joint as a phrase."""
         return f"{self.cause} at {self.joint or 'the rig'}"
 
 
 @dataclass(frozen=True, eq=False)
 class JudgedUnit:
-    """A unit of a fleet.
+    """Unit of a fleet with its verdict.
 
     Attributes:
         unit: Serial number.
         verdict: Pass, fail or retest.
-        reasons: Why it does not pass.
+        reasons: Reasons why it does not pass.
         logs: Number of its logs.
-        deviations: Parameters that are not like its siblings', the least probable first.
-        causes: Its own causes and faults.
-        uncertain: Parameters that its logs do not tell well enough.
-        errors: What kept its logs from being used.
+        deviations: Parameters that deviate, the least probable first; `since` as the manifest states it.
+        causes: Causes and faults that most other units do not have.
+        uncertain: Parameters that its logs show too badly.
+        errors: Reasons why logs could not be used.
     """
 
     unit: str
@@ -174,21 +137,20 @@ class JudgedUnit:
 
 @dataclass(frozen=True, eq=False)
 class Fleet(Record):
-    """The result of `compare_fleet`.
+    """Result of `compare_fleet`.
 
     Attributes:
         rig: Name of the rig.
         payload: Its payload, or None.
-        reference: Folder of the fleet that units are judged against; None: against each other.
-        logs: Number of logs, and `failed` of these without a result.
-        failed: See there.
+        reference: Folder of the fleet that units are compared with; None: these units.
+        logs: Number of logs.
+        failed: Number of logs without a result.
         units: Those that fail first, then those to test again, then those that pass.
-        population: The parameters over the fleet that units are judged against, see `Comparison`, each with its SI
-            `unit` and the offset `detectable` that the median unit's logs show in one of two cases.
-        estimates: The units' parameters, partially pooled with the fleet's.
+        population: Parameters of the fleet that units are compared with, see `Comparison`, each with its SI `unit` and
+            the offset `detectable` that the median unit shows in one of two cases.
         causes: Named causes of these units, the most common first.
-        is_dated: Whether times are dates, s since 1970; else in the manifest's own unit.
-        table: One row per log: serial, time, error, parameters with deviations, accuracy, verdict, findings.
+        is_dated: Whether times are dates, s since 1970; else they are in the manifest's own unit.
+        table: A row per log: serial, time, error, parameters with deviations, accuracy, verdict, findings.
     """
 
     rig: str
@@ -198,7 +160,6 @@ class Fleet(Record):
     failed: int
     units: tuple[JudgedUnit, ...]
     population: DataFrame = field(repr=False)
-    estimates: DataFrame = field(repr=False)
     causes: tuple[FleetCause, ...]
     is_dated: bool = field(repr=False)
     table: DataFrame = field(repr=False)
@@ -209,29 +170,15 @@ class Fleet(Record):
     @property
     def counts(self) -> dict[Verdict, int]:
         """Verdict → number of units."""
-        found = Counter(one.verdict for one in self.units)
-        return {verdict: found[verdict] for verdict in Verdict}
-
-    def since(self, deviation: Deviation) -> str | None:
-        """Return when the first log was taken that shows a step, as the manifest states it, or that log's name.
-
-        None: all of the unit's logs have the deviation, or more and more of it.
-        """
-        if deviation.kind is not DeviationKind.STEP:
-            return None
-        is_first = (self.table["serial"] == deviation.unit) & (self.table["time"] == deviation.since)
-        return str(self.table["taken"][is_first].iloc[0])
+        counts = Counter(unit.verdict for unit in self.units)
+        return {verdict: counts[verdict] for verdict in Verdict}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds; null for what is unknown."""
-        units = [asdict(one) for one in self.units]
-        for told, one in zip(units, self.units):
-            for own, deviation in zip(told["deviations"], one.deviations):
-                own |= {"score": deviation.score, "since": self.since(deviation)}
+        """Return the values of the JSON output."""
         return {
             "schema": 1,
             **{name: getattr(self, name) for name in ("rig", "payload", "reference", "logs", "failed", "counts")},
-            "units": units,
+            "units": [asdict(unit) for unit in self.units],
             "population": self.population.rename_axis("name").reset_index().to_dict("records"),
             "causes": [asdict(cause) for cause in self.causes],
         }
@@ -247,149 +194,177 @@ def compare_fleet(
     reference: str | None = None,
     quick: bool = False,
     seed: int = 0,
-    executor: ExecutorFactory | None = None,
-    workers: int | Capacity = 0,
+    executor: Executor | None = None,
     quiet: bool = True,
 ) -> Fleet:
-    """Identify and diagnose many rigs' logs, and find the units that are not like their siblings.
+    """Identify and diagnose many rigs' logs, and name the units that deviate from the others.
 
         fleet = compare_fleet("logs", folder="out")
 
     Args:
-        logs: Folder or URL with logs and their manifest, see `manifest.read_manifest`, or what that returned.
-        rig: The rig that all units are built as; None: what the manifest says.
-        payload: What they all carry; None: what the manifest says, or the rig's own.
-        folder: Where results go as Parquet, a path or URL; what is there is not computed again. None: nowhere.
-        reference: Folder of an earlier fleet's results, which units are then judged against: even one, and a short log
-            of it.
+        logs: Folder with logs and their manifest, see `manifest.read_manifest`, or what that returned.
+        rig: The rig that all units are built as; None: the manifest's.
+        payload: The payload that all units carry; None: the manifest's, or the rig's own.
+        folder: Folder of the results; logs in it are not computed again. None: no folder.
+        reference: Folder of an earlier fleet's results to compare with: one unit and a short log of it suffice then.
         quick: True identifies only, and looks for no causes.
         seed: Seed of everything random.
-        executor: Makes what reads the logs, see `gimbal_pin.fleet`; None: processes of this machine.
-        workers: How many logs are read at once; 0: as many as there are processors; 1: in this process.
+        executor: Runs the logs; None: a process per processor of this machine.
         quiet: True shows no progress bar.
 
     Raises:
-        UsageError: Something asked for cannot be; it names what.
+        UsageError: An argument or a file is wrong; it names which.
         DataError: Fewer than two units, of a reference and these logs, could be identified.
     """
     manifest = logs if isinstance(logs, Manifest) else read_manifest(logs)
     wanted = manifest.rig if rig is None else rig
     if wanted is None:
-        raise UsageError(manifest.place, "says of no rig", "state it in manifest.yaml as 'rig:', or give --rig")
+        raise UsageError(manifest.place, "names no rig", "add 'rig: NAME' to manifest.yaml, or give --rig")
     loaded = wanted if isinstance(wanted, Rig) else Rig.load(wanted, payload or manifest.payload)
-    settings = _list_settings(loaded, manifest, quick, seed)
-    earlier = None if reference is None else _read_reference(reference, settings)
+    settings = list_settings(loaded, manifest, quick, seed)
+    earlier = None if reference is None else read_reference(reference, settings)
     if earlier is None and len({log.unit for log in manifest.logs}) < 2:
-        raise UsageError(manifest.place, "has the logs of one unit", "add its siblings', or give --reference")
+        raise UsageError(manifest.place, "has the logs of one unit", "add other units' logs, or give --reference")
     work = partial(examine_log, rig=loaded, cutoff=manifest.cutoff, quick=quick, seed=seed)
-    table = compute_table(work, manifest.logs, settings, folder, executor, workers, quiet)
-    table = table.reindex(columns=list(dict.fromkeys(["unit", "error", "log", *table, "verdict", "findings"])))
-    table["reported"] = table["log"].notna()  # what ended the program left nothing but an error
-    for column, name in (("log", "path"), ("serial", "unit"), ("time", "time"), ("taken", "taken")):
-        table[column] = [getattr(log, name) for log in manifest.logs]
-    return _judge_fleet(loaded, manifest, reference, table, earlier)
+    table = map_units(work, manifest.logs, executor, folder=folder, settings=settings, quiet=quiet)
+    table = table.reindex(columns=list(dict.fromkeys([*table, *COLUMNS])))
+    # A log on which the program failed has no row but its error.
+    table["is_crash"] = table["serial"].isna()
+    table["serial"] = [log.unit for log in manifest.logs]
+    for name in ("path", "time", "taken"):
+        table[name] = [getattr(log, name) for log in manifest.logs]
+    return judge_fleet(loaded, manifest, reference, table, earlier)
 
 
-def _list_settings(rig: Rig, manifest: Manifest, quick: bool, seed: int) -> dict[str, object]:
-    """What the rows depend on: the rig and the logs, local ones with their sizes and dates."""
-    paths = [log.path for log in manifest.logs]
-    states = [os.stat(path) for path in paths if "://" not in path and os.path.exists(path)]
+def examine_log(log: FleetLog, rig: Rig, cutoff: float | None, quick: bool, seed: int) -> dict[str, Value]:
+    """Return a log's row.
+
+    Its columns: `value.NAME`, `std.NAME` per parameter and their `units` as JSON; `torque_rmse.JOINT` of the fit, N m;
+    unless `quick` the `verdict`, and `findings` as JSON, which a log too short for a diagnosis lacks. Of a log that
+    cannot be used the `error`.
+    """
+    filtering = None if cutoff is None else Filtering(cutoff=cutoff)
+    try:
+        read = read_log(log.path, rig, log.mapping)
+        fit = identify(rig, [read], holdout="none", filtering=filtering, examined="never")
+        row: dict[str, Value] = {"serial": log.unit, "units": json.dumps(dict(zip(fit.names, fit.units)))}
+        row |= zip([f"value.{name}" for name in fit.names], fit.estimate.theta.tolist())
+        row |= zip([f"std.{name}" for name in fit.names], fit.estimate.std.tolist())
+        row |= {f"torque_rmse.{joint}": rmse for joint, rmse in fit.train.torque_rmse.items()}
+        with suppress(DataError):
+            diagnosis = None if quick else diagnose(rig, [read], rng=np.random.default_rng(seed))
+            if diagnosis is not None:
+                row |= {"verdict": diagnosis.verdict, "findings": json.dumps(list_findings(diagnosis))}
+        return row
+    except GimbalPinError as error:
+        return {"serial": log.unit, "error": str(error)}
+
+
+def list_findings(diagnosis: Diagnosis) -> list[Finding]:
+    """Return named causes and faults of a log."""
+    findings = [(one.cause, one.joint, "data") for one in diagnosis.spoiling]
+    findings += [(one.cause, one.joint, one.status) for one in diagnosis.findings if one.status == "named"]
+    return list(dict.fromkeys(findings))
+
+
+def list_settings(rig: Rig, manifest: Manifest, quick: bool, seed: int) -> dict[str, object]:
+    """Return all that the rows depend on: the rig and the logs, with the times of their last changes."""
     return {
         "rig": rig.name,
         "payload": rig.payload,
-        "model": describe_rig(rig),
         "cutoff": manifest.cutoff,
+        "model": describe_rig(rig),
         "quick": quick,
         "seed": seed,
-        "logs": [asdict(log) for log in manifest.logs] + [[one.st_size, one.st_mtime_ns] for one in states],
+        "logs": [asdict(log) for log in manifest.logs],
+        "changed": [os.stat(file).st_mtime_ns for log in manifest.logs for file in files_of(log.path)],
     }
 
 
-def _read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
-    """The identified logs of an earlier fleet; `UsageError` unless it was of the same rig and filter."""
-    mend = "give what 'gimbal-pin fleet -o' wrote"
-    try:
-        earlier = json.loads(open_folder(folder).cat_file(RUN))["settings"]
-        table = read_table(folder)
-        known = table[table["error"].isna()].dropna(subset=["serial", "time", "units"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UsageError("--reference", f"{folder} is no folder of an earlier fleet ({error!r})", mend) from error
-    if known.empty:
-        raise UsageError("--reference", f"{folder} has no identified logs", mend)
-    for key in ("rig", "payload", "cutoff"):
-        if earlier.get(key) != settings[key]:
-            what = f"has the {key} {earlier.get(key)}, and these logs {settings[key]}"
-            raise UsageError("--reference", f"{folder} {what}", f"compare units of one {key}")
-    return known.reindex(columns=list(dict.fromkeys([*known, "verdict", "findings"])))
-
-
-def _read_findings(table: DataFrame) -> list[list[FindingKey]]:
-    """Named causes and faults of each log; none of one that was not diagnosed."""
-    texts = table["findings"].astype(object).fillna("[]")
-    keys = [dict.fromkeys((one["cause"], one["joint"], one["status"]) for one in json.loads(text)) for text in texts]
-    return [[key for key in own if key[2] in ("named", "data")] for own in keys]
-
-
-def _list_owners(table: DataFrame) -> tuple[dict[FindingKey, set[str]], set[str]]:
-    """FindingKey → the units that have it, and the units that were diagnosed."""
-    owners = defaultdict[FindingKey, set[str]](set)
-    for unit, findings in zip(table["serial"], _read_findings(table)):
-        for key in findings:
-            owners[key].add(unit)
-    return owners, set(table["serial"][table["verdict"].notna()])
-
-
-def _find_own(table: DataFrame, siblings: DataFrame) -> Iterator[list[FindingKey]]:
-    """Yield of each log the findings that less than `MAJORITY` of its unit's siblings have."""
-    owners, diagnosed = _list_owners(siblings)
-    for unit, keys in zip(table["serial"], _read_findings(table)):
-        others = diagnosed - {unit}
-        yield [key for key in keys if len(owners[key] & others) < MAJORITY * len(others)]
-
-
-def _list_parameters(table: DataFrame) -> dict[str, str]:
-    """Parameters that at least half of the logs tell, as a base that moves shows more → their units."""
-    told = [json.loads(text) for text in table["units"]]
-    count = Counter(name for own in told for name in own)
-    return {name: unit for own in told for name, unit in own.items() if count[name] >= MAJORITY * len(table)}
-
-
-def _judge_fleet(
-    rig: Rig, manifest: Manifest, reference: str | None, table: DataFrame, earlier: DataFrame | None
-) -> Fleet:
-    """Return what the rows say of each unit."""
+def read_reference(folder: str, settings: Mapping[str, object]) -> DataFrame:
+    """Return the identified logs of an earlier fleet; `UsageError` unless it was of the same rig and filter."""
     import pandas as pd
 
-    for rows in (table,) if earlier is None else (table, earlier):
-        rows["own"] = list(_find_own(rows, table if earlier is None else earlier))
-        rows["spoilt"] = [any(status == "data" for *_, status in own) for own in rows["own"]]
-    used = table[table["error"].isna() & ~table["spoilt"]]
-    if used.empty:
-        why = f": {table['error'].dropna().iloc[0]}" if table["error"].notna().any() else ""
+    try:
+        earlier = read_settings(folder)
+        table = pd.read_parquet(Path(folder) / TABLE).dropna(subset="units")
+    except (OSError, ValueError) as error:
+        what = f"{folder} is no result of a fleet ({error})"
+        raise UsageError("--reference", what, "give a folder that 'gimbal-pin fleet -o' wrote") from error
+    for key in ("rig", "payload", "cutoff"):
+        if earlier.get(key) != settings[key]:
+            what = f"has the {key} {earlier.get(key)}"
+            raise UsageError("--reference", what, f"give one with the {key} {settings[key]}")
+    return table.reindex(columns=list(dict.fromkeys([*table, *COLUMNS]))).assign(time=0.0)
+
+
+class Findings(NamedTuple):
+    """Findings of logs: of each log, the units that have each, and the units that were diagnosed."""
+
+    of_logs: list[list[Finding]]
+    owners: Mapping[Finding, set[str]]
+    diagnosed: set[str]
+
+    def is_own(self, finding: Finding, unit: str) -> bool:
+        """Return whether less than `MAJORITY` of the other units have a finding."""
+        return len(self.owners.get(finding, set()) - {unit}) < MAJORITY * len(self.diagnosed - {unit})
+
+
+def read_findings(table: DataFrame) -> Findings:
+    """Return the findings in a table of logs."""
+    texts = table["findings"].astype(object).fillna("[]")
+    of_logs = [[(cause, joint, status) for cause, joint, status in json.loads(text)] for text in texts]
+    owners = defaultdict[Finding, set[str]](set)
+    for unit, findings in zip(table["serial"], of_logs):
+        for finding in findings:
+            owners[finding].add(unit)
+    return Findings(of_logs, owners, set(table["serial"][table["verdict"].notna()]))
+
+
+def list_parameters(table: DataFrame) -> dict[str, str]:
+    """Return parameter → unit of measure, of those in at least half of the logs: a base that moves shows more."""
+    stated = [json.loads(text) for text in table["units"]]
+    count = Counter(name for units in stated for name in units)
+    return {name: unit for units in stated for name, unit in units.items() if count[name] >= MAJORITY * len(table)}
+
+
+def judge_fleet(
+    rig: Rig, manifest: Manifest, reference: str | None, table: DataFrame, earlier: DataFrame | None
+) -> Fleet:
+    """Return each unit's verdict from the rows of its logs."""
+    import pandas as pd
+
+    findings = read_findings(table)
+    others = findings if earlier is None else read_findings(earlier)
+    named = zip(table["serial"], findings.of_logs)
+    table["own"] = [[finding for finding in own if others.is_own(finding, unit)] for unit, own in named]
+    table["is_spoilt"] = [any(status == "data" for *_, status in own) for own in table["own"]]
+    logs = table[table["units"].notna() & ~table["is_spoilt"]]
+    fleet = set(logs["serial"])
+    if logs.empty:
+        why = ": ".join(["", *table["error"].dropna()[:1]])
         raise DataError(manifest.place, f"has no log that can be used{why}", "record them as 'gimbal-pin check' says")
-    logs, of_fleet = used.assign(label=used["serial"]), None
-    if earlier is not None:  # a unit may have been in the earlier fleet under the same serial number
-        earlier = earlier[~earlier["spoilt"]].assign(label="earlier/" + earlier["serial"])
-        logs, of_fleet = pd.concat([logs, earlier]), sorted(set(earlier["label"]))
-    siblings = of_fleet or sorted(set(used["serial"]))
-    if len(siblings) < 2:
+    if earlier is not None:
+        earlier = earlier.assign(serial=EARLIER + earlier["serial"])
+        fleet = set(earlier["serial"])
+        logs = pd.concat([logs, earlier])
+    if len(fleet) < 2:
         raise DataError(manifest.place, "has fewer than two units whose logs can be used", "record more")
-    units = _list_parameters(logs)
+    units = list_parameters(logs)
     values, stds = (
         logs.reindex(columns=[f"{kind}.{name}" for name in units]).astype(float).set_axis([*units], axis=1)
         for kind in ("value", "std")
     )
-    compared = compare_units(values, stds, logs["label"].tolist(), logs["time"], reference=of_fleet)
-    known = compared.population
-    errors = (1 / (stds**2 + known["repeat"] ** 2)).groupby(
-        logs["label"].to_numpy()
-    ).sum() ** -0.5  # without any value infinite
-    is_vague = errors > np.hypot(known["spread"], SCATTER * errors.loc[siblings].median())
-    judged = [_judge_unit(str(unit), rows, compared, is_vague) for unit, rows in table.groupby("serial", sort=True)]
+    compared = compare_units(values, stds, logs["serial"].tolist(), logs["time"].tolist(), reference=[*fleet])
+    largest = LARGEST_ERROR_RATIO * compared.errors.loc[[*fleet]].median()
+    is_uncertain = compared.errors > np.hypot(compared.population["spread"], largest)
+    judged = [judge_unit(str(unit), rows, compared, is_uncertain) for unit, rows in table.groupby("serial")]
     order = [Verdict.FAIL, Verdict.RETEST, Verdict.PASS]
     judged.sort(key=lambda one: (order.index(one.verdict), min((own.p_value for own in one.deviations), default=1.0)))
-    owners, diagnosed = _list_owners(table)
-    common = sorted(owners.items(), key=lambda one: -len(one[1]))
+    causes = [
+        FleetCause(cause, joint, len(having), len(findings.diagnosed))
+        for (cause, joint, _), having in findings.owners.items()
+    ]
     return Fleet(
         rig=rig.name,
         payload=rig.payload,
@@ -397,38 +372,39 @@ def _judge_fleet(
         logs=len(table),
         failed=int(table["error"].notna().sum()),
         units=tuple(judged),
-        population=known.assign(unit=units, detectable=compared.detectable.loc[siblings].median()),
-        estimates=compared.values,
-        causes=tuple(FleetCause(cause, joint, len(having), len(diagnosed)) for (cause, joint, _), having in common),
+        population=compared.population.assign(unit=units, detectable=compared.detectable.loc[[*fleet]].median()),
+        causes=tuple(sorted(causes, key=lambda cause: -cause.units)),
         is_dated=manifest.is_dated,
-        table=table.drop(columns=["own", "reported"]),
+        table=table.drop(columns=["own", "is_crash", "is_spoilt"]),
     )
 
 
-def _find_start(rows: DataFrame, key: FindingKey) -> str | None:
-    """When the first of a unit's logs was taken that has a cause; None where no earlier one was diagnosed."""
-    ordered = rows.sort_values("time", kind="stable")
-    first = ordered[[key in own for own in ordered["own"]]].iloc[0]
-    return str(first["taken"]) if ordered["verdict"][ordered["time"] < first["time"]].notna().any() else None
-
-
-def _judge_unit(unit: str, rows: DataFrame, compared: Comparison, is_vague: DataFrame) -> JudgedUnit:
-    """Return a unit's verdict from its logs."""
-    uncertain = tuple(is_vague.columns[is_vague.loc[unit]]) if unit in is_vague.index else ()
-    deviations = tuple(own for own in compared.deviations if own.unit == unit)
-    failed = rows[rows["error"].notna()]
-    keys = dict.fromkeys(chain(*rows["own"]))
-    own = [UnitCause(cause, joint, status, _find_start(rows, (cause, joint, status))) for cause, joint, status in keys]
-    fails = {
+def judge_unit(unit: str, rows: DataFrame, compared: Comparison, is_uncertain: DataFrame) -> JudgedUnit:
+    """Return a unit's verdict from the rows of its logs."""
+    rows = rows.sort_values("time", kind="stable")
+    taken = dict(zip(rows["time"], rows["taken"]))
+    deviations = [replace(own, since=taken.get(own.since)) for own in compared.deviations if own.unit == unit]
+    uncertain = [name for name in is_uncertain if unit in is_uncertain.index and is_uncertain.at[unit, name]]
+    causes = dict[Finding, UnitCause]()
+    was_diagnosed = False
+    for own, when, verdict in zip(rows["own"], rows["taken"], rows["verdict"]):
+        since = str(when) if was_diagnosed else None
+        for cause, joint, status in own:
+            causes.setdefault((cause, joint, status), UnitCause(cause, joint, status, since))
+        was_diagnosed |= isinstance(verdict, str)
+    is_error = rows["error"].notna()
+    holds = {
         Reason.ODD_PARAMETER: bool(deviations),
-        Reason.OWN_CAUSE: any(status == "named" for *_, status in chain(*rows["own"][~rows["spoilt"]])),
-    }
-    doubts = {
-        Reason.DATA: bool(failed["reported"].any() or rows["spoilt"].any()),
-        Reason.ERROR: not failed["reported"].all(),
+        Reason.OWN_CAUSE: any(status == "named" for own in rows["own"][~rows["is_spoilt"]] for *_, status in own),
+        Reason.DATA: bool((is_error & ~rows["is_crash"] | rows["is_spoilt"]).any()),
+        Reason.ERROR: bool(rows["is_crash"].any()),
         Reason.UNCERTAIN: bool(uncertain),
     }
-    verdict = Verdict.FAIL if any(fails.values()) else Verdict.RETEST if any(doubts.values()) else Verdict.PASS
-    reasons = tuple(reason for reason, holds in {**fails, **doubts}.items() if holds)
-    errors = tuple(error.replace(log, PurePosixPath(log).name) for log, error in zip(failed["log"], failed["error"]))
-    return JudgedUnit(unit, verdict, reasons, len(rows), deviations, tuple(own), uncertain, errors)
+    reasons = tuple(reason for reason in holds if holds[reason])
+    verdict = Verdict.FAIL if {*reasons} & {*FAILING} else Verdict.RETEST if reasons else Verdict.PASS
+    errors = [
+        error.replace(f"{Path(path).parent}/", "") for path, error in rows[["path", "error"]][is_error].to_numpy()
+    ]
+    return JudgedUnit(
+        unit, verdict, reasons, len(rows), tuple(deviations), tuple(causes.values()), tuple(uncertain), tuple(errors)
+    )

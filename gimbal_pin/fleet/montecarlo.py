@@ -1,22 +1,23 @@
-"""Monte Carlo over rigs that differ: how many meet a specification, and what costs those that do not."""
+"""Monte Carlo over rigs that differ: share that meets a specification, and inputs that use most of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import binomtest, spearmanr
+from scipy.stats import binomtest, sobol_indices, spearmanr
 
 from gimbal_pin.control.tuning import StoredController, Tuning
 from gimbal_pin.dynamics.model import Model, nominal
 from gimbal_pin.errors import UsageError
-from gimbal_pin.fleet.engine import Capacity, ExecutorFactory, check_installed, compute_table
+from gimbal_pin.fleet.executor import map_units
 from gimbal_pin.fleet.study import SHORTEST_DRIFTING, Limit, list_figures, make_study, parse_limit
-from gimbal_pin.fleet.variation import RigDesign, Variation, Vary, choose_default_vary
+from gimbal_pin.fleet.variation import RigDraw, Vary, draw_rigs, make_variation
 from gimbal_pin.log.io.files import to_plain
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.arguments import check_arguments
@@ -27,16 +28,17 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 CONFIDENCE = 0.95
-"""Of every interval that is stated."""
-RESAMPLED = 200
-"""Bootstrap samples behind the confidence of a Sobol index."""
+"""Confidence of every interval."""
+RESAMPLES = 200
+"""Number of bootstrap samples behind the interval of a Sobol index: its width is known to 5 %, and to 3.5 % of twice as
+many."""
 SHOWN = 10
-"""Rigs that are looked at one by one."""
+"""Number of rigs that are listed one by one."""
 
 
 @dataclass(frozen=True)
 class Yield:
-    """Share of rigs that meet the specification, with Wilson's interval of 95 % confidence; `of` how many rigs."""
+    """Share of `of` rigs that meet the specification, with Wilson's interval of 95 % confidence."""
 
     value: float
     low: float
@@ -46,23 +48,23 @@ class Yield:
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo(Record):
-    """The result of `monte_carlo`.
+    """Result of `monte_carlo`.
 
     Attributes:
         rig: Name of the rig.
         payload: Its payload, or None.
-        count: Rigs.
-        failed: Rigs that cannot be, or whose loop diverged: none of these meets a specification.
-        inputs: What varied.
-        specification: What was asked for.
-        yield_: How many rigs meet it; None: nothing was asked for.
+        count: Number of rigs.
+        failed: Number of rigs that cannot exist, or whose loop diverged: none of these meets a specification.
+        inputs: Names of what varied.
+        specification: Requirements.
+        yield_: Share of rigs that meet them; None: there are none.
         figures: A row per figure over all rigs that could be run: `median`, the 5 % below and above, `p5` and `p95`,
             and the `worst`, in rad (m of a joint that slides), s, per cent or as a share of a torque limit.
-        sensitivity: What costs most of the specification first, see `rank_influences`; without one, what counts most
-            for the first figure.
+        sensitivity: Influence of each input on the share of the specification that a rig uses, see `rank_influences`;
+            without a specification on the first figure.
         worst: The rigs that use most of it: unit, inputs, figures, error.
-        units: Figure → its unit for people; angles are in degrees there.
-        table: One row per rig: unit, inputs, figures, error.
+        units: Figure → its unit in reports; angles are in degrees there.
+        table: A row per rig: unit, inputs, figures, error.
     """
 
     rig: str
@@ -82,17 +84,17 @@ class MonteCarlo(Record):
     __repr__ = brief
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what JSON holds; null for what is infinite or unknown."""
-        found = {
+        """Return the values of the JSON output; null for what is infinite or unknown."""
+        values = {
             "schema": 1,
             **{name: getattr(self, name) for name in ("rig", "payload", "count", "failed")},
-            "specification": [own.text for own in self.specification],
+            "specification": [limit.text for limit in self.specification],
             "yield": {name: getattr(self.yield_, name, None) for name in ("value", "low", "high", "of")},
             "figures": self.figures.to_dict("index"),
             "sensitivity": self.sensitivity.rename_axis("input").reset_index().to_dict("records"),
             "worst": self.worst,
         }
-        return dict(to_plain(found, finite=True))
+        return dict(to_plain(values, finite=True))
 
 
 @check_arguments
@@ -102,7 +104,7 @@ def monte_carlo(
     *,
     count: int = 100,
     folder: str | Path | None = None,
-    vary: Vary | None = None,
+    vary: Vary | str | Path | None = None,
     spec: Sequence[str] = (),
     controller: StoredController | Tuning | None = None,
     retune: bool = False,
@@ -110,131 +112,126 @@ def monte_carlo(
     seconds: float = 5.0,
     sobol: bool = False,
     seed: int = 0,
-    executor: ExecutorFactory | None = None,
-    workers: int | Capacity = 0,
+    executor: Executor | None = None,
     quiet: bool = True,
 ) -> MonteCarlo:
-    """Simulate rigs that differ, and judge how many meet a specification and what costs those that do not.
+    """Simulate rigs that differ, and report how many meet a specification and which inputs use most of it.
 
-        found = monte_carlo(rig, model, count=1000, spec=["rms_error < 0.02 deg", "settling_time < 0.6"])
+        study = monte_carlo(rig, model, count=1000, spec=["rms_error < 0.02 deg", "settling_time < 0.6"])
 
     The results depend on the arguments up to `seed` alone, to the last bit on machines of one kind, whatever runs them.
 
     Args:
         rig: The rig.
         model: The nominal rig, with its covariance; None: as its URDF states it.
-        count: Rigs; with `sobol` base points, a power of two, each of which takes a rig per input and two more.
-        folder: Where results go as Parquet, a path or URL; what is there is not computed again. None: nowhere.
-        vary: What varies; None: `choose_default_vary`.
+        count: Number of rigs; with `sobol` of base points, a power of two, each of which takes a rig per input and two
+            more.
+        folder: Folder of the results; rigs in it are not computed again. None: no folder.
+        vary: What varies, or the path of such a YAML file; None: `choose_default_vary`.
         spec: Requirements ``FIGURE < NUMBER``, angles in degrees; a rig has to meet them all.
-        controller: The controller, or with `retune` what is asked of one; None: tuned for the nominal rig.
+        controller: The controller, or with `retune` its specification; None: tuned for the nominal rig.
         retune: True tunes a controller for every rig, as if each were identified without error.
         platform: True holds the camera still on profile S instead of stepping all axes.
         seconds: Length of a run, s.
-        sobol: True draws Saltelli's design and estimates Sobol indices; else rigs are independent.
+        sobol: True estimates Sobol' indices from Saltelli's design; False draws independent rigs.
         seed: Seed of everything random.
-        executor: Makes what runs the rigs, see `gimbal_pin.fleet`; None: processes of this machine.
-        workers: How many run at once; 0: as many as there are processors; 1: in this process.
+        executor: Runs the rigs; None: a process per processor of this machine.
         quiet: True shows no progress bar.
 
     Raises:
-        UsageError: Something asked for cannot be; it names what.
+        UsageError: An argument is wrong; it names which.
     """
-    check_installed("monte_carlo", "pyarrow", "fsspec")
-    known = nominal(rig) if model is None else model
-    variation = Variation(known, choose_default_vary(known) if vary is None else vary)
-    design = RigDesign(variation.inputs, count, seed, sobol, variation.vary.own_noise)
-    variation.check()
+    variation = make_variation(nominal(rig) if model is None else model, vary)
+    rigs = draw_rigs(variation.inputs, count, seed, sobol)
     units = list_figures(rig, platform)
     limits = tuple(parse_limit(text, units) for text in spec)
     if platform and seconds < SHORTEST_DRIFTING and any(limit.figure == "drift" for limit in limits):
-        raise UsageError(
-            "--seconds", f"is {seconds:g} s, which shows no drift", f"give {SHORTEST_DRIFTING:g} s or more"
-        )
+        what = f"is {seconds:g} s, which shows no drift"
+        raise UsageError("--seconds", what, f"give {SHORTEST_DRIFTING:g} s or more")
     study = make_study(variation, controller, retune, platform, seconds)
     settings = {**study.describe(), "seed": seed, "sobol": sobol}
-    table = compute_table(study.run, design, settings, folder, executor, workers, quiet)
-    return summarise_rigs(rig, units, design, limits, table)
-
-
-def summarise_rigs(
-    rig: Rig, units: Mapping[str, str], design: RigDesign, limits: tuple[Limit, ...], table: DataFrame
-) -> MonteCarlo:
-    """Return what the rows say."""
-    table = table.reindex(columns=list(dict.fromkeys([*table, *units])))  # a figure that no rig has is unknown
-    ran = table["error"].isna().to_numpy()
-    figures = {name: table[name].to_numpy(dtype=float) for name in units}
+    table = map_units(study.run, rigs, executor, folder=folder, settings=settings, quiet=quiet)
+    table = table.reindex(columns=list(dict.fromkeys([*table, *units])))
+    is_run = table["error"].isna().to_numpy()
     asked = limits or (Limit(next(iter(units)), 1.0, ""),)
-    used = np.max([np.where(ran, figures[own.figure], np.inf) / own.bound for own in asked], axis=0)
-    drawn = np.isin(np.arange(len(design)) % design.group, [0, design.group - 1])  # A and B are independent
+    shares = [np.where(is_run, table[limit.figure].astype(float), np.inf) / limit.bound for limit in asked]
+    used = np.max(shares, axis=0)
+    # Of a base point of Saltelli's design only the first and the last rig are independent draws.
+    group = len(variation.inputs) + 2 if sobol else 1
+    is_independent = np.isin(np.arange(len(rigs)) % group, [0, group - 1])
+    run = table.loc[is_independent & is_run, [*units]].astype(float)
+    spread = run.quantile([0.5, 0.05, 0.95, 1.0], interpolation="nearest").T
     worst = table.iloc[np.argsort(-used, kind="stable")[:SHOWN]].astype(object)
-    independent = table.loc[drawn & ran, [*units]].astype(float)
-    shares = {"median": 0.5, "p5": 0.05, "p95": 0.95, "worst": 1.0}
-    spread = independent.quantile([*shares.values()], interpolation="nearest").set_axis([*shares]).T
     return MonteCarlo(
         rig=rig.name,
         payload=rig.payload,
-        count=len(design),
-        failed=int((~ran).sum()),
-        inputs=design.inputs,
+        count=len(rigs),
+        failed=int((~is_run).sum()),
+        inputs=variation.inputs,
         specification=limits,
-        yield_=estimate_yield(used[drawn] < 1.0) if limits else None,
-        figures=spread if len(independent) else spread[:0],
-        sensitivity=rank_influences(design, used),
+        yield_=estimate_yield(used[is_independent] < 1.0) if limits else None,
+        figures=spread.set_axis(["median", "p5", "p95", "worst"], axis=1),
+        sensitivity=rank_influences(variation.inputs, rigs, used, sobol, seed),
         worst=tuple(worst.where(worst.notna(), None).to_dict("records")),
         units=units,
         table=table,
     )
 
 
-def estimate_yield(met: Array) -> Yield:
+def estimate_yield(is_met: Array) -> Yield:
     """Return the share of what is true, and Wilson's interval."""
-    found = binomtest(int(met.sum()), len(met)).proportion_ci(CONFIDENCE, method="wilson")
-    return Yield(float(met.mean()), float(found.low), float(found.high), len(met))
+    interval = binomtest(int(is_met.sum()), len(is_met)).proportion_ci(CONFIDENCE, method="wilson")
+    return Yield(float(is_met.mean()), float(interval.low), float(interval.high), len(is_met))
 
 
-def rank_influences(design: RigDesign, used: Array) -> DataFrame:
-    """Return what each input does to the values of a design's rigs, (N,), largest first; infinite: it failed.
+def rank_influences(
+    inputs: Sequence[str], rigs: Sequence[RigDraw], used: Array, sobol: bool = False, seed: int = 0
+) -> DataFrame:
+    """Return the influence of each input on values of `draw_rigs`' rigs, the largest first.
 
-    A base point of which a rig failed has no indices and is left out whole; a rank it has.
+    Args:
+        inputs: Names of the inputs.
+        rigs: The rigs.
+        used: Their values, (N,); infinite where a rig failed.
+        sobol: Whether the rigs are Saltelli's design.
+        seed: Seed of the bootstrap.
 
     Returns:
-        A row per input, NaN where the design does not show it. Sobol indices: `first`, the share of the variance that
-        the input explains alone, `total`, the share that would be left if all others were known, and half of their
-        intervals of 95 % confidence, `first_confidence` and `total_confidence`. Spearman's `rank_correlation`.
+        A row per input, NaN where the rigs do not show it. Sobol' indices: `first`, the share of the variance that the
+        input explains alone, `total`, the share that would be left if all others were known, and half of their
+        intervals of 95 % confidence, `first_confidence` and `total_confidence`; from the largest power of two of base
+        points without a failed rig. Of independent rigs Spearman's `rank_correlation`.
     """
     import pandas as pd
 
     indices = ["first", "first_confidence", "total", "total_confidence"]
-    found = pd.DataFrame(np.nan, list(design.inputs), [*indices, "rank_correlation"])
-    points = used.reshape(-1, design.group)
-    points = points[np.isfinite(points).all(axis=1)]
-    if design.sobol and len(points) > 1 and np.ptp(points) > 0:
-        found[indices] = estimate_sobol_indices(points, design.seed).T
-    elif not design.sobol and len(used) > 2 and np.any(used != used[0]):
-        shares = np.array([unit.shares for unit in design]).T
-        found["rank_correlation"] = [spearmanr(own, used).statistic for own in shares]
-    by = "total" if design.sobol else "rank_correlation"
-    return found.sort_values(by, key=np.abs, ascending=False, kind="stable")
+    table = pd.DataFrame(np.nan, list(inputs), [*indices, "rank_correlation"])
+    if sobol:
+        points = used.reshape(-1, len(inputs) + 2)
+        points = points[np.isfinite(points).all(axis=1)]
+        points = points[: 1 << max(len(points).bit_length() - 1, 0)]
+        if len(points) > 1:
+            table[indices] = estimate_sobol_indices(points, seed)
+    elif len(used) > 2 and np.any(used != used[0]):
+        columns = np.array([rig.probabilities for rig in rigs]).T
+        table["rank_correlation"] = [spearmanr(column, used).statistic for column in columns]
+    return table.sort_values("total" if sobol else "rank_correlation", key=np.abs, ascending=False, kind="stable")
 
 
 def estimate_sobol_indices(points: Array, seed: int) -> Array:
-    """Return first-order indices, half of their intervals, total indices, half of theirs, (4, d).
+    """Return first-order indices, half of their intervals, total indices, half of theirs, (d, 4).
 
     Args:
-        points: Values of A, of A with each input from B, and of B, (N, d + 2).
+        points: Values of A, of A with each input from B, and of B, (N, d + 2), N a power of two.
         seed: Seed of the bootstrap.
     """
-    resampled = np.random.default_rng(seed).integers(len(points), size=(len(points), RESAMPLED))
-    centred = points - points.mean()
-    std = np.std([compute_sobol_indices(centred[own]) for own in resampled.T], axis=0, ddof=1)
-    return np.stack([compute_sobol_indices(centred), ndtri(0.5 + CONFIDENCE / 2) * std], axis=1).reshape(4, -1)
 
+    def estimate(rows: Array) -> Array:
+        values = {"f_A": rows[None, :, 0], "f_B": rows[None, :, -1], "f_AB": rows.T[1:-1, None]}
+        found = sobol_indices(func=values, n=len(rows))
+        return np.array([found.first_order, found.total_order])
 
-def compute_sobol_indices(centred: Array) -> Array:
-    """``S = mean(f_B (f_AB - f_A)) / V,  T = mean((f_A - f_AB)²) / 2 V``, (2, d), from centred values (N, d + 2).
-
-    Saltelli et al., Computer Physics Communications 181 (2010), table 2 (b) and (f).
-    """
-    a, mixed, b = centred[:, :1], centred[:, 1:-1], centred[:, -1:]
-    return np.array([(b * (mixed - a)).mean(axis=0), ((a - mixed) ** 2).mean(axis=0) / 2]) / np.var([a, b])
+    resamples = np.random.default_rng(seed).integers(len(points), size=(len(points), RESAMPLES)).T
+    std = np.std([estimate(points[rows]) for rows in resamples], axis=0, ddof=1)
+    half = ndtri(0.5 + CONFIDENCE / 2) * std
+    return np.stack([estimate(points), half], axis=1).reshape(4, -1).T

@@ -1,16 +1,16 @@
-"""What differs from rig to rig: inputs with their distributions, the rig that their values make, and where to draw."""
+"""Distributions of what differs between rigs, the draws from them, and the rig that drawn values make."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri
+from scipy.stats import qmc
 
 from gimbal_pin.control.laws.uncertainty import change_parameters, estimate
 from gimbal_pin.dynamics.apply import plant_with
@@ -25,7 +25,6 @@ from gimbal_pin.errors import UsageError
 from gimbal_pin.log.log import Array
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.records import read_record
-from gimbal_pin.rig.rig import Rig
 
 Values = Mapping[str, float]
 DISTRIBUTION_SYNTAX = "write a number, [uniform, LOWEST, HIGHEST] or [normal, MEAN, DEVIATION]"
@@ -33,35 +32,49 @@ MIN_PROBABILITY = 1e-12
 """Smallest probability at which a distribution is looked up: seven deviations of a normal one."""
 
 
-def parse_distribution(written: Any, place: str) -> Any:
-    """Return what a file states of a number: the number, or its distribution of `scipy.stats` where it varies."""
-    kind, *numbers = written if isinstance(written, (list, tuple)) and written else ("uniform", written, written)
-    real = [isinstance(x, (int, float)) and not isinstance(x, bool) and isfinite(x) for x in numbers]
-    if kind not in ("uniform", "normal") or real != [True, True]:
-        raise UsageError(place, f"is {written!r}", DISTRIBUTION_SYNTAX)
-    first, second = map(float, numbers)
-    scale = second - first if kind == "uniform" else second
-    if scale < 0:
+class Distribution(NamedTuple):
+    """Uniform distribution from `first` to `second`, or normal one of mean `first` and deviation `second`."""
+
+    kind: str
+    first: float
+    second: float
+
+    @property
+    def is_fixed(self) -> bool:
+        """True where it is one number."""
+        return self.second == (self.first if self.kind == "uniform" else 0.0)
+
+    def find_quantile(self, probability: float) -> float:
+        """Return the value that is exceeded with one minus a probability."""
+        if self.kind == "uniform":
+            return self.first + probability * (self.second - self.first)
+        return self.first + float(ndtri(probability)) * self.second
+
+
+def parse_distribution(stated: Any, place: str) -> Distribution:
+    """Return the distribution that a file states."""
+    kind, *numbers = stated if isinstance(stated, (list, tuple)) and stated else ("uniform", stated, stated)
+    is_number = [isinstance(x, (int, float)) and not isinstance(x, bool) and isfinite(x) for x in numbers]
+    if kind not in ("uniform", "normal") or is_number != [True, True]:
+        raise UsageError(place, f"is {stated!r}", DISTRIBUTION_SYNTAX)
+    own = Distribution(kind, *map(float, numbers))
+    if own.second < (own.first if kind == "uniform" else 0.0):
         wrong = "lowest exceeds its highest" if kind == "uniform" else "deviation is negative"
-        raise UsageError(place, f"is {written!r}, whose {wrong}", DISTRIBUTION_SYNTAX)
-    return {"uniform": stats.uniform, "normal": stats.norm}[kind](first, scale) if scale else first
+        raise UsageError(place, f"is {stated!r}, whose {wrong}", DISTRIBUTION_SYNTAX)
+    return own
 
 
 @dataclass(frozen=True)
 class Vary:
-    """What a file of variations states; each value is a distribution, see `parse_distribution`.
+    """Content of a file of variations; each value is a number or a distribution, see `DISTRIBUTION_SYNTAX`.
 
     Attributes:
-        parameters: What the model's parameters are off by, in the deviations of their estimated covariance.
-        inertials: By which share each body's mass, moments and inertia are off.
-        friction: By which share each joint's friction is off.
-        payload: `x`, `y`, `z`: how far it sits from where it should, mm; `mass`: by which share its mass is off.
-        delay: How much later every drive acts, s.
-        torque_noise: White noise on each motor's torque, N m.
-        encoder_step: Angle of one encoder step, rad.
-        gyro_noise: Noise density of the gyros, rad/s/√Hz.
+        parameters: Errors of the model's parameters, in the deviations of their estimated covariance.
+        inertials: Error of each body's mass, moments and inertia, as a share.
+        friction: Error of each joint's friction, as a share.
+        payload: `x`, `y`, `z`: offset of the payload, mm; `mass`: error of its mass, as a share.
+        delay: Delay of every drive, s.
         effects: ``CAUSE[:JOINT]`` → its parameters, in SI units and radians.
-        own_noise: Whether each unit meets noise and a platform's motion of its own, rather than all the same.
     """
 
     parameters: Any = field(default=("normal", 0.0, 1.0))
@@ -69,15 +82,11 @@ class Vary:
     friction: Any = 0.0
     payload: Mapping[str, Any] = field(default_factory=dict)
     delay: Any = 0.0
-    torque_noise: Any = 0.0
-    encoder_step: Any = None
-    gyro_noise: Any = None
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    own_noise: bool = True
 
 
 def choose_default_vary(model: Model) -> Vary:
-    """Return what varies unless a file says: what is estimated by its covariance, and how a payload is mounted.
+    """Return the default: the estimate's covariance, 1 mm and 2 % of a payload, and a delay of up to 1 ms.
 
     A model without covariance stands for a drawing: inertias within 5 %, friction within 20 %.
     """
@@ -90,95 +99,87 @@ def choose_default_vary(model: Model) -> Vary:
     return Vary(**({} if estimate(model) else drawing), payload=mounted, delay=("uniform", 0.0, 0.001))
 
 
-def read_vary(path: str | Path) -> Vary:
-    """Read a file of variations."""
-    return read_record(Vary, read_yaml(path), str(path), UsageError)
-
-
 @dataclass(frozen=True, eq=False)
 class Variation:
     """Rigs that differ from a model.
 
     Attributes:
         model: The nominal rig.
-        vary: What varies.
-        place: Where that is stated, for errors.
+        vary: The statement of what varies.
+        estimated: Estimate of the model's parameters; None: it has none.
+        distributions: Name → distribution, fixed numbers included.
+        inputs: Names of those that vary.
     """
 
     model: Model
     vary: Vary
-    place: str = "vary"
+    estimated: Estimated | None
+    distributions: Mapping[str, Distribution]
+    inputs: tuple[str, ...]
 
-    @cached_property
-    def estimated(self) -> Estimated | None:
-        """The estimate of the model's parameters, if it has one."""
-        return (estimate(self.model) or (None,))[0]
-
-    @cached_property
-    def distributions(self) -> Mapping[str, Any]:
-        """All numbers, fixed ones too, by their names."""
-        vary, rig, known = self.vary, self.model.rig, self.estimated
-        if unknown := set(vary.payload) - {*"xyz", "mass"}:
-            raise UsageError(f"{self.place}: payload", f"knows no '{min(unknown)}'", "give x, y, z (mm) or mass")
-        stated = {f"parameters.{name}": vary.parameters for name in (() if known is None else known.names)}
-        stated |= {f"inertials.{link}": vary.inertials for link in rig.links[: rig.n]}
-        stated |= {f"friction.{joint}": vary.friction for joint in rig.joints}
-        stated |= {f"payload.{name}": value for name, value in vary.payload.items()}
-        stated |= {name: getattr(vary, name) for name in ("delay", "torque_noise", "encoder_step", "gyro_noise")}
-        stated |= {f"{cause}.{name}": x for cause, own in vary.effects.items() for name, x in own.items()}
-        return {name: parse_distribution(x, f"{self.place}: {name}") for name, x in stated.items() if x is not None}
-
-    @cached_property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of those that vary."""
-        return tuple(name for name, own in self.distributions.items() if not isinstance(own, float))
-
-    def values(self, shares: Sequence[float]) -> dict[str, float]:
-        """Return all numbers, from the inputs' places in their distributions, 0 to 1."""
-        inside = np.clip(shares, MIN_PROBABILITY, 1 - MIN_PROBABILITY)
-        drawn = {name: float(self.distributions[name].ppf(share)) for name, share in zip(self.inputs, inside)}
-        return {**self.distributions, **drawn}
-
-    def check(self) -> None:
-        """Raise what there is against the file: a rig at the inputs' upper quartiles can be made."""
-        body = self.make_body(values := self.values([0.75] * len(self.inputs)))
-        for key, written in {"delay": self.vary.delay, **self.vary.effects}.items():
-            try:
-                self.make_causes(key, body.rig, values)
-            except UsageError as error:
-                place = f"{self.place}: {key if key == 'delay' else f'effects: {key}'}"
-                raise UsageError(place, f"is {written!r}: {error.what}", error.mend) from error
-        self.make_plant(body, values)
+    def choose_values(self, probabilities: Sequence[float]) -> dict[str, float]:
+        """Return all numbers, from the probabilities of the inputs."""
+        inside = np.clip(probabilities, MIN_PROBABILITY, 1 - MIN_PROBABILITY).tolist()
+        drawn = {name: self.distributions[name].find_quantile(x) for name, x in zip(self.inputs, inside)}
+        return {name: drawn.get(name, own.first) for name, own in self.distributions.items()}
 
     def make_body(self, values: Values) -> Model:
-        """Return the model with its parameters and its payload changed: what identifying such a unit would find."""
+        """Return the model with its parameters and its payload changed: the model that an identification would find."""
         model, rig = self.model, self.model.rig
         if self.estimated is not None:
             off = np.array([values[f"parameters.{name}"] for name in self.estimated.names])
             model = change_parameters(model, factor_covariance(self.estimated.covariance) @ off)
         phi = model.rig.phi * np.repeat([1 + values[f"inertials.{link}"] for link in rig.links[: rig.n]], 10)
-        share = {joint: 1 + values[f"friction.{joint}"] for joint in rig.joints}
-        factors = [share[term.effect.joint] if is_motor_friction(term.effect) else 1.0 for term in model.terms]
-        rubbed = (replace(t, values=tuple(x * factor for x in t.values)) for t, factor in zip(model.terms, factors))
-        model = replace(model, rig=replace_bodies(model.rig, phi), terms=tuple(rubbed), estimated=None)
-        place = [values.get(f"payload.{axis}", 0.0) / 1000 for axis in "xyz"]
-        causes: list[PayloadShift | PayloadMass] = [PayloadShift(*place)] if any(place) else []
+        terms = []
+        for term in model.terms:
+            factor = 1 + values[f"friction.{term.effect.joint}"] if is_motor_friction(term.effect) else 1.0
+            terms.append(replace(term, values=tuple(x * factor for x in term.values)))
+        model = replace(model, rig=replace_bodies(model.rig, phi), terms=tuple(terms), estimated=None)
+        offset = [values.get(f"payload.{axis}", 0.0) / 1000 for axis in "xyz"]
+        causes: list[PayloadShift | PayloadMass] = [PayloadShift(*offset)] if any(offset) else []
         if extra := values.get("payload.mass", 0.0):
             causes.append(PayloadMass(extra * float(get_payload(model.rig)[1].mass)))
         return plant_with(model, causes).plant
 
     def make_plant(self, body: Model, values: Values) -> Model:
-        """Return the model with what an identification would not find: planted causes, and drives that act late."""
-        keys = ("delay", *self.vary.effects)
-        plant, drive = plant_with(body, [cause for key in keys for cause in self.make_causes(key, body.rig, values)])
+        """Return the model with what an identification would not find: planted effects and delays of the drives."""
+        causes: list[Term | Signal | RigEffect] = []
+        if values["delay"]:
+            causes += [Delay(joint, values["delay"]) for joint in body.rig.joints]
+        for key, numbers in self.vary.effects.items():
+            stated = ",".join(f"{name}={values[f'{key}.{name}']!r}" for name in numbers)
+            causes.append(parse_effect(f"{key}:{stated}", body.rig))
+        plant, drive = plant_with(body, causes)
         return replace(plant, drive=(*plant.drive, *drive))
 
-    def make_causes(self, key: str, rig: Rig, values: Values) -> list[Term | Signal | RigEffect]:
-        """Return what `delay`, or an entry of `effects`, plants."""
-        if key == "delay":
-            return [Delay(joint, values[key]) for joint in rig.joints if values[key]]
-        stated = ",".join(f"{name}={values[f'{key}.{name}']!r}" for name in self.vary.effects[key])
-        return [parse_effect(f"{key}:{stated}", rig)]
+
+def make_variation(model: Model, vary: Vary | str | Path | None = None) -> Variation:
+    """Return the rigs that differ from a model as a file or a `Vary` states, or by `choose_default_vary`.
+
+    Raises:
+        UsageError: A statement is wrong, or no rig at the upper quartiles of all inputs can exist.
+    """
+    place = str(vary) if isinstance(vary, (str, Path)) else "vary"
+    if isinstance(vary, (str, Path)):
+        vary = read_record(Vary, read_yaml(vary), place, UsageError)
+    vary = vary or choose_default_vary(model)
+    known = (estimate(model) or (None,))[0]
+    if unknown := set(vary.payload) - {*"xyz", "mass"}:
+        raise UsageError(f"{place}: payload", f"has an unknown key '{min(unknown)}'", "give x, y, z (mm) or mass")
+    stated = {f"parameters.{name}": vary.parameters for name in (known.names if known else ())}
+    stated |= {f"inertials.{link}": vary.inertials for link in model.rig.links[: model.rig.n]}
+    stated |= {f"friction.{joint}": vary.friction for joint in model.rig.joints}
+    stated |= {f"payload.{name}": value for name, value in vary.payload.items()}
+    stated["delay"] = vary.delay
+    stated |= {f"{cause}.{name}": x for cause, own in vary.effects.items() for name, x in own.items()}
+    forms = {name: parse_distribution(x, f"{place}: {name}") for name, x in stated.items()}
+    variation = Variation(model, vary, known, forms, tuple(name for name, own in forms.items() if not own.is_fixed))
+    values = variation.choose_values([0.75] * len(variation.inputs))
+    try:
+        variation.make_plant(variation.make_body(values), values)
+    except UsageError as error:
+        raise UsageError(f"{place}: {error.place}", error.what, error.mend) from error
+    return variation
 
 
 def factor_covariance(covariance: Array) -> Array:
@@ -186,66 +187,40 @@ def factor_covariance(covariance: Array) -> Array:
 
     Kessy, Lewin, Strimmer, The American Statistician 72 (2018): ZCA-cor.
     """
-    std = np.sqrt(np.diag(covariance))
-    size, ways = np.linalg.eigh(covariance / np.outer(*[np.maximum(std, 1e-150)] * 2))
+    std = np.sqrt(np.diag(covariance)) + 1e-150
+    size, ways = np.linalg.eigh(covariance / np.outer(std, std))
     return np.asarray(std[:, None] * (ways * np.sqrt(np.maximum(size, 0.0))) @ ways.T)
 
 
-class Unit(NamedTuple):
-    """One rig of a design: its inputs' places in their distributions, 0 to 1, and the seed of its noise."""
+class RigDraw(NamedTuple):
+    """Probabilities of one rig's inputs in their distributions, and the seed of its noise."""
 
-    shares: tuple[float, ...]
+    probabilities: tuple[float, ...]
     seed: int
 
 
-@dataclass(frozen=True, eq=False)
-class RigDesign(Sequence[Unit]):
-    """The rigs that are looked at, each drawn on access and from its own place alone.
+def draw_rigs(inputs: Sequence[str], count: int, seed: int = 0, sobol: bool = False) -> list[RigDraw]:
+    """Draw rigs, each from its own place in the seed.
 
-    Attributes:
-        inputs: Names of what varies.
-        size: Rigs; of a Sobol design its base points, each of which takes as many rigs as there are inputs, and two.
+    Args:
+        inputs: Names of what varies, d of them.
+        count: Number of rigs; with `sobol` of base points A and B, each of which takes d + 2 rigs: A, A with each input
+            from B, B.
         seed: Seed of everything random.
-        sobol: Saltelli's design for Sobol indices, rather than independent draws.
-        own_noise: Whether each rig of independent draws has noise of its own.
+        sobol: True draws the design of `scipy.stats.sobol_indices` from a scrambled Sobol' sequence; all rigs then have
+            the same noise. False draws independent rigs with noise of their own.
     """
-
-    inputs: tuple[str, ...]
-    size: int
-    seed: int = 0
-    sobol: bool = False
-    own_noise: bool = True
-
-    def __post_init__(self) -> None:
-        """Refuse a Sobol design that is none."""
-        if self.sobol and not self.inputs:
-            raise UsageError("--sobol", "has nothing that varies", "state distributions in --vary")
-        if self.sobol and self.size.bit_count() != 1:
-            near = 2 ** (self.size.bit_length() - 1)
-            raise UsageError("--count", f"is {self.size}, the base of a Sobol design", f"give {near} or {2 * near}")
-
-    def __len__(self) -> int:
-        """Return the number of rigs."""
-        return self.size * self.group
-
-    @property
-    def group(self) -> int:
-        """Rigs of one base point: A, A with each input from B, B."""
-        return len(self.inputs) + 2 if self.sobol else 1
-
-    @cached_property
-    def base_points(self) -> Array:
-        """Scrambled Sobol sequence of A and B, (size, 2 inputs)."""
-        return np.asarray(stats.qmc.Sobol(2 * len(self.inputs), seed=self.seed).random(self.size))
-
-    def __getitem__(self, place: Any) -> Any:
-        """Draw one rig."""
-        k = range(len(self))[place]
-        own, shared = (np.random.default_rng([self.seed, word, n]) for word, n in ((1, k), (2, 0)))
-        if self.sobol:
-            (a, b), step = np.split(self.base_points[k // self.group], 2), k % self.group
-            shares = b if step == self.group - 1 else np.where(np.arange(len(a)) == step - 1, b, a)
-        else:
-            shares = own.random(len(self.inputs))
-        noise = own if self.own_noise and not self.sobol else shared
-        return Unit(tuple(shares.tolist()), int(noise.integers(2**63)))
+    width = len(inputs)
+    if not sobol:
+        rngs = [np.random.default_rng([seed, 1, k]) for k in range(count)]
+        return [RigDraw(tuple(rng.random(width).tolist()), int(rng.integers(2**63))) for rng in rngs]
+    if not inputs:
+        raise UsageError("--sobol", "has nothing that varies", "state distributions in --vary")
+    if count.bit_count() != 1:
+        near = 2 ** (count.bit_length() - 1)
+        raise UsageError("--count", f"is {count}, the base of a Sobol' design", f"give {near} or {2 * near}")
+    noise = int(np.random.default_rng([seed, 2, 0]).integers(2**63))
+    a, b = np.split(qmc.Sobol(2 * width, seed=seed).random(count), 2, axis=1)
+    mixed = [np.where(np.arange(width) == k, b, a) for k in range(width)]
+    points = np.stack([a, *mixed, b], axis=1).reshape(-1, width)
+    return [RigDraw(tuple(point), noise) for point in points.tolist()]

@@ -30,7 +30,7 @@ def test_kubernetes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     parts = list(yaml.safe_load_all(BLOCKS["cluster.yaml"]))
     service = next(part for part in parts if part["kind"] == "Service")
-    pods = [part["spec"]["template"] for part in parts if part["kind"] != "Service"]
+    pods = [part["spec"]["template"] for part in parts if "template" in part["spec"]]
     commands = [container["command"] for pod in pods for container in pod["spec"]["containers"]]
     assert [accept(words) for words in commands] == ["scheduler", "worker", "montecarlo"]
     address = f"tcp://{service['metadata']['name']}:{service['spec']['ports'][0]['port']}"

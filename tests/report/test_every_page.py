@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,11 @@ def compared(rig: Rig, folder: Path) -> str:
     for k in range(3):
         write_log(log_of(rig), folder / f"{k}.csv")
     (folder / "manifest.yaml").write_text(f"rig: turret\nlogs: [{', '.join(f'{{log: {k}.csv}}' for k in range(3))}]")
-    return describe_record(compare_fleet(folder, folder=str(folder / "out"), quick=True, workers=1)).to_html()
+    return describe_record(compare_fleet(folder, quick=True, executor=ThreadPoolExecutor(1))).to_html()
+
+
+def simulated(rig: Rig) -> str:
+    return describe_record(monte_carlo(rig, count=3, seconds=0.65, executor=ThreadPoolExecutor(1))).to_html()
 
 
 def inspected(rig: Rig, folder: Path) -> str:
@@ -38,7 +43,7 @@ PAGES: dict[str, Callable[[Rig, Path], str]] = {
     "camera": lambda *_: gaze.render_gaze(outlook(verified(), WANTED), WANTED),
     "track --animation": lambda *_: verified().animate().page,
     "track --report": lambda *_: describe_record(verified()).to_html(),
-    "montecarlo": lambda rig, _: describe_record(monte_carlo(rig, count=3, seconds=0.65, workers=1)).to_html(),
+    "montecarlo": lambda rig, _: simulated(rig),
     "fleet": compared,
     "inspect": inspected,
     **{name: lambda rig, _, name=name: describe_record(RECORDS[name](rig)).to_html() for name in RECORDS},

@@ -198,7 +198,7 @@ def _list_facts(found: Fleet, unit: JudgedUnit) -> Iterator[tuple[str, str, str,
     for own in unit.deviations:
         sign = "+" if own.shift > 0 else ""
         size = " ".join([*interval(own.shift, NORMAL_95 * own.shift_std), found.population["unit"][own.parameter]])
-        since = found.since(own) or ("drifts" if own.kind is DeviationKind.DRIFT else "first log")
+        since = own.since or ("drifts" if own.kind is DeviationKind.DRIFT else "first log")
         yield own.parameter, f"{sign}{size}", f"{sign}{figures(own.score, 2)}", since
     yield from ((str(own), DASH, DASH, own.since or "first log") for own in unit.causes)
     yield from ((error, DASH, DASH, DASH) for error in unit.errors)
