@@ -66,13 +66,18 @@ def check_unit(rig: Rig, log: Log) -> None:
     wrong = np.flatnonzero(ratio > 1.0).tolist()  # beside such a one, what no motor holds has that unit, too
     names = [f"tau_{rig.joints[j]}" for j in wrong]
     # A column that is mapped with a factor has its torque constant in it.
-    raw = [name not in log.sources or abs(log.sources[name].factor) == 1.0 for name in names]
-    constants = [(rig.motors[j].torque_constant or 1.0) if bare else 1.0 for j, bare in zip(wrong, raw)]
-    maps = log.remapped({name: (name, 1e-3 * constant) for name, constant in zip(names, constants)})
+    has_constant = [name in log.sources and abs(log.sources[name].factor) != 1.0 for name in names]
+    constants = [1.0 if done else rig.motors[j].torque_constant for j, done in zip(wrong, has_constant)]
+    maps = log.remapped({name: (name, 1e-3 * (constant or 1.0)) for name, constant in zip(names, constants)})
     most, limit = float(ratio.max()), float(rig.tau_max[ratio.argmax()])
     what = f"is {most:.2g} times the motor's {limit:.3g} N m, rms: another unit, mA or mN m say"
     joint = rig.joints[int(ratio.argmax())]
-    unit = "from mA, *1e-3 from mN m" if set(constants) != {1.0} else "from mN m, times KT from mA"
+    if all(has_constant):
+        unit = "if its current is in mA"
+    elif None in constants:
+        unit = "from mN m, times KT from mA"
+    else:
+        unit = "from mA, *1e-3 from mN m"
     mend = f"map it: {maps} {rig.in_units(joint, unit)}"
     raise LogError(f"{log.name}: {', '.join(names)}", rig.in_units(joint, what), mend)
 

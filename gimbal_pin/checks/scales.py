@@ -115,9 +115,14 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
             *(ScaleFault(f"{_list_ratios(joint, own)}{unit}", at) for (joint, own, unit), at in zip(each, alike)),
         )
     is_time = all(own.get("gravity's torque", Ratio(1.0, 0.0)).is_near(1.0) for own in parts)
-    unit = f"time, --map t=t*{digits(common**-0.5, 2)}," if is_time else "every torque"
-    sentence = f"{listed}: one factor, {digits(common, 2)}, fits all inertias, as if {unit} had another unit"
-    return (*said, ScaleFault(sentence, () if is_time else rig.joints))
+    is_torque = all(own.get("gravity's torque", own["inertia"]).is_near(common) for own in parts)
+    unit = ""
+    if is_time:
+        unit = f", as if time, --map t=t*{digits(common**-0.5, 2)}, had another unit"
+    elif is_torque:
+        unit = ", as if every torque had another unit"
+    sentence = f"{listed}: one factor, {digits(common, 2)}, fits all inertias{unit}"
+    return (*said, ScaleFault(sentence, rig.joints if is_torque and not is_time else ()))
 
 
 def _is_of_torque(parts: Mapping[str, Ratio]) -> bool:

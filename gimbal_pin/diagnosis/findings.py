@@ -82,6 +82,8 @@ def report_findings(found: Explained, held: Evidence, checked: Sequence[CheckedL
     if common:
         residual = {joint: replace(left, state="structured") for joint, left in residual.items()}
     after = _add_rest(widen_estimates(build_extended_model(state), state), residual, best["torque_rmse"], held.band)
+    if filtering.alignment is not None and after.estimated is not None:
+        after = replace(after, estimated=replace(after.estimated, lags=(), lag_std=()))
     said = replace(
         said,
         notes=(*model.denied, *said.notes),
@@ -204,7 +206,8 @@ def _find_candidate(found: Explained, held: Evidence, baseline: Figures) -> Cand
         errors = dict(zip(held.rig.joints, torque_rmse(held, build_extended_model(state)).tolist()))
         gain = measure_gain(baseline, {"torque_rmse": errors}, held.used)
         if gain > most:
-            at = _locate_cause(state, cause)
+            # A fit may move a cause of the rig to other figures: the state holds the one that it ended at.
+            at = _locate_cause(state, next(one for one in state.causes if same(one, cause)))
             best, most = Candidate(cause.name, get_joint(cause), at, baseline["torque_rmse"][at], errors[at]), gain
     return best
 

@@ -429,9 +429,12 @@ def _append_samples(memory: LogMemory, log: Log, slides: Sequence[bool]) -> LogM
     if not log.t.item(0) > memory.t:
         what = f"time goes from {memory.t!r} back to {log.t.item(0)!r} s"
         raise LogError(memory.name, what, "give the samples in the order of time")
-    q = log.q if before is None else np.vstack([before.q[-1:], log.q])
-    if len(q) > 1 and np.abs(np.diff(q, axis=0)).max() > pi:
-        log = replace(log, q=np.where(slides, log.q, np.unwrap(q, axis=0)[-len(log) :]))
+    steps = np.diff(log.q, axis=0, prepend=log.q[:1] if before is None else before.q[-1:])
+    turns = np.round(steps / (2 * pi))
+    turns[:, np.asarray(slides)] = 0.0
+    turns[np.abs(turns) > 1] = 0.0  # larger steps are counts or degrees that start over, or glitches
+    if turns.any():
+        log = replace(log, q=log.q - 2 * pi * np.cumsum(turns, axis=0))
     return memory._replace(pending=(*memory.pending, log), t=log.t.item(-1), samples=memory.samples + len(log))
 
 

@@ -150,7 +150,8 @@ class PayloadDiscrepancy:
     def _describe_products(self) -> str:
         """Say that the body's products of inertia are others than stated, or nothing."""
         size = float(np.abs(self.products.change).max(initial=0.0))
-        if not self.products.is_significant or size < FORM_ERROR * self.moment:
+        # Where a place does not show, its moments m x y are in the products.
+        if not all(self.shift.axes) or not self.products.is_significant or size < FORM_ERROR * self.moment:
             return ""
         shown = zip(("Ixy", "Ixz", "Iyz"), self.products.change.tolist(), self.products.std.tolist())
         figures = ", ".join(f"{name} by {format_estimate(x, s, 2)}" for name, x, s in shown if abs(x) > DEVIATIONS * s)

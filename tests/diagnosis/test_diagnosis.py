@@ -201,6 +201,18 @@ def test_one_weak_motor_is_told_and_not_all_others_at_the_reciprocal() -> None:
     found = diagnose(rig, [log], few, rng=np.random.default_rng(0), filtering=replace(DIAGNOSIS_BAND, alignment=0.0))
     assert [(one.cause, one.joint) for one in found.findings] == [("torque-gain", "tilt")]
     assert found.findings[0].parameters[0].value == pytest.approx(0.8, abs=0.01)
+    assert found.after.lags == {}, "the alignment was stated"
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_torque_that_wanders_at_random_has_no_cause(seed: int) -> None:
+    """A base that tilts comes nearest, and the diagnosis says where."""
+    rig = Rig.load("turret")
+    log = prescribed(nominal(rig), seconds=24.0, torque_noise=0.005, dt=4e-3)
+    walk = np.cumsum(np.random.default_rng(seed).standard_normal(log.q.shape), axis=0)
+    walk *= 1.5 * np.std(np.asarray(log.tau), axis=0) / np.std(walk, axis=0)
+    found = diagnose(rig, [replace(log, tau=log.tau + walk)], {"base-tilt": CAUSES["base-tilt"]})
+    assert found.verdict == "unknown" and not found.findings
 
 
 # what no rig knows of: the unit, and how loud a sensor is

@@ -79,6 +79,33 @@ def test_the_unit_in_a_name_is_read_in_full(column: str, kind: str, unit: str, f
         assert source.column == channel.column and source.factor == pytest.approx(factor * constant)
 
 
+def test_currents_in_several_units_are_each_of_their_joint() -> None:
+    t = np.arange(0, 10, 0.002)
+    current = np.sin(3 * swing(t)[0])
+    data = {"t": t, "pan_current [A]": current[:, 0], "tilt_current [mA]": 1e3 * current[:, 1]}
+    mapping = recognise("t", data, TURRET).mapping
+    scales = [parse_expression(format_expression(*mapping[f"tau_{j}"][:2]), "").factor for j in TURRET.joints]
+    pan, tilt = (motor.torque_constant for motor in TURRET.motors)
+    assert pan is not None and tilt is not None
+    assert scales == pytest.approx([pan, 1e-3 * tilt])
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, "A"), (1e-3, "mA")])
+def test_a_current_without_a_unit_is_in_milliamperes_where_no_motor_holds_the_amperes(factor: float, unit: str) -> None:
+    t = np.arange(0, 10, 0.002)
+    current = np.sin(3 * swing(t)[0])
+    data = {"t": t, **{f"current_{joint}": current[:, k] / factor for k, joint in enumerate(TURRET.joints)}}
+    assert [channel.unit for channel in recognise("t", data, TURRET).channels[1:]] == [unit, unit]
+
+
+@pytest.mark.parametrize("name", ["imu_gyro_{a} [deg/s]", "gyro_{a} (deg/s)", "imu gyro {a} [°/s]"])
+def test_a_unit_behind_the_axis_of_a_gyro_is_read(name: str) -> None:
+    t, rng = np.arange(0, 10, 0.004), np.random.default_rng(0)
+    data = {"t": t, **{name.format(a=a): rng.normal(size=len(t)) for a in "xyz"}}
+    mapping = recognise("t", data, TURRET).mapping
+    assert [mapping[f"gyro_{TURRET.base}_{a}"][:2] for a in "xyz"] == [(name.format(a=a), "pi/180") for a in "xyz"]
+
+
 @pytest.mark.parametrize(("names", "unit", "clock"), [
     *(("joints", "rad", clock) for clock in CLOCKS), *(("numbers", "deg and rpm", clock) for clock in CLOCKS),
     ("the contract", "turns", "t"), ("none", "rad", "t"), ("none", "deg", "t"),

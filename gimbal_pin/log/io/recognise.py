@@ -78,6 +78,8 @@ OTHER_UNIT = 3.0
 """Ratio from which a rate in no known unit is given what makes it its angle's rate: readers refuse it otherwise."""
 _AMPERES = re.compile(r"[\[(]\s*A\s*[\])]")
 """The unit ampere in a name, which is no word there."""
+_TRAILING_UNIT = re.compile(r"\s*[\[(][^\])\d]+[\])]\s*$|_(m?A|m?Nm|deg|rad|dps)$")
+"""The unit at the end of a name: in brackets, or after an underscore."""
 _ANGLE_AXES = re.compile(r"(.*?)(?:^|(?<![a-z])|(?<=[gaw]))([xyz])$", re.IGNORECASE)
 """A name that ends in an axis of space: ``rate_x``, ``gx``; what stands before it, and the axis."""
 _CAMERA_WORDS = frozenset(("cam", "camera", "payload", "lens"))
@@ -292,7 +294,7 @@ def _mark_sensor_axes(channels: Mapping[str, Channel], joints: Sequence[str]) ->
     """Set which columns are the three axes of a gyro or accelerometer, so that none is taken for a joint's rate."""
     triples: dict[str, dict[str, Channel]] = {}
     for channel in channels.values():
-        if (found := _ANGLE_AXES.fullmatch(channel.column)) and not any(
+        if (found := _ANGLE_AXES.fullmatch(_TRAILING_UNIT.sub("", channel.column))) and not any(
             {*split_words(joint)} & {found[2].lower()} for joint in joints
         ):
             triples.setdefault(found[1].lower(), {})[found[2].lower()] = channel
@@ -516,8 +518,8 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
     if not v:  # those that add up to the angles
         of_angle = {channel.rate_of: channel.column for channel in channels.values() if channel.rate_of}
         v = {joint: of_angle[column] for joint, column in q.items() if column in of_angle}
-    tau, reference = torque or current, _assign_by_joint(channels, rig, "position", wanted=True)
-    kinds = {"q": q, "dq": v, "tau": tau, "q_ref": reference}
+    reference = _assign_by_joint(channels, rig, "position", wanted=True)
+    kinds = {"q": q, "dq": v, "tau": current | torque, "q_ref": reference}
     found: dict[str, tuple[str, str, str]] = {}
     for prefix in ("q", "q_ref"):
         rooms = {joint: float(high - low) for joint, low, high in zip(rig.joints, *rig.stops)}
@@ -532,6 +534,9 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
             factor, remark = channel.factor, channel.reasons[-1] if channel.reasons else ""
             if prefix == "tau" and channel.quantity == "current":
                 constant = rig.motors[rig.joint_index(joint)].torque_constant
+                if constant is not None and _is_in_milliamperes(channel, constant, rig.tau_max[rig.joint_index(joint)]):
+                    channel.unit, factor = "mA", _FACTORS["mA"]
+                    channel.reasons.append("as A it would exceed the motor's torque limit, as mA it does not")
                 if constant is not None:
                     unit = f", {channel.unit}" if channel.unit else ""
                     remark = f"a current{unit}, times the rig's torque constant, {constant:g} N m per A"
@@ -548,6 +553,20 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
     return found
 
 
+def _is_in_milliamperes(channel: Channel, constant: float, limit: float) -> bool:
+    """Return whether a current, the unit of which its name does not say, exceeds the motor's limit as A, not as mA.
+
+    Args:
+        channel: The current.
+        constant: The motor's torque constant, N m per A.
+        limit: Its torque limit, N m.
+    """
+    if channel.unit != "A" or _AMPERES.search(channel.column) or channel.column.endswith("_A"):
+        return False
+    torque = constant * float(np.quantile(np.abs(channel.values), 0.99))
+    return torque > OTHER_UNIT * limit >= 1e-3 * torque
+
+
 def _assign_by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wanted: bool = False) -> dict[str, str]:
     """Return joint → column of a kind: of the columns whose names differ by joint alone, the best set.
 
@@ -557,7 +576,7 @@ def _assign_by_joint(channels: Mapping[str, Channel], rig: Rig, kind: str, wante
     several = [c for c in channels.values() if c.quantity == kind and c.wanted == wanted and not c.still]
     sets: dict[tuple[str, ...], dict[str, str]] = {}
     for channel in several:
-        split = split_words(channel.column)
+        split = split_words(_TRAILING_UNIT.sub("", channel.column))
         inside = [joint for joint in rig.joints if set(split_words(joint)) <= set(split)]
         joint = max(inside, key=lambda joint: len(split_words(joint)), default="")
         known = _KINDS[kind] | _UNITS.get(kind, {}).keys() | {*split_words(joint)}
@@ -587,7 +606,7 @@ def _assign_imu_columns(
     """
     found: dict[str, tuple[str, str, str]] = {}
     for channel in channels:
-        split = split_words(channel.column)
+        split = split_words(_TRAILING_UNIT.sub("", channel.column))
         last = split[-1] if split else ""
         last = last[-1:] if last[:-1] in ("g", "w", "a") else last
         axis = axes[int(last)] if last in ("0", "1", "2") and len(axes) == 3 else last
