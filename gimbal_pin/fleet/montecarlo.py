@@ -117,7 +117,7 @@ def monte_carlo(
 ) -> MonteCarlo:
     """Simulate rigs that differ, and report how many meet a specification and which inputs use most of it.
 
-        study = monte_carlo(rig, model, count=1000, spec=["rms_error < 0.02 deg", "settling_time < 0.6"])
+        study = monte_carlo(rig, model, count=1000, spec=["rms_error < 0.02", "settling_time < 0.6"])
 
     The results depend on the arguments up to `seed` alone, to the last bit on machines of one kind, whatever runs them.
 

@@ -29,12 +29,8 @@ STEPS = {"rms_error": "°", "overshoot_percent": "%", "settling_time": "s", "pea
 """Figures of a step and their units in reports (none: a share of the limit), of each joint and the largest of all."""
 PLATFORM = {"jitter": "°", "jitter_max": "°", "drift": "°", "peak_torque": ""}
 """Figures of a camera on profile S and their units; the torque is also that of each joint."""
-SCALES = {
-    "°": {"°": radians(1.0), "deg": radians(1.0), "rad": 1.0},
-    "mm": {"mm": 1e-3, "m": 1.0},
-    **{unit: {unit: 1.0} for unit in ("%", "s", "")},
-}
-"""A figure's unit in reports → the units that a requirement may have, in SI units."""
+SCALES = {"°": radians(1.0), "mm": 1e-3, "%": 1.0, "s": 1.0, "": 1.0}
+"""Unit in reports and requirements → its size in the unit of the table."""
 SHORTEST_HOLDING = SETTLING + SHORTEST_JITTER
 """Shortest run that holds a camera, s: its start does not count, and the rest must show jitter."""
 SHORTEST_DRIFTING = SETTLING + SHORTEST_DRIFT
@@ -51,20 +47,18 @@ class Limit:
 
 
 def parse_limit(text: str, known: Mapping[str, str]) -> Limit:
-    """Return the requirement ``FIGURE < NUMBER``, in degrees or mm unless ``rad`` or ``m`` follows.
+    """Return the requirement ``FIGURE < NUMBER``, in the unit of the figure in `known`.
 
     Raises:
-        UsageError: It is none, or its figure is not in `known`, figure → unit.
+        UsageError: It is none, or of another figure.
     """
-    figure, _, rest = (part.strip() for part in text.partition("<"))
-    number, _, word = rest.partition(" ")
+    figure, _, number = (part.strip() for part in text.partition("<"))
     unit = known.get(figure, "")
-    scale = SCALES[unit].get(word.strip() or unit)
-    bound = parse_decimal(number)
-    if figure not in known or not scale or not bound or bound < 0:
+    bound = parse_decimal(number.removesuffix(unit).strip())
+    if figure not in known or not bound or bound < 0:
         what = f"is no requirement of a positive number of {unit or 'a share'}, or of no figure of these runs"
         raise UsageError(f"--spec '{text}'", what, f"write FIGURE < NUMBER with one of {', '.join(known)}")
-    return Limit(figure, bound * scale, text)
+    return Limit(figure, bound * SCALES[unit], text)
 
 
 def list_figures(rig: Rig, platform: bool) -> dict[str, str]:

@@ -33,35 +33,25 @@ MIN_PROBABILITY = 1e-12
 
 
 class Distribution(NamedTuple):
-    """Uniform distribution from `first` to `second`, or normal one of mean `first` and deviation `second`."""
+    """Distribution ``offset + scale x``, x uniform on 0 to 1 or standard normal; of a fixed number the scale is 0."""
 
     kind: str
-    first: float
-    second: float
-
-    @property
-    def is_fixed(self) -> bool:
-        """True where it is one number."""
-        return self.second == (self.first if self.kind == "uniform" else 0.0)
-
-    def find_quantile(self, probability: float) -> float:
-        """Return the value that is exceeded with one minus a probability."""
-        if self.kind == "uniform":
-            return self.first + probability * (self.second - self.first)
-        return self.first + float(ndtri(probability)) * self.second
+    offset: float
+    scale: float
 
 
 def parse_distribution(stated: Any, place: str) -> Distribution:
     """Return the distribution that a file states."""
-    kind, *numbers = stated if isinstance(stated, (list, tuple)) and stated else ("uniform", stated, stated)
+    kind, *numbers = stated if isinstance(stated, (list, tuple)) and stated else ("normal", stated, 0.0)
     is_number = [isinstance(x, (int, float)) and not isinstance(x, bool) and isfinite(x) for x in numbers]
     if kind not in ("uniform", "normal") or is_number != [True, True]:
         raise UsageError(place, f"is {stated!r}", DISTRIBUTION_SYNTAX)
-    own = Distribution(kind, *map(float, numbers))
-    if own.second < (own.first if kind == "uniform" else 0.0):
+    offset, second = map(float, numbers)
+    scale = second - offset if kind == "uniform" else second
+    if scale < 0:
         wrong = "lowest exceeds its highest" if kind == "uniform" else "deviation is negative"
         raise UsageError(place, f"is {stated!r}, whose {wrong}", DISTRIBUTION_SYNTAX)
-    return own
+    return Distribution(kind, offset, scale)
 
 
 @dataclass(frozen=True)
@@ -119,9 +109,13 @@ class Variation:
 
     def choose_values(self, probabilities: Sequence[float]) -> dict[str, float]:
         """Return all numbers, from the probabilities of the inputs."""
-        inside = np.clip(probabilities, MIN_PROBABILITY, 1 - MIN_PROBABILITY).tolist()
-        drawn = {name: self.distributions[name].find_quantile(x) for name, x in zip(self.inputs, inside)}
-        return {name: drawn.get(name, own.first) for name, own in self.distributions.items()}
+        x = dict(zip(self.inputs, np.clip(probabilities, MIN_PROBABILITY, 1 - MIN_PROBABILITY).tolist()))
+        return {
+            name: own.offset + own.scale * float(ndtri(x[name]) if own.kind == "normal" else x[name])
+            if own.scale
+            else own.offset
+            for name, own in self.distributions.items()
+        }
 
     def make_body(self, values: Values) -> Model:
         """Return the model with its parameters and its payload changed: the model that an identification would find."""
@@ -173,7 +167,7 @@ def make_variation(model: Model, vary: Vary | str | Path | None = None) -> Varia
     stated["delay"] = vary.delay
     stated |= {f"{cause}.{name}": x for cause, own in vary.effects.items() for name, x in own.items()}
     forms = {name: parse_distribution(x, f"{place}: {name}") for name, x in stated.items()}
-    variation = Variation(model, vary, known, forms, tuple(name for name, own in forms.items() if not own.is_fixed))
+    variation = Variation(model, vary, known, forms, tuple(name for name, own in forms.items() if own.scale))
     values = variation.choose_values([0.75] * len(variation.inputs))
     try:
         variation.make_plant(variation.make_body(values), values)

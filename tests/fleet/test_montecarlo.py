@@ -84,12 +84,12 @@ def test_the_yield_is_the_share_with_wilsons_interval(rig: Rig, late: MonteCarlo
     errors = np.sort(late.table["rms_error"])
     bound = degrees(float(errors[5] + errors[6]) / 2)
     folder = tmp_path / "out"
-    found = study(rig, spec=[f"rms_error < {bound!r} deg", "peak_torque < 1.5"], folder=folder)
+    found = study(rig, spec=[f"rms_error < {bound!r} °", "peak_torque < 1.5"], folder=folder)
     z, share = 1.959964, 6 / 8
     middle, half = share + z**2 / 16, z * sqrt(share * (1 - share) / 8 + z**2 / 4 / 8**2)
     assert found.yield_ is not None and (found.yield_.value, found.yield_.of) == (share, 8)
     assert np.allclose([found.yield_.low, found.yield_.high], (middle + np.array([-half, half])) / (1 + z**2 / 8))
-    none = study(rig, spec=[f"rms_error < {float(np.radians(bound))!r} rad", "peak_torque < 1e-6"], folder=folder)
+    none = study(rig, spec=[f"rms_error < {bound!r}", "peak_torque < 1e-6"], folder=folder)
     assert none.yield_ is not None and none.yield_.value == 0.0
     assert found.figures["worst"]["rms_error"] == errors[-1]
     with pytest.raises(UsageError, match="another run's results: other seed"):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -36,24 +34,3 @@ def test_kubernetes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     address = f"tcp://{service['metadata']['name']}:{service['spec']['ports'][0]['port']}"
     assert all(address in words for words in commands[1:])
     assert any(pod.get("metadata", {}).get("labels") == service["spec"]["selector"] for pod in pods)
-
-
-def test_slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run where `srun` runs two tasks of this machine, and each program writes what it is called with."""
-    monkeypatch.chdir(tmp_path)
-    Path("rigs.sbatch").write_text(BLOCKS["rigs.sbatch"])
-    subprocess.run(["bash", "-n", "rigs.sbatch"], check=True)
-    for name, text in {
-        "srun": '"$@" & "$@" & wait',
-        "dask": "",
-        "gimbal-pin": "sleep 1",
-        "hostname": "echo node",
-    }.items():
-        note = f'echo "{name} $*" >>calls' if name in ("dask", "gimbal-pin") else ""
-        Path(name).write_text(f"#!/bin/bash\n{note}\n{text}\n")
-        Path(name).chmod(0o755)
-    environment = {"PATH": f"{tmp_path}:/usr/bin:/bin", "HOME": str(tmp_path), "SLURM_JOB_ID": "123456"}
-    subprocess.run(["bash", "rigs.sbatch"], env=environment, check=True)
-    calls = [shlex.split(line) for line in Path("calls").read_text().splitlines()]
-    assert sorted(accept(words) for words in calls) == ["montecarlo", "scheduler", "worker", "worker"]
-    assert sum("tcp://node:23456" in words for words in calls) == 3

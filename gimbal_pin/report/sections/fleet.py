@@ -72,7 +72,7 @@ def describe_monte_carlo(found: MonteCarlo) -> Document:
 
 def _format_figure(unit: str, value: float | None) -> str:
     """Return a figure's value in its unit for people."""
-    return figures(None if value is None else value / SCALES[unit][unit])
+    return figures(None if value is None else value / SCALES[unit])
 
 
 def _label_figure(found: MonteCarlo, name: str) -> str:
@@ -124,7 +124,7 @@ def _draw_distributions(found: MonteCarlo) -> Figure:
     names = [name for name in found.figures.index if name in {*bounds, *STEPS, *PLATFORM}]
     figure, panels = _make_panels(len(names), top=0.1)
     for panel, name in zip(panels, names):
-        scale, values = SCALES[found.units[name]][found.units[name]], found.table[name].to_numpy(dtype=float)
+        scale, values = SCALES[found.units[name]], found.table[name].to_numpy(dtype=float)
         there = values[np.isfinite(values)] / scale
         panel.hist(there, min(40, 1 + round(len(there) ** 0.5)), color=PALETTE[0])
         panel.locator_params(axis="x", nbins=6)
