@@ -49,13 +49,12 @@ def test_each_unit_is_a_row_in_the_units_order_and_a_failed_one_holds_its_error(
     pd.testing.assert_frame_equal(rows, pd.read_parquet(tmp_path / "results.parquet"))
 
 
-def test_parallel_is_serial(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parallel_is_serial(processes: Executor, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where several units share a task."""
     rows = compute()
     monkeypatch.setattr("gimbal_pin.fleet.executor.MOST_TASKS", 7)
     pd.testing.assert_frame_equal(rows, compute(executor=LastFirst()), check_exact=True)
-    with open_executor(2) as pool:
-        pd.testing.assert_frame_equal(rows, compute(executor=pool), check_exact=True)
+    pd.testing.assert_frame_equal(rows, compute(executor=processes), check_exact=True)
 
 
 def test_rows_that_are_there_are_not_computed_again(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from math import degrees, pi, sqrt
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import pytest
 from gimbal_pin import Rig, identify, monte_carlo, nominal, track, tune
 from gimbal_pin.dynamics import reduce_parameters
 from gimbal_pin.errors import UsageError
-from gimbal_pin.fleet import MonteCarlo, Vary, draw_rigs, make_variation, open_executor, rank_influences
+from gimbal_pin.fleet import MonteCarlo, Vary, draw_rigs, make_variation, rank_influences
 from gimbal_pin.fleet.variation import factor_covariance
 from gimbal_pin.identification import given_beta
 from tests.bench_logs import prescribed
@@ -74,9 +74,8 @@ def test_sobol_indices_of_ishigamis_function(failed: bool) -> None:
     assert (found["first_confidence"] < 0.15).all()
 
 
-def test_parallel_is_serial_to_the_bit(rig: Rig, late: MonteCarlo, tmp_path: Path) -> None:
-    with open_executor(2) as pool:
-        other = study(rig, executor=pool, folder=tmp_path / "out")
+def test_parallel_is_serial_to_the_bit(rig: Rig, late: MonteCarlo, processes: Executor) -> None:
+    other = study(rig, executor=processes)
     pd.testing.assert_frame_equal(late.table, other.table, check_exact=True)
 
 

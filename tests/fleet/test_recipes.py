@@ -1,4 +1,4 @@
-"""The recipes of docs/pages/scale.md: what they start is there, and takes the options that they give."""
+"""Recipes of docs/pages/scale.md: the programs that they start take the options that they give."""
 
 from __future__ import annotations
 
