@@ -56,7 +56,9 @@ def parse_limit(text: str, known: Mapping[str, str]) -> Limit:
     unit = known.get(figure, "")
     bound = parse_decimal(number.removesuffix(unit).strip())
     if figure not in known or not bound or bound < 0:
-        what = f"is no requirement of a positive number of {unit or 'a share'}, or of no figure of these runs"
+        what = (
+            f"states no positive number of {unit or 'a share'}" if figure in known else "names no figure of these runs"
+        )
         raise UsageError(f"--spec '{text}'", what, f"write FIGURE < NUMBER with one of {', '.join(known)}")
     return Limit(figure, bound * SCALES[unit], text)
 

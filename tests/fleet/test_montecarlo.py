@@ -163,10 +163,19 @@ def test_a_bad_file_of_variations_is_one_line(run: Run, tmp_path: Path, vary: st
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("spec", ["rms_error", "jitter < 1", "rms_error <= 1", "rms_error < nan", "rms_error < 1 kg"])
-def test_a_bad_specification_is_one_line(run: Run, tmp_path: Path, spec: str) -> None:
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ("rms_error", "number of °"),
+        ("jitter < 1", "no figure"),
+        ("rms_error <= 1", "number of °"),
+        ("settling_time < -1", "number of s"),
+        ("rms_error < 1 kg", "number of °"),
+    ],
+)
+def test_a_bad_specification_is_one_line(run: Run, tmp_path: Path, spec: str, words: str) -> None:
     call = ["montecarlo", "turret", "--count", 2, "--spec", spec, "-o", tmp_path / "out"]
-    refused(run(*call), 2, f"--spec '{spec}'")
+    refused(run(*call), 2, f"--spec '{spec}'", words)
 
 
 def test_sobol_needs_a_power_of_two_and_something_that_varies(run: Run, tmp_path: Path) -> None:

@@ -157,9 +157,9 @@ def describe_fleet(found: Fleet) -> Document:
     strip = plots.Drawing(
         partial(_draw_units, found),
         "Every log's parameters about the fleet's means",
-        "A dot per log. Dashed: the offset that the median unit's logs show in one of two cases. Named: units that are "
-        "not like their siblings; an arrow is beyond the axis. A dot beyond the dashes without a name is of a unit "
-        "whose logs, together, do not tell it from its siblings, such as an uncertain one.",
+        "A dot per log. Dashed: the offset that the median unit shows in one of two cases. Named: units that deviate; "
+        "an arrow is beyond the axis. All logs of a unit count together: a dot beyond the dashes need not be of one "
+        "that deviates.",
     )
     changes = [own for unit in found.units for own in unit.deviations if own.kind is not DeviationKind.OFFSET][:PANELS]
     drawn = plots.Drawing(
