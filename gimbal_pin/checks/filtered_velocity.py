@@ -129,6 +129,8 @@ def find_low_pass_or_delay(
     d, r, sample, dt = derived[::step], rate[::step], dt, dt * step
     times = dt * np.arange(len(d))
     settled = slice(round(1.0 / (CORNERS[0] * dt)) // 2, None)
+    if d[settled] @ d[settled] == 0.0:  # a joint at rest shows no lag
+        return None
     shifts = 1.0 / (2.0 * np.pi * CORNERS)
     tried = [fit_shape(signals.resample(times, d[:, None], times - shift)[:, 0], r, dt, settled) for shift in shifts]
     best = min(range(len(tried)), key=lambda k: tried[k].left)

@@ -437,7 +437,7 @@ def stored(data: Any, rig: Rig, place: str = "controller") -> StoredController:
         brakes = tuple(inf if row.braking is None else row.braking for row in rows)
         model = read_model_data(filed.model, rig, f"{place}: model")
         if "covariance" in filed.model:
-            model = replace(model, estimated=read_known_parameters(filed.model, f"{place}: model"))
+            model = replace(model, estimated=read_known_parameters(filed.model, f"{place}: model", rig.n))
         robust = None if filed.robust is None else read_robust_term(filed.robust, gains, f"{place}: robust")
         law = law_of(wish, model, gains, inertia, brakes, robust)
         granted_hz = {joint: row.bandwidth_hz for joint, row in zip(rig.joints, rows)}

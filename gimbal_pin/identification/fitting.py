@@ -23,7 +23,7 @@ from gimbal_pin.dynamics.threads import limit_to_one_thread
 from gimbal_pin.effects import ALWAYS, Effect
 from gimbal_pin.effects.parse import parse_estimated_effect
 from gimbal_pin.effects.torque_table import TorqueTable
-from gimbal_pin.errors import UsageError, digits
+from gimbal_pin.errors import DataError, UsageError, digits
 from gimbal_pin.identification import payload_change
 from gimbal_pin.identification.agreement import assess_agreement
 from gimbal_pin.identification.bias_test import WhenTested, check_bias
@@ -91,6 +91,16 @@ def _split_log(log: Log, filters: Filtering) -> tuple[Log, Log]:
     """Split at two thirds of the time; the filters' settling at the cut keeps a gap between the two."""
     cut = int(np.searchsorted(log.t, log.t[0] + (log.t[-1] - log.t[0]) * 2 / 3))
     return log.part(slice(0, cut)), log.part(slice(cut, None))
+
+
+def compute_held_out_blocks(design: Design, logs: tuple[Log, ...]) -> DesignBlocks | None:
+    """Compute the rows of held-out logs, None without logs; raise `DataError` where the filters leave no row."""
+    if not logs:
+        return None
+    if blocks := compute_blocks(replace(design, logs=logs)):
+        return blocks
+    what = "its held-out part is shorter than the filters' memory"
+    raise DataError(logs[0].name, what, "record more, or use --holdout none")
 
 
 def assemble_result(
@@ -343,8 +353,7 @@ class _LogSplit:
     def fit(self, effects: tuple[Effect, ...]) -> _Trial:
         """Fit with some effects."""
         blocks, estimate, late = _fit_shown(self.rig, effects, self.train, self.filters, self.estimator, self.base)
-        tested = compute_blocks(replace(blocks.design, logs=self.test)) if self.test else None
-        return _Trial(blocks, estimate, late, tested)
+        return _Trial(blocks, estimate, late, compute_held_out_blocks(blocks.design, self.test))
 
     def fit_without_overfitted(self, effects: tuple[Effect, ...]) -> tuple[_Trial, tuple[Doubt, ...]]:
         """Fit without the effects of joints where they do not hold for what was held out; say which these are."""

@@ -101,7 +101,7 @@ def read_model(path: str | Path, rig: Rig) -> Model:
     model = replace(read_model_data(own, rig, str(path)), doubts=_read_doubts(own, str(path)))
     if "covariance" not in own:
         return model
-    known = read_known_parameters(own, str(path))
+    known = read_known_parameters(own, str(path), rig.n)
     if not own.get("physical", True):  # no body has these base parameters: phi is only the nearest
         return replace(model, estimated=known)
     reduction = reduce_parameters(rig)
@@ -131,7 +131,7 @@ def read_known(path: str | Path, rig: Rig) -> Model:
     own = _read_own_part(path, rig)
     return replace(
         read_model_data({**own, "phi": rig.phi.tolist()}, rig, str(path)),
-        estimated=read_known_parameters(own, str(path)),
+        estimated=read_known_parameters(own, str(path), rig.n),
     )
 
 
@@ -163,6 +163,10 @@ class StoredParameter:
     unit: str
 
 
+NUMBERS_PER_JOINT = ("missed", "misfit", "noise", "pure_error", "lags", "lag_std", "angle_noise")
+"""Entries of `StoredUncertainty` that have a number, or a list of them, for every joint."""
+
+
 @dataclass(frozen=True)
 class StoredUncertainty:
     """The part of a model file that says how sure its parameters are."""
@@ -180,12 +184,19 @@ class StoredUncertainty:
     digests: tuple[str, ...] = ()
 
 
-def read_known_parameters(data: Any, place: str) -> Estimated:
+def read_known_parameters(data: Any, place: str, joint_count: int) -> Estimated:
     """Return the parameters' uncertainty from a model file; `ModelError` if that is none.
+
+    Its lists of numbers per joint have `joint_count` entries, or none where the file is older than they are.
 
     The correlations' matrix has no negative eigenvalue but for rounding: a millionth, as whoever writes digits may.
     """
     filed = read_record(StoredUncertainty, data, place, ModelError, others=True)
+    for name in NUMBERS_PER_JOINT:
+        length = len(getattr(filed, name))
+        if length not in (0, joint_count) or (name == "lag_std" and length != len(filed.lags)):
+            what = f"has {length} entries for {joint_count} joints"
+            raise ModelError(f"{place}: {name}", what, "identify the model again")
     places = [f"{place}: base_parameters[{k}]" for k in range(len(filed.base_parameters))]
     rows = [
         read_record(StoredParameter, row, where, ModelError, others=True)

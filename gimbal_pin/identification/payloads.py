@@ -30,6 +30,7 @@ from gimbal_pin.identification.difference import BaseDifference
 from gimbal_pin.identification.fitting import (
     add_misfit_and_lags,
     assemble_result,
+    compute_held_out_blocks,
     given_beta,
     keep_held_out_accuracy,
     split_logs,
@@ -361,7 +362,7 @@ def _conclude_camera(
     given = design.rig.phi.copy()
     given[own.parameters] += base - urdf
     mounted, vague = _hedge_camera(mounted, own, reference[0], given, design.mixing, known)
-    tested = compute_blocks(replace(design, logs=part.test)) if part.test else None
+    tested = compute_held_out_blocks(design, part.test)
     found = replace(
         add_misfit_and_lags(assemble_result(part.blocks, one, tested, part.how), missed, late),
         notes=(*part.notes, *unseen),

@@ -12,7 +12,7 @@ from scipy.special import fdtri
 
 from gimbal_pin.checks.refusals import NEGLIGIBLE_TORQUE
 from gimbal_pin.dynamics.model import Doubt
-from gimbal_pin.errors import DataError, digits
+from gimbal_pin.errors import digits
 from gimbal_pin.log.log import Array
 from gimbal_pin.regression import (
     FORM_ERROR,
@@ -141,9 +141,7 @@ class Accuracy:
 
 
 def measure_accuracy(joints: Sequence[str], blocks: Sequence[Block], theta: Array, how: str) -> Accuracy:
-    """Compare predicted and measured filtered torque; `DataError` if there is no row to compare."""
-    if not blocks:
-        raise DataError("held-out part", "is shorter than the filters' memory", "hold out more, or use --holdout none")
+    """Compare predicted and measured filtered torque of at least one block."""
     whole = join_blocks(blocks)
     errors = [block.b - block.A @ theta for block in whole]
     measured, share = (np.concatenate([getattr(block, name) for block in whole]) for name in ("b", "share"))

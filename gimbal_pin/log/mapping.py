@@ -23,7 +23,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from gimbal_pin.errors import UsageError
+from gimbal_pin.errors import PLACE, UsageError, shortened
 from gimbal_pin.rig.reading import read_yaml
 from gimbal_pin.rig.types import Array
 
@@ -138,10 +138,10 @@ def _add_table(sources: dict[str, Source], table: object, place: str) -> None:
     if not isinstance(table, Mapping):
         raise UsageError(place, "is no table of columns", "write one line 'q_yaw: pos1*pi/180' per column")
     for target, text in table.items():
+        where = f"{place}: {shortened(target, PLACE // 2)}"
         if not isinstance(text, str):
-            mend = "quote it: 'column*factor'"
-            raise UsageError(f"{place}: {target}", f"maps to {text!r}, which is no text", mend)
-        _add_entry(sources, target, parse_expression(text, f"{place}: {target}"))
+            raise UsageError(where, f"maps to {text!r}, which is no text", "quote it: 'column*factor'")
+        _add_entry(sources, target, parse_expression(text, where))
 
 
 def is_mapping_file(entry: str | Path) -> bool:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib.resources
+import os
 import re
 from dataclasses import replace
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from gimbal_pin.errors import RigError, UsageError
+from gimbal_pin.errors import PLACE, RigError, UsageError, shortened
 from gimbal_pin.rig.config import Config, is_written, load_config, overlay_config
 
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -52,6 +53,9 @@ def find_rig(rig: str | Path, above: tuple[Path, ...] = ()) -> tuple[Path, Confi
         raise RigError(str(path), "names itself as its rig", "name a URDF with 'urdf:'")
     config = _resolve_payload(load_config(path), path)
     target = find_target(path, config)
+    if not os.path.exists(target):
+        what = f"names '{shortened(str(target), PLACE)}', which is neither a file nor a bundled rig"
+        raise RigError(f"{path}: urdf", what, "name a URDF, its path as seen from the YAML")
     if target.suffix not in YAML_SUFFIXES:
         return target, config
     base_path, base = find_rig(target, (*above, path.resolve()))

@@ -132,7 +132,7 @@ class Rig(Record):
             part = urdf.parse_checked(text, str(other))
             notes += more + remove_unfelt_inertials(part, str(other), carried=True)
             payload_link = urdf.find_root_link(part, str(other))
-            urdf.mount(element, part, config.mount or "camera_mount", str(path))
+            urdf.mount(element, part, config.mount or "camera_mount", f"{path} with {Path(other).name}")
         mounted = Path(name).stem if name else None
         stated = Path(rig) if Path(rig).suffix in YAML_SUFFIXES else path.with_suffix(".yaml")
         built = build_rig(path, urdf.to_text(element), config, mounted, payload_link, str(stated), mend)
@@ -242,10 +242,11 @@ def build_rig(
     mend: bool = False,
 ) -> Rig:
     """Build the rig from its merged URDF; `RigError` where URDF and YAML (`stated`) contradict each other."""
-    urdf.check_joints(urdf.parse_checked(text, str(path)), str(path))
-    model = to_pinocchio(text, str(path))
-    sound, notes = mend_inertias(text, model, str(path), mend)
-    element = urdf.parse_robot(sound, str(path))
+    place = str(path) if payload is None else f"{path} with {payload}"
+    urdf.check_joints(urdf.parse_checked(text, place), place)
+    model = to_pinocchio(text, place)
+    sound, notes = mend_inertias(text, model, place, mend)
+    element = urdf.parse_robot(sound, place)
     joints, links = tuple(model.names[1:]), urdf.list_element_names(element, "link")
     for key in (*config.motors, *config.limits):
         if key not in joints and key not in config.fixed:
@@ -265,7 +266,7 @@ def build_rig(
         urdf.add_joint(element, f"{turned}_joint", "fixed", camera, turned, at)
         camera, sound = turned, urdf.to_text(element)
     if sound != text:
-        model = to_pinocchio(sound, str(path))
+        model = to_pinocchio(sound, place)
     config = replace(config, motors=overlay_config(Config(motors=_read_transmissions(element, joints)), config).motors)
     limits = tuple(_read_limits(by_name[joint], config.limits.get(joint, {}), stated) for joint in joints)
     if idle := [joint for joint, limit in zip(joints, limits) if limit.lower == limit.upper]:
@@ -283,7 +284,7 @@ def build_rig(
         motors=tuple(config.motors.get(joint, Motor()) for joint in joints),
         limits=tuple(replace(x, lower=-math.inf, upper=math.inf) if x.lower == x.upper else x for x in limits),
         friction=np.array(friction),
-        base=urdf.find_root_link(element, str(path)),
+        base=urdf.find_root_link(element, place),
         camera_frame=camera,
         payload=payload,
         payload_link=payload_link,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from lxml import etree
 
 from gimbal_pin.control import stored, tune
 from gimbal_pin.control.laws.design import KINDS
@@ -30,6 +29,7 @@ from gimbal_pin.pointing import Controller
 from gimbal_pin.rig import Rig, read_bytes, read_yaml
 from gimbal_pin.rig import bundled as data_folder
 from tests.command_line import Run, refused
+from tests.damaged import damaged_tree, damaged_xml
 from tests.rigs import spelled
 
 RUN = "run.json"
@@ -262,56 +262,11 @@ def test_names_in_any_script_and_an_encoding_wrongly_declared_are_taken(tmp_path
         assert rig.joints == (name,) and rig.floating.nv == 7
 
 
-JUNK = (
-    "",
-    " ",
-    "0",
-    "-1",
-    "1e308",
-    "-1e-308",
-    "nan",
-    "inf",
-    "0x1",
-    "1_0",
-    "x",
-    "0 0 0",
-    "1e9 0 0",
-    "fixed",
-    "base",
-    "é",
-)
-
-
-@st.composite
-def mutated(draw: st.DrawFn) -> str:
-    """A bundled rig or payload with some attributes, elements or characters changed, taken away or doubled."""
-    text = draw(st.sampled_from(BUNDLED)).read_text(encoding="utf-8")
-    robot = etree.fromstring(text.encode())
-    for _ in range(draw(st.integers(1, 3))):
-        parts = [part for part in robot.iter() if isinstance(part.tag, str) and part is not robot]
-        part = draw(st.sampled_from(parts))
-        what = draw(st.sampled_from(["value", "value", "value", "no value", "gone", "twice", "elsewhere"]))
-        if what == "gone":
-            part.getparent().remove(part)
-        elif what in ("twice", "elsewhere"):
-            draw(st.sampled_from(parts) if what == "elsewhere" else st.just(part.getparent())).append(deepcopy(part))
-        elif part.attrib:
-            key = draw(st.sampled_from(sorted(part.attrib)))
-            part.set(key, draw(st.sampled_from(JUNK)))
-            if what == "no value":
-                del part.attrib[key]
-    out = etree.tostring(robot).decode()
-    if draw(st.booleans()):
-        at = draw(st.integers(0, len(out)))
-        out = out[:at] + draw(st.sampled_from(["<", ">", "&", '"', "\0", "<!--", "]]>", "é"])) + out[at + 1 :]
-    return out
-
-
-@given(mutated())
-def test_a_mutated_urdf_is_a_rig_or_refused_and_nobody_prints(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], text: str
+@given(st.sampled_from(BUNDLED).flatmap(lambda path: damaged_xml(path.read_bytes())))
+def test_a_damaged_urdf_is_a_rig_or_refused_and_nothing_is_printed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], content: bytes
 ) -> None:
-    (tmp_path / "x.urdf").write_text(text, encoding="utf-8")
+    (tmp_path / "x.urdf").write_bytes(content)
     rig = soon(lambda: Rig.load(tmp_path / "x.urdf"), RigError)
     assert isinstance(rig, RigError) or np.isfinite(compute_rnea(rig, *np.ones((3, 1, rig.n)))).all()
     assert capfd.readouterr() == ("", "")
@@ -369,50 +324,9 @@ def test_what_was_written_is_read(tmp_path: Path, kind: str) -> None:
     read_back(kind, files()[kind], tmp_path)
 
 
-def places(content: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    """Keys that lead to everything in a file but the inner of its covariance, which is most of it."""
-    inner = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
-    for key, entry in inner:
-        yield (*path, key)
-        if path != ("covariance",) or key == 0:
-            yield from places(entry, (*path, key))
-
-
-WRONG = (
-    None,
-    True,
-    "x",
-    "",
-    "pan",
-    "1e-3",
-    -1,
-    0,
-    1e-300,
-    1e16,
-    1e300,
-    float("nan"),
-    float("inf"),
-    [],
-    [[]],
-    {},
-    {"a": 1},
-)
-
-
 @given(st.sampled_from(["model", *KINDS]), st.data())
-def test_a_mutated_model_or_controller_is_read_or_refused(tmp_path: Path, kind: str, data: st.DataObject) -> None:
-    content = deepcopy(files()[kind])
-    path = data.draw(st.sampled_from(list(places(content))))
-    owner = content
-    for key in path[:-1]:
-        owner = owner[key]
-    how = data.draw(st.sampled_from(["wrong", "wrong", "gone", "twice"]))
-    if how == "gone":
-        del owner[path[-1]]
-    elif how == "twice" and isinstance(owner, list):
-        owner.append(owner[path[-1]])
-    else:
-        owner[path[-1]] = data.draw(st.sampled_from(WRONG))
+def test_a_damaged_model_or_controller_is_read_or_refused(tmp_path: Path, kind: str, data: st.DataObject) -> None:
+    content = data.draw(damaged_tree(files()[kind]))
     refusal = soon(lambda: read_back(kind, content, tmp_path), ModelError)
     assert refusal is None or refusal.place.startswith(str(tmp_path / "x.yaml"))
 
@@ -435,6 +349,9 @@ BAD_MODELS: Mapping[str, tuple[Callable[[Any], object], str]] = {
     "a negative variance": (lambda m: m["covariance"][0].__setitem__(0, -1e-8), "covariance"),
     "a covariance that is not symmetric": (lambda m: m["covariance"][0].__setitem__(1, 9e-9), "covariance"),
     "a variance of zero beside covariances": (lambda m: m["covariance"][0].__setitem__(0, 0.0), "covariance"),
+    "lags of one joint of two": (lambda m: m.update(lags=[0.001], lag_std=[0.001]), "1 entries for 2 joints"),
+    "lags without deviations": (lambda m: m.update(lags=[0.001, 0.001]), "lag_std: has 0 entries"),
+    "noise of three joints": (lambda m: m.update(noise=[1.0, 1.0, 1.0]), "noise: has 3 entries"),
     "payloads as a list": (lambda m: m.update(payloads=[1]), "payloads"),
 }
 

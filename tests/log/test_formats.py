@@ -17,10 +17,6 @@ import pandas
 import pyarrow
 import pytest
 import scipy.io
-from fuzzing import bombs
-from fuzzing.formats import Columns, as_bag, as_hdf5, as_mat, as_npy, as_records, as_ulog
-from hypothesis import given
-from hypothesis import strategies as st
 from pyarrow import parquet
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -30,7 +26,9 @@ from gimbal_pin.log import Imu, Log, io, log_columns
 from gimbal_pin.log.io import readers
 from gimbal_pin.rig import Rig
 from tests.command_line import Run, refused
+from tests.log import bombs
 from tests.log.test_io import same
+from tests.log.writers import Columns, as_bag, as_hdf5, as_mat, as_npy, as_records, as_ulog
 
 TURRET = Rig.load("turret")
 SOON = 15.0
@@ -160,9 +158,6 @@ def test_rows_that_lack_a_value_or_come_before_time_goes_on_are_left_out_and_tol
 
 # --- What is damaged, hostile or not installed ----------------------------------------------------------------------
 
-BINARY = ("csv.gz", "parquet", "npy", "record array", "npz", "packed npz")
-"""Formats that are read in this process; the others are read in one of their own."""
-
 
 def soon(read: Callable[[], Log]) -> None:
     """Read, or refuse in one line, at once."""
@@ -174,48 +169,6 @@ def soon(read: Callable[[], Log]) -> None:
     assert time.perf_counter() - start < SOON
 
 
-class Files(dict[str, bytes]):
-    """Format → a good file's bytes, which no failure prints."""
-
-    def __repr__(self) -> str:
-        return "good files"
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Files:
-    """The bytes of a good file of each kind."""
-    folder, columns, found = tmp_path_factory.mktemp("whole"), log_columns(motion(20)), Files()
-    for writer in (*BINARY, "mat"):
-        name, write = WRITERS[writer]
-        path = folder / writer / name
-        path.parent.mkdir()
-        write(columns, path)
-        found[writer] = path.read_bytes()
-    as_bag("mcap")(columns, folder / "mcap")
-    found["mcap"] = next((folder / "mcap").glob("*.mcap")).read_bytes()
-    return found
-
-
-@pytest.mark.parametrize("writer", BINARY)
-@given(data=st.data())
-def test_a_damaged_file_is_refused_in_one_line(writer: str, data: st.DataObject, whole: Files, tmp_path: Path) -> None:
-    path, content = tmp_path / WRITERS[writer][0], bytearray(whole[writer])
-    for _ in range(data.draw(st.integers(0, 3))):
-        content[data.draw(st.integers(0, len(content) - 1))] ^= 1 << data.draw(st.integers(0, 7))
-    path.write_bytes(content[: data.draw(st.sampled_from([len(content)]) | st.integers(0, len(content)))])
-    soon(lambda: io.read_log(path, TURRET))
-
-
-@pytest.mark.parametrize("writer", ["mat", "mcap"])
-def test_a_damaged_file_is_refused_by_a_process_of_its_own(writer: str, whole: Files, tmp_path: Path) -> None:
-    """Cut off, and with bytes changed behind its first ones, by which it is known."""
-    rng, content = np.random.default_rng(2), bytearray(whole[writer])
-    for place in rng.integers(16, len(content), size=20):
-        content[place] ^= 0x55
-    (tmp_path / "log").write_bytes(content)
-    soon(lambda: io.read_log(tmp_path / "log", TURRET))
-
-
 def test_what_unfolds_without_measure_is_refused(tmp_path: Path) -> None:
     """Kilobytes that stand for gigabytes are refused before these are in memory, also where they state less."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -223,12 +176,16 @@ def test_what_unfolds_without_measure_is_refused(tmp_path: Path) -> None:
         "bomb.npz": bombs.npz(bombs.FULL),
         "lying.npz": bombs.npz(1000),
         "bomb.mat": bombs.mat(),
+        "bomb.h5": bombs.hdf5(),
         "bomb.parquet": bombs.parquet(9),
     }.items():
         (tmp_path / name).write_bytes(content)
         with pytest.raises(LogError, match="damaged" if name == "lying.npz" else "holds more than"):
             (table := readers.open_table(tmp_path / name)).read(table.columns)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2**30 / 1024
+    (tmp_path / "bomb.csv.gz").write_bytes(bombs.gz())
+    with pytest.raises(LogError, match="holds more than"):
+        readers.open_table(tmp_path / "bomb.csv.gz")
 
 
 @pytest.mark.parametrize("name", ["x.mat", "x.h5", "x.bag", "x.ulg", "x.csv", "x.parquet", "x.npz"])

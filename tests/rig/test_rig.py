@@ -499,7 +499,7 @@ def test_the_yaml_that_is_wrong_is_the_one_named(tmp_path: Path) -> None:
     write(tmp_path, "urdf: here.yaml", "there.yaml")
     refused(lambda: Rig.load(tmp_path / "here.yaml"), "here.yaml", "names itself")
     missing = write(tmp_path, "urdf: gone.urdf", "missing.yaml")
-    refused(lambda: Rig.load(missing), str(tmp_path / "gone.urdf"), "does not exist")
+    refused(lambda: Rig.load(missing), str(missing), "gone.urdf")
 
 
 # --- inertias that break a rule -------------------------------------------------------------------------------------

@@ -350,10 +350,12 @@ def find_ratio(moved: Array, sums: Array) -> tuple[float, float]:
     They are an angle and its rate from a correlation of 0.9 on; in the measured logs of the tests it is over 0.97. One
     jump, as where a device begins anew, may make it alone: most increments have to agree in its sign.
     """
-    size, other, both = float(moved @ moved), float(sums @ sums), float(moved @ sums)
-    if not abs(both) > 0.9 * (size * other) ** 0.5 or both * np.sum(np.sign(moved * sums)) <= 0:
+    size, other, both = float(moved @ moved) ** 0.5, float(sums @ sums) ** 0.5, float(moved @ sums)
+    if size * other == 0.0:  # a channel at rest, or one so small that its squares are zero
         return 0.0, 0.0
-    return abs(both) / (size * other) ** 0.5, float(np.sign(both)) * (size / other) ** 0.5
+    if not abs(both) > 0.9 * size * other or both * np.sum(np.sign(moved * sums)) <= 0:
+        return 0.0, 0.0
+    return abs(both) / (size * other), float(np.sign(both)) * size / other
 
 
 def _pair_rates(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> None:

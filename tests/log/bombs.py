@@ -5,21 +5,17 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Callable, Mapping
-from pathlib import Path
-
-import numpy as np
 
 BLOCK = 2**24
-"""Zeros that are packed once, B; what packs more of them repeats the packed ones."""
+"""Size of the zeros that are packed once, bytes; larger contents repeat them."""
 BLOCKS = 512
-"""8 GiB: twice the memory of a call, eight times what a log may hold."""
+"""Number of blocks, 8 GiB: eight times what a log may hold."""
 FULL = 0xFFFFFFF0
 """Size that an archive states without its 64-bit fields."""
 
 
 def deflated(blocks: int, head: bytes = b"") -> bytes:
-    """Return a raw deflate stream of `head` and so many blocks of zeros."""
+    """A raw deflate stream of `head` and so many blocks of zeros."""
     pack = zlib.compressobj(9, zlib.DEFLATED, -15)
     begin = pack.compress(head) + pack.flush(zlib.Z_FULL_FLUSH)
     block = pack.compress(bytes(BLOCK)) + pack.flush(zlib.Z_FULL_FLUSH)
@@ -27,7 +23,7 @@ def deflated(blocks: int, head: bytes = b"") -> bytes:
 
 
 def gz() -> bytes:
-    """A gzip file; no checksum, which stands behind all of it."""
+    """A gzip file without a checksum."""
     return b"\x1f\x8b\x08\0\0\0\0\0\0\xff" + deflated(BLOCKS) + bytes(8)
 
 
@@ -50,16 +46,13 @@ def mat() -> bytes:
     return b"MATLAB 5.0 MAT-file".ljust(124) + b"\0\1IM" + struct.pack("<II", 15, len(content)) + content
 
 
-def hdf5(count: int, *, filled: bool) -> bytes:
-    """HDF5 of one array of doubles: of packed zeros, or nothing but its shape."""
+def hdf5() -> bytes:
+    """HDF5 of one array of 8 TiB that is nothing but its shape."""
     import h5py
 
-    sink, chunk = io.BytesIO(), BLOCK // 8
+    sink = io.BytesIO()
     with h5py.File(sink, "w") as file:
-        made = file.create_dataset("t", (count,), "f8", chunks=(chunk,), compression="gzip")
-        packed = zlib.compress(bytes(BLOCK))
-        for start in range(0, count if filled else 0, chunk):
-            made.id.write_direct_chunk((start,), packed)
+        file.create_dataset("t", (2**40,), "f8", chunks=(BLOCK,), compression="gzip")
     return sink.getvalue()
 
 
@@ -73,29 +66,3 @@ def parquet(groups: int) -> bytes:
         for _ in range(groups):
             file.write_table(table)
     return sink.getvalue()
-
-
-def npy() -> bytes:
-    """An array that is nothing but its shape."""
-    sink = io.BytesIO()
-    np.lib.format.write_array_header_1_0(sink, {"descr": "<f8", "fortran_order": False, "shape": (2**30, 1)})
-    return sink.getvalue()
-
-
-WRITERS: Mapping[str, Callable[[], bytes]] = {
-    "bomb.csv.gz": gz,
-    "bomb.npz": lambda: npz(FULL),
-    "lying.npz": lambda: npz(1000),
-    "bomb.npy": npy,
-    "bomb.mat": mat,
-    "bomb.h5": lambda: hdf5(BLOCKS * BLOCK // 8, filled=True),
-    "shape.h5": lambda: hdf5(2**40, filled=False),
-    "bomb.parquet": lambda: parquet(BLOCKS // 8),
-}
-"""A file's name → what makes it."""
-
-
-def made(folder: Path) -> None:
-    """Write every bomb into a folder."""
-    for name, write in WRITERS.items():
-        (folder / name).write_bytes(write())

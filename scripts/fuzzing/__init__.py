@@ -1,1 +1,0 @@
-"""Hostile inputs for every reader and every option, and kills at every moment: seeded, each case repeatable alone."""
