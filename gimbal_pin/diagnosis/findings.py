@@ -59,6 +59,7 @@ from gimbal_pin.effects import Cause
 from gimbal_pin.effects.parameter import Parameter
 from gimbal_pin.errors import DataError, digits
 from gimbal_pin.identification import describe_common_residual
+from gimbal_pin.identification.validation import is_degraded
 from gimbal_pin.log.log import Array, Log
 from gimbal_pin.regression import Filtering
 from gimbal_pin.rig.rig import Rig
@@ -233,7 +234,8 @@ class Confirmed(NamedTuple):
 def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
     """Leave out the causes that the reporting part does not confirm, the one that costs most first.
 
-    With such a cause the error is no smaller at its joint (`CONFIRMED`), or grows in the whole rig.
+    With such a cause the error is no smaller at its joint (`CONFIRMED`), or grows in the whole rig, or materially at
+    any of its joints.
 
     Args:
         found: The model of the training part.
@@ -249,18 +251,25 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
         places = {cause: _locate_cause(state, cause) for cause in lacking}
         errors = {cause: [x["torque_rmse"][places[cause]] for x in (lacking[cause], best)] for cause in lacking}
         smaller = {cause for cause, (before, after) in errors.items() if before >= CONFIRMED * after}
-        unconfirmed = [cause for cause, gain in gains.items() if cause not in smaller or gain < 0]
+        worse = {cause: _list_degraded_joints(best, figures) for cause, figures in lacking.items()}
+        unconfirmed = [cause for cause, gain in gains.items() if cause not in smaller or gain < 0 or worse[cause]]
         if not unconfirmed:
             return Confirmed(found, baseline, best, lacking, tuple(denied))
         worst = min(unconfirmed, key=gains.__getitem__)
         at, (without_, with_) = places[worst], errors[worst]
         told = held.rig.in_units(at, f"from {digits(without_, 3)} N m to {digits(with_, 3)} N m")
-        whole = ", and that of the whole rig grows" if worst in smaller else ""
+        grows = " and ".join(worse[worst]) or "the whole rig"
+        whole = f", and that of {grows} grows" if worst in smaller else ""
         denied.append(
             f"{at}: {worst.name} explains the part that was fitted and is left out: on the part that no choice has "
             f"seen the torque error goes {told} with it{whole}"
         )
         found = replace(found, final=leave_cause_out(state, worst))
+
+
+def _list_degraded_joints(after: Figures, before: Figures) -> list[str]:
+    """Return the joints at which a model is materially worse than another on unseen rows."""
+    return [joint for joint, fit in before["fit_percent"].items() if is_degraded(after["fit_percent"][joint], fit)]
 
 
 def _locate_cause(state: State, cause: Cause) -> str:
