@@ -18,6 +18,7 @@ import json
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
+from csv import writer as csv_writer
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -34,6 +35,8 @@ from real_data.proposed import from_file, singles, summary
 from real_data.running import Outcome
 from real_data.samples import explained_share
 from tqdm import tqdm
+
+from tests.blind.answers import encode_answer
 
 Outcomes = Mapping[tuple[str, str], Outcome]
 
@@ -119,6 +122,22 @@ def judged(every: Sequence[Case], outcomes: Outcomes) -> list[Judgement]:
     return found
 
 
+def write_answers(path: Path, classes: Sequence[Judgement], outcomes: Outcomes, data: Path) -> None:
+    """Write a CSV file with a line per diagnosis: its class, why, processor time, exit code, and what it said.
+
+    Files are named from the folder of measured data on.
+    """
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv_writer(file, lineterminator="\n")
+        writer.writerow(["log", "device", "class", "why", "seconds", "exit", "answer"])
+        for judgement in classes:
+            outcome = outcomes[judgement.log, "diagnose"]
+            answer = {"verdict": "refused"} | (outcome.result or {})
+            seconds = outcome.seconds if outcome.cpu is None else outcome.cpu
+            row = [judgement.log, judgement.device, judgement.judged, judgement.why, f"{seconds:.2f}", outcome.exit]
+            writer.writerow([*row, encode_answer(answer).replace(f"{data}/", "")])
+
+
 def main(
     data: Path = DATA,
     folder: Path = Path("real-results"),
@@ -127,6 +146,7 @@ def main(
     compare: tuple[Path, Path] | None = None,
     proposed: bool = False,
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
+    csv: Path | None = None,
     limit: float = LIMIT,
 ) -> None:
     """Run what is missing and print lines and table.
@@ -139,6 +159,7 @@ def main(
         compare: Print the verdicts of two folders of outcomes side by side, and run nothing.
         proposed: Go from each file to a report by the mapping that `inspect` proposes, and print a line per log.
         json_file: Write lines and outcomes as JSON.
+        csv: Write the class and the answer of every diagnosis, a line each.
         limit: Time limit of a run, s.
     """
     if compare is not None:
@@ -172,6 +193,8 @@ def main(
             ),
             "utf-8",
         )
+    if csv is not None:
+        write_answers(csv, classes, outcomes, data)
     print(count(lines))
     print(", ".join(f"{sum(x.judged is one for x in classes)} {one}" for one in Class))
     bad = Class.WRONG, Class.REFUSED, Class.ERROR, Class.UNKNOWN

@@ -22,7 +22,9 @@ LEAST_SAMPLES = 50
 """Fewer samples are not judged."""
 PERIODS = (*(2.0**bits for bits in range(24, 8, -1)), 360.0, 256.0, 2 * pi)
 """Readings at which encoders start over: counts, degrees, rad; the largest that fits is the encoder's."""
-OFFSETS = {"- pi": pi, "+ pi": -pi, "- 2*pi": 2 * pi, "+ 2*pi": -2 * pi}
+OFFSETS = {
+    "- pi": pi, "+ pi": -pi, "- 2*pi": 2 * pi, "+ 2*pi": -2 * pi, "- pi/2": pi / 2, "+ pi/2": -pi / 2,
+}  # fmt: skip
 """Offsets of encoders that are tried where a joint exceeds its stops, rad: what a mapping adds → the encoder's zero."""
 
 

@@ -49,24 +49,26 @@ def read(path: Path) -> dict[str, Judged]:
     return {row["log"]: judge(json.loads(row["truth"]), json.loads(row["answer"])) for row in rows}
 
 
+def encode_answer(answer: Mapping[str, Any]) -> str:
+    """Return what is kept of ``diagnose --json`` as one line of JSON."""
+    errors = {stage: _select(answer.get(stage) or {}, ("torque_rmse",)) for stage in ("baseline", "extended")}
+    findings = [_select(finding, FINDING_KEYS) for finding in answer.get("findings", ())]
+    return _encode(_select(answer, ("verdict", "exit", "causes")) | {"findings": findings} | errors)
+
+
 def _make_row(place: Path) -> dict[str, str]:
     """Return the line of one log."""
     truth = json.loads((place / "truth.json").read_text(encoding="utf-8"))
     answer = json.loads((place / "diagnosis.json").read_text(encoding="utf-8"))
     clock = place / "seconds"
     kept_truth = _select(truth, TRUTH_KEYS) | {"causes": [_select(cause, CAUSE_KEYS) for cause in truth["causes"]]}
-    kept_answer = _select(answer, ("verdict", "exit", "causes")) | {
-        "findings": [_select(finding, FINDING_KEYS) for finding in answer["findings"]],
-        "baseline": _select(answer.get("baseline") or {}, ("torque_rmse",)),
-        "extended": _select(answer.get("extended") or {}, ("torque_rmse",)),
-    }
     return {
         "log": place.name,
         "stratum": truth["stratum"],
         "seconds": clock.read_text(encoding="utf-8").strip() if clock.exists() else "",
         "verdict": answer["verdict"],
         "truth": _encode(kept_truth),
-        "answer": _encode(kept_answer),
+        "answer": encode_answer(answer),
     }
 
 

@@ -91,6 +91,19 @@ def test_angles_beyond_the_limits_are_refused_with_their_offset(tmp_path: Path, 
     assert read.q == pytest.approx(log.q, abs=1e-12)
 
 
+@pytest.mark.parametrize(("turns", "added"), [(0.25, "- pi/2"), (-0.25, r"\+ pi/2")])
+def test_an_encoder_that_is_mounted_a_quarter_turn_off_is_refused_with_it(
+    turns: float, added: str, tmp_path: Path
+) -> None:
+    plain = bundled("turret")
+    rig = replace(plain, limits=(plain.limits[0], replace(plain.limits[1], lower=-0.8, upper=0.8)))
+    t = 4e-3 * np.arange(1000)
+    q = {"q_pan": np.sin(3 * t), "q_tilt": 0.7 * np.sin(5 * t) + turns * TURN}
+    write_columns({"t": t, **q, "tau_pan": np.sin(t), "tau_tilt": np.sin(t)}, tmp_path / "x.csv")
+    with pytest.raises(LogError, match=rf"--map 'q_tilt=q_tilt {added}'"):
+        read_log(tmp_path / "x.csv", rig)
+
+
 @pytest.mark.parametrize("name", ["turret", "ptu"])
 @pytest.mark.parametrize(("zero", "stated"), [(4.14, 0.0), (-3.9, 0.0), (2.4, -1.3)])
 def test_an_unknown_zero_is_refused_with_the_interval_that_holds_it(
