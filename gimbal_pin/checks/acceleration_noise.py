@@ -72,14 +72,18 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
     wider = fit_weighted(list(raise_cutoff(made, raised)))
     pairs = ((crossed, middle), (fit_weighted(rows), wider))
     bias, walk = (float(compute_change(rows, *pair)[drowned >= DROWNED].max()) for pair in pairs)
-    share, worst, cutoff = float(drowned.max()), int(np.argmax(drowned)), filtering.cutoff
+    share = float(drowned.max())
+    worst = int(np.argmax(drowned))
+    cutoff = filtering.cutoff
     figures = (
         Parameter("noise_share", share, "1"),
         Parameter("bias", bias, "1"),
         Parameter("walk", walk, "1"),
         Parameter("cutoff", cutoff, "Hz"),
     )
-    answer, step, cause = estimate_answer(log, made, rows, crossed), find_step(log.q[:, worst]), "acceleration-noise"
+    answer = estimate_answer(log, made, rows, crossed)
+    step = find_step(log.q[:, worst])
+    cause = "acceleration-noise"
     bits = np.log2(2 * np.pi / step) if step else 0.0
     coarse = f" (encoder steps of {digits(1000 * step, 2)} mrad, {bits:.0f} bits per turn)" if step else ""
     unreliable = bias > MATERIAL
@@ -94,7 +98,8 @@ def check_acceleration_noise(rig: Rig, log: Log, filtering: Filtering) -> Examin
         "record with a finer encoder or a gyro, faster motion, and at least 30 s; use the estimate by instrumental "
         "variables until then"
     )
-    strength, slight = share / DROWNED, not unreliable and walk <= MAX_CUTOFF_DEPENDENCE
+    strength = share / DROWNED
+    slight = not unreliable and walk <= MAX_CUTOFF_DEPENDENCE
     return Examined(Fault(cause, joint, sentence, figures, strength, unreliable, mend, answer, slight=slight))
 
 
@@ -121,7 +126,8 @@ def compute_noise_share(log: Log, filtering: Filtering) -> Array | None:
     long = [part for part in split_segments(log, filtering.cutoff) if part.dt * part.length > 1.0 / filtering.cutoff]
     if not long or len(log) < 8 * JUDGED_PARTS:
         return None
-    rate, smoothing = 1.0 / log.dt, filtering.cutoff * filtering.smoothing
+    rate = 1.0 / log.dt
+    smoothing = filtering.cutoff * filtering.smoothing
     slow = signals.lowpass(filtering.cutoff, rate)
     a = [signals.zero_phase(smooth_samples(part, filtering, 0, part.length).a, slow) for part in long]
     size = np.maximum(np.std(np.concatenate(a), axis=0), 1e-300)
@@ -140,10 +146,12 @@ def compute_change(rows: Sequence[Block], first: Estimate, second: Estimate) -> 
 
     ``√(max(‖A Δθ‖² - tr A C Aᵀ, 0)/‖b‖²)``, C the first's covariance: the torque's noise moves them by as much.
     """
-    A, b = np.concatenate([block.A for block in rows]), np.concatenate([block.b for block in rows])
+    A = np.concatenate([block.A for block in rows])
+    b = np.concatenate([block.b for block in rows])
     known = np.where(np.isfinite(first.covariance), first.covariance, 0.0)
     expected = np.mean(np.sum((A @ known) * A, axis=2), axis=0)
-    moved, power = np.mean((A @ (second.theta - first.theta)) ** 2, axis=0), np.mean(b**2, axis=0)
+    moved = np.mean((A @ (second.theta - first.theta)) ** 2, axis=0)
+    power = np.mean(b**2, axis=0)
     felt = np.where(power > 1e-6 * power.max(), power, np.inf)
     return np.asarray(np.sqrt(np.maximum(moved - expected, 0.0) / felt))
 

@@ -97,7 +97,8 @@ def estimate_mountings(rig: Rig, log: Log) -> dict[str, Mounting]:
         """Gyros less the rates from base and encoders, rad/s, (L - 1, m, 3)."""
         return now[1:] - np.einsum("lmij,mj->lmi", turned, now[0]) - relative
 
-    turns, biases = [np.eye(3)] * len(links), [np.zeros(3)] * len(links)
+    turns = [np.eye(3)] * len(links)
+    biases = [np.zeros(3)] * len(links)
     first = last = difference(gyro)
     now = gyro
     for _ in range(_LINEAR_STEPS):
@@ -158,7 +159,8 @@ def _solve_corrections(
     links, m = gyro.shape[:2]
     base = np.concatenate([turned @ _skew(gyro[0]), turned], axis=3)
     deviations = np.tile(np.repeat(_PRIOR, 3), links)
-    information, right = np.diag(1 / deviations**2), -known.ravel() / deviations**2
+    information = np.diag(1 / deviations**2)
+    right = -known.ravel() / deviations**2
     for i in range(1, links):
         columns = np.zeros((m, 3, 6 * links))
         columns[:, :, :6] = -base[i - 1]
@@ -170,7 +172,8 @@ def _solve_corrections(
     # A gyro's own noise, turned, looks like information: a turn that only noise supports stays zero.
     shown = np.diag(information) > np.tile(np.repeat([_FAINT**2 * m, 0.0], 3), links)
     covariance = np.linalg.inv(information[np.ix_(shown, shown)])
-    step, std = np.zeros(6 * links), deviations.copy()
+    step = np.zeros(6 * links)
+    std = deviations.copy()
     step[shown], std[shown] = covariance @ right[shown], np.sqrt(np.diag(covariance))
     return step.reshape(links, 6), std.reshape(links, 6)
 
@@ -182,8 +185,10 @@ def _skew(w: Array) -> Array:
 
 def _compute_kinematics(rig: Rig, q: Array, links: Sequence[str]) -> tuple[Array, Array]:
     """``R_iᵀ`` (L, m, 3, 3) and the Jacobians of the links' rates in their own axes, (L, m, 3, n)."""
-    data, frames = rig.model.createData(), [rig.model.getFrameId(link, pin.FrameType.BODY) for link in links]
-    turned, jacobians = np.empty((len(links), len(q), 3, 3)), np.empty((len(links), len(q), 3, rig.n))
+    data = rig.model.createData()
+    frames = [rig.model.getFrameId(link, pin.FrameType.BODY) for link in links]
+    turned = np.empty((len(links), len(q), 3, 3))
+    jacobians = np.empty((len(links), len(q), 3, rig.n))
     for k, angles in enumerate(q):
         pin.computeJointJacobians(rig.model, data, angles)
         pin.updateFramePlacements(rig.model, data)
@@ -219,7 +224,8 @@ def correct_imus(rig: Rig, log: Log) -> tuple[list[tuple[str, Log]], dict[str, M
     Returns:
         The log after each step, with its cause; and how the IMUs that are left sit on their links.
     """
-    found, steps = estimate_mountings(rig, log), list[tuple[str, Log]]()
+    found = estimate_mountings(rig, log)
+    steps = list[tuple[str, Log]]()
     while wrong := [link for link, mounting in found.items() if mounting.contradicts]:
         worst = max(wrong, key=lambda link: found[link].after / found[link].rate)
         log = replace(log, imus={link: imu for link, imu in log.imus.items() if link != worst})

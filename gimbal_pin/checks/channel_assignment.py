@@ -115,7 +115,8 @@ def check_assignment_of_logs(blocks: DesignBlocks, estimate: Estimate) -> Fault 
     Raises:
         LogError: As `check_assignment`, of signs and of torques that have changed places.
     """
-    name, found = blocks.design.logs[0].name, find_assignment(blocks, estimate)
+    name = blocks.design.logs[0].name
+    found = find_assignment(blocks, estimate)
     if found is None:
         return None
     if not found.whole:
@@ -131,7 +132,8 @@ def take_beginning(log: Log) -> Log:
 
 def is_impossible(blocks: DesignBlocks, estimate: Estimate) -> bool:
     """Whether a fit says what no rig can be: see `check_assignment`."""
-    rows, count = blocks.design, len(blocks.design.reduction.independent)
+    rows = blocks.design
+    count = len(blocks.design.reduction.independent)
     if np.any(estimate.residual_std > POOR * compute_torque_size(blocks)):
         return True
     pushing = estimate.theta[count : count + 2 * rows.rig.n].reshape(rows.rig.n, 2)
@@ -146,14 +148,16 @@ def compute_mass_matrices(rows: Design, beta: Array) -> Array:
 
     The stated rotors are left out: a log that shows less inertia than they have contradicts them.
     """
-    rig, q = rows.rig.with_phi(rows.to_bodies(beta)), spread_reference_states(rows.rig).q
+    rig = rows.rig.with_phi(rows.to_bodies(beta))
+    q = spread_reference_states(rows.rig).q
     matrices = np.stack([compute_inertia_column(rig, q, j) for j in range(rig.n)], axis=2)
     return (matrices + matrices.transpose(0, 2, 1)) / 2 - np.diag(rig.armature)
 
 
 def try_smaller_rotors(blocks: DesignBlocks, estimate: Estimate) -> Iterator[AssignmentTrial]:
     """Yield the torques with those stated rotors unstated that are larger than all inertia at their joints."""
-    rows, width = blocks.design, len(blocks.design.reduction.independent)
+    rows = blocks.design
+    width = len(blocks.design.reduction.independent)
     bodies = np.diagonal(compute_mass_matrices(rows, estimate.theta[:width]), axis1=1, axis2=2).min(axis=0)
     large = (rows.rig.armature > 0) & (bodies <= 0)
     if large.any():
@@ -171,7 +175,8 @@ def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
     without logs, that of a joint whose stated rotor takes a part of the torque: rows without a log do not hold it.
     """
     rows = blocks.design
-    joints, n = rows.rig.joints, rows.rig.n
+    joints = rows.rig.joints
+    n = rows.rig.n
     sources = rows.logs[0].sources if rows.logs else {}
     right = correlate_with_given(blocks) > AGREEING_CORRELATION
     right |= (rows.rig.armature > 0) & (not rows.logs)
@@ -196,10 +201,12 @@ def try_torques(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
 
 def try_orders(blocks: DesignBlocks) -> Iterator[AssignmentTrial]:
     """Yield exchanges of two whole joints that least squares explains far better than theirs, where there are logs."""
-    rows, joints = blocks.design, blocks.design.rig.joints
+    rows = blocks.design
+    joints = blocks.design.rig.joints
     if not rows.logs:
         return
-    given, beginnings = compute_free_misfit(blocks), replace(rows, logs=tuple(map(take_beginning, rows.logs)))
+    given = compute_free_misfit(blocks)
+    beginnings = replace(rows, logs=tuple(map(take_beginning, rows.logs)))
     for order in (exchange_places(rows.rig.n, *pair) for pair in combinations(range(rows.rig.n), 2)):
         put = compute_blocks(reorder_channels(beginnings, order, JOINT_CHANNELS))
         if compute_free_misfit(put) < LEAST_IMPROVEMENT * given:

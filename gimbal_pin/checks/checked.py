@@ -120,7 +120,8 @@ def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs
     if repairs and subsample_log(latest).log is not latest:
         faults, repairs = _examine(rig, latest, repairs_only)
     steps += repairs
-    before, alterations = log, list[Alteration]()
+    before = log
+    alterations = list[Alteration]()
     for cause, after in steps:
         alterations += compare_logs(rig, cause, before, after)
         before = after
@@ -129,7 +130,8 @@ def check_log(rig: Rig, log: Log, *, filtering: Filtering | None = None, repairs
 
 def _examine(rig: Rig, log: Log, repairs_only: bool) -> tuple[tuple[Fault, ...], list[tuple[str, Log]]]:
     """Return the faults that the checks find, and the log after each repair with the check that asks for it."""
-    faults, repairs = list[Fault](), list[tuple[str, Log]]()
+    faults = list[Fault]()
+    repairs = list[tuple[str, Log]]()
     for name, check in CHECKS.items():
         latest = repairs[-1][1] if repairs else log
         if repairs_only and name in CHECKS_WITHOUT_REPAIR:

@@ -56,7 +56,8 @@ def check_clock(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     """
     if len(log) < 2 * CLOCK_WINDOW:
         return None
-    seen, old = separate_jitter(log.t), find_repeated_rows(log)
+    seen = separate_jitter(log.t)
+    old = find_repeated_rows(log)
     lost = np.where(seen.missing * log.dt < PAUSE, seen.missing, 0.0)
     figures = (
         Parameter("jitter", seen.jitter, "periods"),

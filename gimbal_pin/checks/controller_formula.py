@@ -85,8 +85,10 @@ def check_controller_formula(rig: Rig, log: Log, filtering: Filtering) -> Examin
     worst = max(like, key=lambda j: plant[j] / max(found[j].left, 1e-300))
     if plant[worst] < WORSE * found[worst].left:
         return check_formula_of_angles(rig, log, filtering)
-    joint, (gain, delay, left) = rig.joints[worst], found[worst]
-    share, by_plant = left / float(power[worst]), plant[worst] / float(power[worst])
+    joint = rig.joints[worst]
+    (gain, delay, left) = found[worst]
+    share = left / float(power[worst])
+    by_plant = plant[worst] / float(power[worst])
     figures = (
         Parameter("gain", gain, "N m s/rad"),
         Parameter("delay", delay * log.dt, "s"),
@@ -113,7 +115,8 @@ def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examine
     """
     assert log.tau is not None
     band = min(filtering.cutoff * log.dt, BAND)
-    sections, edge = signals.lowpass(band, 1.0), int(signals.compute_lowpass_settling(band)) + LATEST
+    sections = signals.lowpass(band, 1.0)
+    edge = int(signals.compute_lowpass_settling(band)) + LATEST
     kept = np.arange(edge, len(log) - edge, max(1, len(log) // MOST_FORMULA_SAMPLES, int(0.25 / band)))
     if len(kept) < FEWEST_FORMULA_SAMPLES:
         return None
@@ -134,7 +137,8 @@ def check_formula_of_angles(rig: Rig, log: Log, filtering: Filtering) -> Examine
             rest = np.stack([tau[kept, j], asked[:, j]], axis=1)
             left[delay, j], inert[delay, j] = np.mean((rest - free @ (free.T @ rest)) ** 2, axis=0)
     best = np.argmin(left, axis=0)
-    left, inert = left[best, range(rig.n)], inert[best, range(rig.n)]
+    left = left[best, range(rig.n)]
+    inert = inert[best, range(rig.n)]
     powers = np.maximum(np.var(tau[kept], axis=0), 1e-300)
     judged = (inert > SEEN * np.mean(hidden**2, axis=0)) & (left < LEFT * powers)
     ratio = np.where(judged, inert / np.maximum(left, 1e-300), 0.0)

@@ -65,7 +65,9 @@ def check_filtered_velocity(rig: Rig, log: Log, filtering: Filtering) -> Examine
     else:
         worst = max(found.keys() - delays.keys(), key=lambda j: found[j].change)
         mended = replace(log, v=None)
-    unreliable, joint, (cause, change) = spoils_torque(rig, log, mended, filtering), rig.joints[worst], found[worst]
+    unreliable = spoils_torque(rig, log, mended, filtering)
+    joint = rig.joints[worst]
+    (cause, change) = found[worst]
     if isinstance(cause, LowPass):
         figures = [Parameter("corner", cause.corner, "Hz"), Parameter("order", float(cause.order), "1")]
         what = f"is the angle behind a low-pass of {digits(cause.corner, 2)} Hz"
@@ -97,14 +99,18 @@ def find_lag(log: Log, j: int, filtering: Filtering) -> Lag | None:
     longest = max(split_segments(log, 1.0), key=lambda stretch: stretch.length, default=None)
     if longest is None or longest.length * longest.dt < SHORTEST_STRETCH or np.ptp(log.q[:, j]) == 0.0:
         return None
-    dt, rows = longest.dt, longest.rows
+    dt = longest.dt
+    rows = longest.rows
     grid = longest.start + dt * np.arange(longest.length)
-    t, q, v = longest.log.t[rows], longest.log.q[rows, j], np.asarray(longest.log.v)[rows, j]
+    t = longest.log.t[rows]
+    q = longest.log.q[rows, j]
+    v = np.asarray(longest.log.v)[rows, j]
     qv = signals.resample(t, np.stack([q, v], axis=1), grid)
     sections = signals.lowpass(filtering.cutoff, 1.0 / dt)
     slow = signals.zero_phase(qv, sections)
     edge = min(round(signals.compute_lowpass_settling(filtering.cutoff) / dt), len(qv) // 4)
-    derived, rate = signals.differentiate(slow[:, :1], dt)[edge:-edge, 0], slow[edge:-edge, 1]
+    derived = signals.differentiate(slow[:, :1], dt)[edge:-edge, 0]
+    rate = slow[edge:-edge, 1]
     change = float(np.sqrt(np.mean((rate - derived) ** 2) / np.maximum(np.mean(derived**2), 1e-300)))
     if change < VISIBLE:
         return None
@@ -126,7 +132,10 @@ def find_low_pass_or_delay(
         cutoff: Of that filter, Hz.
     """
     step = max(1, int(0.05 / (cutoff * dt)))
-    d, r, sample, dt = derived[::step], rate[::step], dt, dt * step
+    d = derived[::step]
+    r = rate[::step]
+    sample = dt
+    dt = dt * step
     times = dt * np.arange(len(d))
     settled = slice(round(1.0 / (CORNERS[0] * dt)) // 2, None)
     if d[settled] @ d[settled] == 0.0:  # a joint at rest shows no lag
@@ -134,7 +143,8 @@ def find_low_pass_or_delay(
     shifts = 1.0 / (2.0 * np.pi * CORNERS)
     tried = [fit_shape(signals.resample(times, d[:, None], times - shift)[:, 0], r, dt, settled) for shift in shifts]
     best = min(range(len(tried)), key=lambda k: tried[k].left)
-    delayed, delay = tried[best], float(shifts[best]) + tried[best].delay
+    delayed = tried[best]
+    delay = float(shifts[best]) + tried[best].delay
     # |lagged - delayed| is at most the sum of what the two leave: where that cannot be visible, no lag need be tried.
     if delayed.left * (1.0 + np.sqrt(LOWPASS_IMPROVEMENT)) ** 2 > OVER_NOISE * noise**2:
         shapes = [LowPass(float(f), order) for order in (1, 2) for f in CORNERS]

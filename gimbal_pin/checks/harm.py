@@ -52,7 +52,9 @@ def spoils_torque(rig: Rig, log: Log, mended: Log, filtering: Filtering) -> bool
     """
     if all(getattr(log, name) is getattr(mended, name) for name in ("t", "q", "v")):
         # Torques alone differ: by no more than is immaterial, whatever the model.
-        sections, before, after = signals.lowpass(filtering.cutoff, 1.0 / log.dt), log.tau, mended.tau
+        sections = signals.lowpass(filtering.cutoff, 1.0 / log.dt)
+        before = log.tau
+        after = mended.tau
         assert before is not None and after is not None
         moved, size = (np.sqrt(np.mean(signals.zero_phase(x, sections) ** 2, axis=0)) for x in (before - after, after))
         if np.all(moved <= MATERIAL * size):

@@ -69,7 +69,8 @@ def check_outliers(rig: Rig, log: Log, filtering: Filtering) -> Examined | None:
     if not bad and not harmful and max(wild.size for wild in found) < GROSS:
         return None
     worst = max(bad or found, key=lambda wild: wild.size * int(wild.rows.sum()))
-    count, unreliable = sum(int(wild.rows.sum()) for wild in found), harmful or bool(bad)
+    count = sum(int(wild.rows.sum()) for wild in found)
+    unreliable = harmful or bool(bad)
     seconds = sum(end - begin for wild in bad for begin, end in find_runs(wild.rows)) * log.dt
     figures = (
         Parameter("spikes", float(count), "samples"),
@@ -115,7 +116,8 @@ def find_lone_samples(column: Array, left: Array, dt: float) -> Flags:
     length = max(8, min(round(NOISE_WINDOW / dt), len(left)))
     window = np.repeat(compute_medians(left[:, None], length)[:, 0] / 0.6745, length)[: len(left)]
     # A step has one of these on either side of it, a spike none.
-    near, far = np.abs(column[3:-1] - column[1:-3]), np.abs(column[4:] - column[:-4])
+    near = np.abs(column[3:-1] - column[1:-3])
+    far = np.abs(column[4:] - column[:-4])
     agree = np.maximum(near, far) < LONE * SPIKE_HEIGHT * left
     hit = wild & (left > SPIKE_OVER_WINDOW * window) & agree
     # Of a channel that changes its sign with every sample all neighbours but the nearest agree.

@@ -71,7 +71,8 @@ def check_platform_log(t: Array, imu: Imu, name: str) -> UsablePlatform:
     rows = np.flatnonzero(~stuck)
     first, end, more = _find_longest_stretch(t, rows, name)
     kept = t[rows[first:end]]
-    rate, rms = 1 / float(np.median(np.diff(kept))), float(np.sqrt(np.mean(np.sum(imu.gyro**2, axis=1))))
+    rate = 1 / float(np.median(np.diff(kept)))
+    rms = float(np.sqrt(np.mean(np.sum(imu.gyro**2, axis=1))))
     notes += more
     if rate < 2 * PLATFORM_CUTOFF:
         notes.append(f"sampled at {digits(rate)} Hz: motion above {digits(rate / 2)} Hz is not in it")
@@ -85,7 +86,9 @@ def _find_frozen(t: Array, gyro: Array, accel: Array, name: str) -> tuple[Flags,
 
     Where the gyro says that the platform stands, nothing need change.
     """
-    stuck, notes, dt = np.zeros(len(t), dtype=bool), list[str](), float(np.median(np.diff(t)))
+    stuck = np.zeros(len(t), dtype=bool)
+    notes = list[str]()
+    dt = float(np.median(np.diff(t)))
     resting = [word for word, x in (("gyro", gyro), ("accelerometer", accel)) if not np.ptp(x, axis=0).any()]
     if len(resting) == 2 and not float(np.linalg.norm(gyro[0])) > _BIASED:
         return stuck, ["nothing in it ever changes: the platform stands"]
@@ -129,7 +132,8 @@ def _find_longest_stretch(t: Array, rows: NDArray[np.intp], name: str) -> tuple[
     gaps = np.flatnonzero(steps > GAP_SAMPLES * np.median(np.diff(t)))
     edges = [0, *(gaps[steps[gaps] > _BRIDGED] + 1).tolist(), len(rows)]
     first, end = max(itertools.pairwise(edges), key=lambda pair: t[rows[pair[1] - 1]] - t[rows[pair[0]]])
-    begins, ends = float(t[rows[first]]), float(t[rows[end - 1]])
+    begins = float(t[rows[first]])
+    ends = float(t[rows[end - 1]])
     if ends - begins < _FEWEST_SECONDS and len(edges) > 2:
         lasts = digits(ends - begins)
         what = f"holds no {_FEWEST_SECONDS:g} s in a row without a gap of more than {_BRIDGED:g} s: {lasts} s at most"

@@ -69,7 +69,8 @@ def check_unit(rig: Rig, log: Log) -> None:
     has_constant = [name in log.sources and abs(log.sources[name].factor) != 1.0 for name in names]
     constants = [1.0 if done else rig.motors[j].torque_constant for j, done in zip(wrong, has_constant)]
     maps = log.remapped({name: (name, 1e-3 * (constant or 1.0)) for name, constant in zip(names, constants)})
-    most, limit = float(ratio.max()), float(rig.tau_max[ratio.argmax()])
+    most = float(ratio.max())
+    limit = float(rig.tau_max[ratio.argmax()])
     what = f"is {most:.2g} times the motor's {limit:.3g} N m, rms: another unit, mA or mN m say"
     joint = rig.joints[int(ratio.argmax())]
     if all(has_constant):

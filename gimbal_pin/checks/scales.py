@@ -66,9 +66,12 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
         blocks: The rows that were fitted.
         estimate: Their weighted or any other least squares.
     """
-    design, size = blocks.design, compute_torque_size(blocks)
-    rig, stated = design.rig, np.concatenate([design.mixing @ design.rig.phi, design.rig.friction.ravel()])
-    fitted, covariance = estimate.theta[: len(stated)], estimate.covariance[: len(stated), : len(stated)]
+    design = blocks.design
+    size = compute_torque_size(blocks)
+    rig = design.rig
+    stated = np.concatenate([design.mixing @ design.rig.phi, design.rig.friction.ravel()])
+    fitted = estimate.theta[: len(stated)]
+    covariance = estimate.covariance[: len(stated), : len(stated)]
     if np.any(estimate.residual_std > POOR * size) or not np.isfinite(covariance).all():
         return ()
 
@@ -77,7 +80,8 @@ def compare_scales(blocks: DesignBlocks, estimate: Estimate) -> tuple[ScaleFault
         whole = np.append(row, np.zeros(len(stated) - len(row)))
         return Ratio(*(np.array([whole @ fitted, sqrt(whole @ covariance @ whole)]) / (whole @ stated)).tolist())
 
-    places, q = find_base_columns(rig, design.reduction), spread_reference_states(rig).q
+    places = find_base_columns(rig, design.reduction)
+    q = spread_reference_states(rig).q
     columns = compute_regressor(rig, q, np.zeros_like(q), np.zeros_like(q), places=places)
     pull = columns @ stated[: len(places)]
     parts = list[dict[str, Ratio]]()
@@ -147,7 +151,9 @@ def _name_unit(design: Design, j: int, parts: Mapping[str, Ratio]) -> str:
 
     The angle's if dry friction alone is beside it, and right: gravity's torque is no multiple in another angle.
     """
-    joint, motor, factor = design.rig.joints[j], design.rig.motors[j], parts["inertia"].value
+    joint = design.rig.joints[j]
+    motor = design.rig.motors[j]
+    factor = parts["inertia"].value
     others = [ratio for part, ratio in parts.items() if part != "inertia"]
     is_torque = all(ratio.is_near(factor) for ratio in others)
     is_angle = not is_torque and "gravity's torque" not in parts and parts["dry friction"].is_near(1.0)

@@ -27,9 +27,11 @@ def leave_out(t: Array, x: Array) -> Array:
         t: Times, (N,).
         x: Values, (N, n).
     """
-    n, places = len(t) - 4, (0, 1, 3, 4)
+    n = len(t) - 4
+    places = (0, 1, 3, 4)
     around = [t[i : i + n] for i in places]
-    guess, size = np.zeros((n, x.shape[1])), np.ones(n)
+    guess = np.zeros((n, x.shape[1]))
+    size = np.ones(n)
     for i, own in enumerate(around):
         others = [other for k, other in enumerate(around) if k != i]
         weight = np.prod([(t[2 : 2 + n] - other) / (own - other) for other in others], axis=0)

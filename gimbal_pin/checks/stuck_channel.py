@@ -54,7 +54,9 @@ def check_stuck_channel(rig: Rig, log: Log, filtering: Filtering) -> Examined | 
         return None
     worst = max(found, key=lambda held: int(held.rows.sum()))
     bad = dilate_flags(np.any([held.rows for held in found], axis=0)[:, None], 2)[:, 0]
-    joint, what, share = rig.joints[worst.joint], WORDS[worst.channel], float(np.mean(worst.rows))
+    joint = rig.joints[worst.joint]
+    what = WORDS[worst.channel]
+    share = float(np.mean(worst.rows))
     longest = max(end - begin for begin, end in find_runs(worst.rows)) * log.dt
     figures = (
         Parameter("channel", float(JOINT_CHANNELS.index(worst.channel)), "0 angle, 1 rate, 2 torque"),
@@ -113,12 +115,16 @@ def find_contradicted_runs(log: Log, j: int, column: Array, rows: Flags) -> tupl
 
     assert log.v is not None
     # A lone wild rate is an outlier; it says nothing of where the angle went.
-    q, v, steps = log.q[:, j], median_filter(log.v[:, j], 3, mode="nearest"), np.diff(log.t)
+    q = log.q[:, j]
+    v = median_filter(log.v[:, j], 3, mode="nearest")
+    steps = np.diff(log.t)
     # A hole in the log tells nothing of what the rate was in it.
     whole = steps < GAP_SAMPLES * log.dt
     apart = np.append(0.0, np.cumsum(np.where(whole, np.diff(q) - 0.5 * (v[1:] + v[:-1]) * steps, 0.0)))
-    step, spread = find_step(q), SHARE * float(np.std(v)) * log.dt
-    out, loudness = np.zeros(len(rows), bool), 0.0
+    step = find_step(q)
+    spread = SHARE * float(np.std(v)) * log.dt
+    out = np.zeros(len(rows), bool)
+    loudness = 0.0
     for begin, end in iterate_runs(column, rows):
         travel = float(np.ptp(apart[begin:end]))
         # An angle that came there by a step rests on it until the next.
@@ -150,7 +156,8 @@ def find_released_runs(column: Array, rows: Flags) -> tuple[Flags, float]:
     """Runs that an angle leaves with a jump, (N,), and the largest jump over its ordinary change between samples."""
     changes = np.abs(np.diff(column))
     ordinary = max(float(np.quantile(changes, 0.99)), 1e-300)
-    out, loudness = np.zeros(len(rows), bool), 0.0
+    out = np.zeros(len(rows), bool)
+    loudness = 0.0
     for begin, end in iterate_runs(column, rows):
         jump, arrival = (changes[k] if 0 <= k < len(changes) else 0.0 for k in (end - 1, begin - 1))
         if jump > max(LOUD * ordinary, LOUD * arrival, SHARE * float(np.std(column))):
@@ -167,7 +174,8 @@ def compute_denial(rig: Rig, log: Log, j: int, rows: Flags, filtering: Filtering
     """
     if rows.all():
         return float("inf") if np.ptp(log.q[:, j]) > 0 else 0.0
-    logs, base = (log, log.part(np.flatnonzero(~rows))), classify_base_motion(rig, log)
+    logs = (log, log.part(np.flatnonzero(~rows)))
+    base = classify_base_motion(rig, log)
     every, fitted = (list(build_design(rig, one, filtering, base)) for one in logs)
     if not fitted or sum(block.b.size for block in fitted) < 3 * fitted[0].A.shape[2]:
         return 0.0

@@ -88,7 +88,8 @@ def find_time_fault(log: Log, found: Sequence[Shift]) -> Fault | None:
     """Return the fault of a log with a torque beyond the bounds, or None."""
     if not (beyond := [one for one in found if one.beyond]):
         return None
-    worst, (said, mend) = find_clearest(beyond), describe_shifts(log, beyond)
+    worst = find_clearest(beyond)
+    (said, mend) = describe_shifts(log, beyond)
     figures = (Parameter("late", -worst.by, "s"), Parameter("left", worst.left / worst.within, "1"))
     sentence = f"{log.name}: {said}; no physics is looked for in it"
     return Fault("clock", worst.joint, sentence, figures, abs(worst.by / LARGEST_LAG), True, mend)
@@ -101,11 +102,14 @@ def find_clearest(found: Sequence[Shift]) -> Shift:
 
 def describe_shifts(log: Log, found: Sequence[Shift]) -> tuple[str, str]:
     """Say by how much which torques are late or early, and what mends that: all joints have one alignment."""
-    worst, columns = find_clearest(found), ", ".join(f"tau_{one.joint}" for one in found)
-    size, when = digits(1e3 * abs(worst.by), 3), "late" if worst.by < 0 else "early"
+    worst = find_clearest(found)
+    columns = ", ".join(f"tau_{one.joint}" for one in found)
+    size = digits(1e3 * abs(worst.by), 3)
+    when = "late" if worst.by < 0 else "early"
     left, within = (digits(100 * float(np.sqrt(share)), 2) for share in (worst.left, worst.within))
     gain = f"the model misses {left} % of the torque then instead of {within} %"
-    by, every = digits(worst.by, 3), len(found) == len(log.joints)
+    by = digits(worst.by, 3)
+    every = len(found) == len(log.joints)
     mend = f"say so with --alignment {by}" if every else f"shift it in time by {by} s"
     return f"{columns} {'is' if len(found) == 1 else 'are'} {size} ms {when}: {gain}", mend
 
@@ -124,7 +128,8 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
     if not rows:
         return ()
     torque = np.concatenate(shifted)
-    columns, used = np.concatenate([block.A for block in rows]), count_effective_rows(rows)
+    columns = np.concatenate([block.A for block in rows])
+    used = count_effective_rows(rows)
     late = shifts + log.dt / 2
     found = []
     for j, joint in enumerate(rig.joints):
@@ -138,7 +143,8 @@ def find_shifted_torques(rig: Rig, log: Log, filtering: Filtering) -> tuple[Shif
             inside = (late >= lower) & (late <= LONGEST_DRIVE_DELAY)
             k = find_best_outside(left, inside)
             if k is not None and (beyond or (sharp and -LARGEST_LAG <= late[k] < 0)):
-                by, within = float(late[k] + TIME_SHIFT_STEP * find_vertex(total, k)), float(total[inside].min())
+                by = float(late[k] + TIME_SHIFT_STEP * find_vertex(total, k))
+                within = float(total[inside].min())
                 found.append(Shift(joint, by, float(total[k]), within, beyond))
                 break
     return tuple(found)
@@ -149,7 +155,9 @@ def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list
 
     A torque that acts later is the same torque, read earlier under the same mask: the columns are computed once.
     """
-    rows, torques, filtering = list[Block](), list[Array](), design.filtering
+    rows = list[Block]()
+    torques = list[Array]()
+    filtering = design.filtering
     for log in design.logs:
         carrier = find_moving_base(design.rig, log)
         for segment in split_segments(log, filtering.cutoff):
@@ -160,8 +168,10 @@ def build_shifted_rows(design: Design, shifts: Array) -> tuple[list[Block], list
             if keep.start >= keep.stop:
                 continue
             samples = smooth_samples(segment, filtering, 0, segment.length, carrier)
-            way, block = design.build_row_filter(samples, keep, 1 / dt), design.build_block(samples, keep, 1 / dt)
-            few, tau = samples.t[way.few], samples.tau
+            way = design.build_row_filter(samples, keep, 1 / dt)
+            block = design.build_block(samples, keep, 1 / dt)
+            few = samples.t[way.few]
+            tau = samples.tau
             each = [np.stack([np.interp(few - by, samples.t, x) for x in tau.T], axis=1) for by in shifts]
             rows.append(block)
             torques.append(np.stack([way.filter_torque(one) - block.known for one in each], axis=2))

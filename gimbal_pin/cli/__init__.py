@@ -76,7 +76,8 @@ def describe_exhaustion(error: Exception) -> str | None:
     """Return a line on what the system lacks or refuses, or None for a defect of this package."""
     cause: BaseException | None = error
     while cause is not None:
-        number, said = getattr(cause, "errno", None), str(cause).lower()
+        number = getattr(cause, "errno", None)
+        said = str(cause).lower()
         if number in (errno.EMFILE, errno.ENFILE):
             return "open files: as many as the limit allows are open; raise it (ulimit -n)"
         if isinstance(cause, MemoryError) or number == errno.ENOMEM or any(words in said for words in NO_MEMORY):
@@ -129,7 +130,8 @@ def parse_arguments(arguments: Sequence[str]) -> Callable[[], None]:
     name, *rest = arguments
     if name not in VERBS:
         raise UsageError(name, "no such verb", f"the verbs are {', '.join(VERBS)}")
-    told, wrong = io.StringIO(), io.StringIO()
+    told = io.StringIO()
+    wrong = io.StringIO()
     try:
         with contextlib.redirect_stdout(told), contextlib.redirect_stderr(wrong):
             return tyro.cli(deferred(VERBS[name]), prog=f"gimbal-pin {name}", args=rest)

@@ -21,12 +21,14 @@ if TYPE_CHECKING:
     View = str
     Preset = str
 else:
-    View, Preset = Literal[tuple(VIEWS)], Literal[tuple(PRESETS)]
+    View = Literal[tuple(VIEWS)]
+    Preset = Literal[tuple(PRESETS)]
 
 
 def list_films(output: str | Path, given: Mapping[str, Any]) -> list[Path]:
     """Return the file of each log: the output, numbered where there are several."""
-    path, count = Path(output), len(given["logs"])
+    path = Path(output)
+    count = len(given["logs"])
     return [path if count == 1 else path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
 
 
@@ -78,7 +80,8 @@ def animate(
     loaded, every = read_logs(rig, load, logs, map, need_tau=False)
     other = None if beside is None else read_log(beside, loaded, map, need_tau=False)
     if output is not None:
-        suffix, fps = output.suffix.lower(), fps or rate
+        suffix = output.suffix.lower()
+        fps = fps or rate
         for read, path in zip(every, list_films(output, {"logs": logs}), strict=True):
             started = perf_counter()
             shown = view.animate(

@@ -38,7 +38,8 @@ def auto(
     Args:
         known: a model's YAML of this gimbal: only the new camera is estimated, 10 s of motion do
     """
-    asked, origin = describe_run("auto", locals()), describe_origin(auto, locals())
+    asked = describe_run("auto", locals())
+    origin = describe_origin(auto, locals())
     import numpy as np
 
     from gimbal_pin.identification import ESTIMATORS

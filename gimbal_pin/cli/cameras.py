@@ -51,7 +51,8 @@ def read_cameras(
     if payload is not None or None in list_tags(logs):
         raise UsageError("logs", "are only partly tagged with a payload", "tag each of them: LOG@PAYLOAD, no --payload")
     pairs = {tag: load_logs(rig, None, [log for log in logs if log.endswith(f"@{tag}")], mapping) for tag in tags}
-    rigs, each = {tag: pair[0] for tag, pair in pairs.items()}, {tag: pair[1] for tag, pair in pairs.items()}
+    rigs = {tag: pair[0] for tag, pair in pairs.items()}
+    each = {tag: pair[1] for tag, pair in pairs.items()}
     causes: tuple[Effect, ...] = ()
     if extended is not None:
         causes = refittable_effects(read_model(extended, load_rig(rig, read_payload(extended, *tags))))

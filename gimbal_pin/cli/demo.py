@@ -27,7 +27,8 @@ def demo(
         rig: bundled rig, or its file
         seconds: length of the simulated log
     """
-    asked, origin = describe_run("demo", locals()), describe_origin(demo, locals())
+    asked = describe_run("demo", locals())
+    origin = describe_origin(demo, locals())
     import numpy as np
 
     from gimbal_pin.report.pipeline import demo as run

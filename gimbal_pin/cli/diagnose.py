@@ -52,7 +52,8 @@ def diagnose(
         mjcf: write the extended model for MuJoCo; what that cannot hold is told
         cutoff: highest frequency that is looked at (default: 12, more for teeth)
     """
-    asked, origin = describe_run("diagnose", locals()), describe_origin(diagnose, locals())
+    asked = describe_run("diagnose", locals())
+    origin = describe_origin(diagnose, locals())
     import numpy as np
 
     from gimbal_pin.diagnosis import DIAGNOSIS_BAND, choose_band, planned
@@ -67,15 +68,18 @@ def diagnose(
     check_recordings(mcap, rrd)
     loaded, read = load_logs(rig, payload, logs, map, moving=True)
     band = choose_band(loaded, read) if cutoff is None else replace(DIAGNOSIS_BAND, cutoff=cutoff)
-    band, rng = replace(band, alignment=alignment), np.random.default_rng(seed)
+    band = replace(band, alignment=alignment)
+    rng = np.random.default_rng(seed)
     found = run(loaded, read, rng=rng, holdout=holdout, filtering=band, mass=mass)
     if urdf is not None:
-        causes, filters = refittable_effects(found.after), choose_filter(None, alignment)
+        causes = refittable_effects(found.after)
+        filters = choose_filter(None, alignment)
         atomic_write(
             urdf, identify(loaded, read, causes, holdout=holdout, filtering=filters, examined="never").to_urdf()
         )
     if mjcf is not None:
-        stands, filters = found.after.rig.with_phi(loaded.phi), choose_filter(None, alignment)
+        stands = found.after.rig.with_phi(loaded.phi)
+        filters = choose_filter(None, alignment)
         again = identify(
             stands, read, refittable_effects(found.after), holdout=holdout, filtering=filters, examined="never"
         )

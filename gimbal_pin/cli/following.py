@@ -29,7 +29,11 @@ def learn(
     from gimbal_pin.log.io.follow import follow
     from gimbal_pin.report.progress_chart import draw_progress_chart
 
-    history, told, spoken, memory, broken = [], 0, 0, online.start(log), list[str]()
+    history = []
+    told = 0
+    spoken = 0
+    memory = online.start(log)
+    broken = list[str]()
     come = follow(log, online.design.rig, mapping, idle=inf if idle is None else idle)
     try:
         for memory in iterate_progress(online, tell_events(come), log):
@@ -39,7 +43,8 @@ def learn(
             now = report_progress(online, memory)
             history += [now] if plot is not None else []
             say(to_json(now.to_dict(), None)[:-1] if as_lines else describe_progress(now, told))
-            told, spoken = len(memory.events), second
+            told = len(memory.events)
+            spoken = second
     except KeyboardInterrupt:
         pass
     except LogError as error:

@@ -84,7 +84,8 @@ def identify(
     )
     if extended is not None and known is not None:
         raise UsageError("--extended", "is given beside --known", "give the extended model as --known: its causes stay")
-    filters, trusted = choose_filter(cutoff, alignment), trust or TRUST
+    filters = choose_filter(cutoff, alignment)
+    trusted = trust or TRUST
     chosen = choose_estimator(estimator, trusted)
     if not follow and (known is not None or len(list_tags(logs)) > 1):
         if known is None and urdf is not None:

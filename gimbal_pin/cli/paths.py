@@ -144,7 +144,8 @@ def check_file(path: Path, mark: Writes, label: str) -> None:
     from gimbal_pin.log.io.files import check_target
 
     check_target(path, label)
-    special, known = path.exists() and not path.is_file(), mark.list_suffixes()
+    special = path.exists() and not path.is_file()
+    known = mark.list_suffixes()
     if path.suffix.lower() not in known and (callable(mark.suffixes) or not special):
         raise UsageError(label, f"names {path}", f"give it a name that ends in {', '.join(known)}")
 
@@ -157,7 +158,8 @@ def identify_file(path: str | Path) -> str | None:
 def list_options(of: Callable[..., Any], given: Mapping[str, Any]) -> Iterator[tuple[str, Any, tuple[Any, ...]]]:
     """Yield name on the command line, value and annotations of every option that has a value, nested ones too."""
     for name, hint in inspect.get_annotations(of, eval_str=True).items():
-        value, marks = given.get(name), getattr(hint, "__metadata__", ())
+        value = given.get(name)
+        marks = getattr(hint, "__metadata__", ())
         if is_dataclass(value):
             yield from list_options(type(value), vars(value))
         elif value is not None:

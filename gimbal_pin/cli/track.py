@@ -80,7 +80,9 @@ def track(
     mounted = payload or read_payload(controller)
     loaded = load_rig(rig, mounted)
     tuned = None if controller is None else read_tuned(controller, loaded)
-    plant, log, held = None if model is None else read_plant(model, loaded), None, None
+    plant = None if model is None else read_plant(model, loaded)
+    log = None
+    held = None
     if moving and learn is not None:
         own, (log,) = load_logs(rig, mounted, [learn], map if platform_log is None else ())
         if own.base in log.imus:

@@ -59,7 +59,9 @@ def convert_gains(gains: Pid, inertia: float, motor: Motor, is_sliding: bool = F
         motor: Its constants, at the joint; without a torque constant only torques are known.
         is_sliding: Whether the joint slides: it has no turns, and no counts in a turn.
     """
-    torque, constant, turns = _scale(gains, inertia), motor.torque_constant, abs(motor.gear_ratio)
+    torque = _scale(gains, inertia)
+    constant = motor.torque_constant
+    turns = abs(motor.gear_ratio)
     if constant is None or is_sliding or not turns:
         return DriveGains(torque)
     current = _scale(torque, 1 / (constant * turns))

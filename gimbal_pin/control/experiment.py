@@ -78,7 +78,8 @@ def bench_run(
         name: Name of the log.
     """
     mover = tune(plant, bandwidth_hz=4.0, dt=Wish.dt).controller if controller is None else controller
-    dt, rig = mover.dt, plant.rig
+    dt = mover.dt
+    rig = plant.rig
     generator, seed = make_generator(rng)
     if reference is None:
         design = excite(rig, seconds=period, starts=starts, rng=generator, torque_model=plant, dt=dt)

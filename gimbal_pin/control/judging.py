@@ -57,7 +57,8 @@ class Judgement(Record):
 
     def compute_ratios(self, name: str) -> Array:
         """The PID's error over a controller's, (plants, n + 1): of each joint, and their geometric mean."""
-        rival, own = list(self.errors.values())[-1], self.errors[name]
+        rival = list(self.errors.values())[-1]
+        own = self.errors[name]
         with np.errstate(invalid="ignore", divide="ignore"):
             ratios = np.nan_to_num(rival / own, nan=1.0, posinf=np.inf)
             return np.column_stack([ratios, np.exp(np.log(ratios).mean(axis=1))])
@@ -105,15 +106,18 @@ def judge_controllers(
             integral action, four seconds at most.
     """
     generator, seed = make_generator(rng)
-    rig, laws = model.rig, list(controllers.values())
+    rig = model.rig
+    laws = list(controllers.values())
     sense = sensors or assume_sensors(model, laws[0].dt)
     if rest is None:
         slow = [kp / ki for law in laws for kp, ki, _ in getattr(law, "gains", ()) if ki]
         rest = min(4 * max(slow, default=0.25), 4.0)
     reference = plan_step(model, laws[0].dt, rest)
-    errors, resolved = np.empty((len(laws), plants, rig.n)), sense.encoder_step / np.sqrt(12)
+    errors = np.empty((len(laws), plants, rig.n))
+    resolved = sense.encoder_step / np.sqrt(12)
     for k in tqdm(range(plants), "judged on perturbed plants", unit="plant", disable=None, leave=False):
-        plant, own = perturb_plant(model, reference, delay, generator), int(generator.integers(2**63))
+        plant = perturb_plant(model, reference, delay, generator)
+        own = int(generator.integers(2**63))
         for law, rows in zip(laws, errors):
             error = measure_error(plant, law, reference, rest, sense, own)
             rows[k] = np.maximum(np.nan_to_num(error, nan=np.inf), resolved)
@@ -122,7 +126,8 @@ def judge_controllers(
 
 def assume_sensors(model: Model, dt: float) -> Sensors:
     """Return the rig's sensors; an encoder that is not stated has the step of the rounding in the model's logs."""
-    sense, known = Sensors.of(model.rig, dt), model.estimated
+    sense = Sensors.of(model.rig, dt)
+    known = model.estimated
     if known is None or not known.angle_noise:
         return sense
     steps = np.where(sense.encoder_step > 0, sense.encoder_step, np.sqrt(12) * np.array(known.angle_noise))
@@ -150,7 +155,8 @@ def measure_error(
 
 def perturb_plant(model: Model, reference: Motion, delay: float, rng: np.random.Generator) -> Model:
     """Return a plant that the model's uncertainty leaves possible, its drives late and noisy; see above."""
-    rig, known = model.rig, model.estimated
+    rig = model.rig
+    known = model.estimated
     missed, density = ((), ()) if known is None else (known.missed, known.pure_error or known.noise)
     is_torque = any(missed) and rng.random() < 0.5
     if is_torque:
@@ -189,7 +195,8 @@ def draw_torque(joint: str, channels: Sequence[Array], rms: float, rng: np.rando
     Between two of its knots the variance is two thirds of theirs on average.
     """
     which = int(rng.integers(2))
-    low, high = float(channels[which].min()), float(channels[which].max())
+    low = float(channels[which].min())
+    high = float(channels[which].max())
     places = np.linspace(low - 0.1, high + 0.1, knots)
     values = abs(rms) * np.sqrt(1.5) * rng.standard_normal(knots)
     return Term(TorqueTable(joint, ("angle", "rate")[which], tuple(places.tolist())), tuple(values.tolist()))

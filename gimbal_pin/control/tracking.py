@@ -59,7 +59,8 @@ def minimum_jerk(
 
 def shrink_steps(plant: Model, steps: Sequence[float], move: float) -> Array:
     """Return steps from home, rad, (n,), made smaller where limits (angle, rate, acceleration, torque) ask for it."""
-    start, limits = home(plant.rig), plant.rig.limits
+    start = home(plant.rig)
+    limits = plant.rig.limits
     goal: Array = np.clip(start + np.array(steps), [x.lower for x in limits], [x.upper for x in limits]) - start
     largest = [min(x.velocity * move / PEAK_RATE, x.acceleration * move**2 / PEAK_ACCELERATION) for x in limits]
     goal = np.clip(goal, -np.array(largest), largest)
@@ -263,10 +264,12 @@ def track(
     seeds = generator.integers(2**63, size=len(plan))
 
     def run(name: str, goal: Array, start_of_noise: int, label: str, controller: Controller) -> Experiment:
-        start, after = home(rig), seconds - BEFORE - move
+        start = home(rig)
+        after = seconds - BEFORE - move
         reference = minimum_jerk(start, start + goal, dt=controller.dt, move=move, before=BEFORE, after=after)
         witness = Witness(**vars(sensors or Sensors.of(rig, controller.dt)))
-        own, title = np.random.default_rng(start_of_noise), f"{name}, {label}"
+        own = np.random.default_rng(start_of_noise)
+        title = f"{name}, {label}"
         log = simulate(plant, controller, reference, rng=own, sensors=witness, delay=delay, name=title)
         q = np.array(witness.seen)
         shares = compute_limit_shares(rig.joints, np.asarray(log.tau), rig.tau_max).values()

@@ -134,7 +134,8 @@ class Tuning(Record):
     @cached_property
     def loop_curves(self) -> tuple[LoopCurves, ...]:
         """Every joint's loop as it is drawn: its response, and the answer to a disturbance."""
-        loops, wish = small_error_gains(self.gains, self.robust), self.wish
+        loops = small_error_gains(self.gains, self.robust)
+        wish = self.wish
         model = self.model
         return compute_loop_curves(model.rig.joints, loops, self.worst, wish.dt, wish.delay, model.drives, self.ratios)
 
@@ -149,7 +150,9 @@ class Tuning(Record):
         `bandwidth_hz` is the granted one, `crossover_hz` where the loop's gain is one. Infinite margins are null, and
         so is `worst_of_draws` where the model has no covariance.
         """
-        rig, wish, law = self.model.rig, self.wish, self.robust
+        rig = self.model.rig
+        wish = self.wish
+        law = self.robust
         rows = zip(
             *(rig.joints, self.gains, self.margins, self.worst, self.bandwidth_hz, self.inertia, self.braking),
             self.drive_gains,
@@ -286,8 +289,11 @@ def tune(
     basis = basis or TuningBasis(model, kind)
     if basis.model is not model or basis.kind != kind:
         raise UsageError("basis", "is of another model or kind", "give that of this one, or none")
-    rig, (nominal, believed), over = model.rig, basis.inertia, basis.drawn
-    ratios, drives = basis.ratios, model.drives
+    rig = model.rig
+    (nominal, believed) = basis.inertia
+    over = basis.drawn
+    ratios = basis.ratios
+    drives = model.drives
     rows = list(zip(wish.per_joint(model.rig), believed, ratios, drives))
     hertz, kept = zip(*granted(wish, rows))
     gains = tuple(wish.gains(hz) for hz in hertz)
@@ -302,7 +308,8 @@ def tune(
         reasons += group_reasons(rig.joints, [about_inertia(*row) for row in zip(nominal, believed, inertias)])
     else:
         reasons += [about_model(known, rig.force)] + ([about_layer(law)] if robust else [])
-    draws, brakes = 0 if over is None else DRAWN_MODELS, basis.braking
+    draws = 0 if over is None else DRAWN_MODELS
+    brakes = basis.braking
     unsure = () if over is None else doubts(model.rig.joints, over, least)
     unseen = group_reasons([one.joint for one in model.doubts if one.unsafe], [UNSEEN] * len(model.doubts))
     unsure += tuple(map(str, unseen))
@@ -334,8 +341,11 @@ def pair_rivals(tuned: StoredController) -> dict[str, TunedLaw]:
     Each joint of the PID has the highest bandwidth that keeps the disk margin which the controller has, both for the
     worst of the models drawn from the covariance; the controller's bandwidth where none keeps it.
     """
-    law, model, wish = tuned.law, tuned.model, tuned.wish
-    own, rival = TuningBasis(model, wish.kind), TuningBasis(model, "pid")
+    law = tuned.law
+    model = tuned.model
+    wish = tuned.wish
+    own = TuningBasis(model, wish.kind)
+    rival = TuningBasis(model, "pid")
     loops = small_error_gains(law.gains, law.robust if isinstance(law, ComputedTorque) else None)
     gains = []
     for pid, loop, known, ratios, drive in zip(law.gains, loops, own.ratios, rival.ratios, model.drives):

@@ -42,7 +42,8 @@ def find_disagreement(rig: Rig, logs: Sequence[Log], filtering: Filtering, cause
     Returns:
         The fault; None: the logs agree, or cannot tell.
     """
-    reduction, states = reduce_parameters(rig), dict[str, State]()
+    reduction = reduce_parameters(rig)
+    states = dict[str, State]()
     for number, log in enumerate(logs if len(logs) > 1 else ()):
         with contextlib.suppress(DataError):
             evidence = gather(rig, [log], filtering)
@@ -75,16 +76,19 @@ def _compare_logs(states: Collection[State]) -> tuple[Array, Array, Array]:
         Torque that the difference moves on each log, friction refitted, whitened, rms: over what the log's own fit
         leaves, over all of the log's torque, and that share of its rms, N m, (L, n) each.
     """
-    columns, fitted = [], []
+    columns = []
+    fitted = []
     for state in states:
-        fit, width = state.fit, len(state.problem.reduction.independent)
+        fit = state.fit
+        width = len(state.problem.reduction.independent)
         rubbing = slice(width, width + len(state.problem.friction))
         columns.append(project_rows(np.delete(fit.stack, rubbing, axis=1), fit.stack[:, rubbing]))
         fitted.append(columns[-1] @ np.delete(fit.theta, rubbing))
     common = np.linalg.lstsq(np.vstack(columns), np.concatenate(fitted), rcond=1e-10)[0]
     rows = []
     for state, X, y in zip(states, columns, fitted):
-        fit, n = state.fit, len(state.fit.scale)
+        fit = state.fit
+        n = len(state.fit.scale)
         powers = (
             np.mean((x.reshape(-1, n) / fit.scale) ** 2, axis=0) for x in (y - X @ common, fit.residual, fit.target)
         )

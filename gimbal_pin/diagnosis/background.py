@@ -32,7 +32,8 @@ def read_curve(state: State, table: TorqueTable) -> Curve:
     ``√(2 log k)`` deviations are more than the largest of k knots has by chance (Donoho and Johnstone, Biometrika 81,
     1994).
     """
-    torque, std = state.coefficients(table), np.sqrt(np.diag(state.fit.covariance)[state.places(table)])
+    torque = state.coefficients(table)
+    std = np.sqrt(np.diag(state.fit.covariance)[state.places(table)])
     clear = np.flatnonzero(np.abs(torque) > np.sqrt(2 * np.log(len(std))) * std)
     runs = [run for run in np.split(clear, np.flatnonzero(np.diff(clear) > 1) + 1) if len(run)]
     step = table.knots[1] - table.knots[0]
@@ -54,7 +55,8 @@ def add_tables(
         baseline: Figures there of the model without any cause.
         figures: The model's figures there.
     """
-    state, curves = found.final, dict[str, Curve]()
+    state = found.final
+    curves = dict[str, Curve]()
     for joint in np.flatnonzero(found.structured).tolist():
         table = find_table(state, joint)
         if table is None:
@@ -78,9 +80,12 @@ def find_table(state: State, joint: int) -> TorqueTable | None:
 
     Its knots are spread over what the samples that count have visited.
     """
-    fit, block, error = state.fit, state.problem.evidence.block, dict[TorqueTable, float]()
+    fit = state.fit
+    block = state.problem.evidence.block
+    error = dict[TorqueTable, float]()
     rows = fit.rows(joint)
-    residual, stack = fit.residual[rows], fit.stack[rows]
+    residual = fit.residual[rows]
+    stack = fit.stack[rows]
     for over in get_args(Over):
         table = spread_knots(state, joint, over)
         columns = fit.weighted(state.columns(table).own, joint)
@@ -92,7 +97,8 @@ def find_table(state: State, joint: int) -> TorqueTable | None:
 
 def spread_knots(state: State, joint: int, over: Over) -> TorqueTable:
     """Return a table over what a joint has visited, or over a turn, where it makes more than one."""
-    parts, place = state.problem.evidence.parts, state.problem.evidence.rig.joints[joint]
+    parts = state.problem.evidence.parts
+    place = state.problem.evidence.rig.joints[joint]
     every = state.torque if over == "load" else [getattr(part.channels, "qv"[over == "rate"]) for part in parts]
     x = np.concatenate([values[part.gate[:, joint] > 0.5, joint] for values, part in zip(every, parts)])
     if over == "angle" and np.ptp(x) > 2 * pi:
@@ -119,18 +125,25 @@ def add_table(state: State, table: TorqueTable) -> State:
     ``-½ (N log(rᵀr - rᵀW b) + log det(I + v S))`` (Rasmussen and Williams, Gaussian Processes, 2006, 2.7 and 5.4).
     Where the log says little, the values stay near zero.
     """
-    fit, columns = state.fit, state.columns(table)
-    at, size, used = fit.rows(columns.joint), len(fit.theta), state.problem.evidence.used
+    fit = state.fit
+    columns = state.columns(table)
+    at = fit.rows(columns.joint)
+    size = len(fit.theta)
+    used = state.problem.evidence.used
     W = np.zeros((len(fit.residual), columns.own.shape[1]))
     W[at] = fit.weighted(columns.own, columns.joint)
     moved = fit.information @ (fit.stack.T @ W)
-    E, left = W - fit.stack @ moved, fit.residual[at]
-    own, along, count = W.T @ E, W.T @ fit.residual, len(left) * float(used[columns.joint])
+    E = W - fit.stack @ moved
+    left = fit.residual[at]
+    own = W.T @ E
+    along = W.T @ fit.residual
+    count = len(left) * float(used[columns.joint])
     found = []
     for steps in LENGTHS:
         L = correlate_knots(table, steps)
         power, axes = np.linalg.eigh(L.T @ own @ L)
-        power, turned = np.maximum(power, 0.0), axes.T @ (L.T @ along)
+        power = np.maximum(power, 0.0)
+        turned = axes.T @ (L.T @ along)
         for spread in np.geomspace(1e-4, 1e4, 33) / max(float(power.mean()), 1e-300):
             rest = max(float(left @ left - np.sum(turned**2 * spread / (1 + spread * power))), 1e-300)
             found.append((count * np.log(rest) + np.sum(np.log1p(spread * power)), rest, spread, L, power, axes))

@@ -138,7 +138,8 @@ class RigidColumns:
     @cached_property
     def inertia(self) -> Array:
         """Base parameters → mean over some poses of each joint's inertia about its axis, (n, b)."""
-        some, every = select_poses(self.channels), range(self.rig.n)
+        some = select_poses(self.channels)
+        every = range(self.rig.n)
         rows = [compute_inertia_regressor(self.rig, some, j, self.places)[:, j] for j in every]
         return np.stack([np.mean(row, axis=0) for row in rows])
 
@@ -199,9 +200,11 @@ class Stand:
 
     def asked(self, part: LogStretch, v: Array, a: Array) -> Array:
         """Torque at a part's angles and these rates and accelerations, N m, (m, n)."""
-        rig, platform = self.rig, part.platform
+        rig = self.rig
+        platform = part.platform
         for change in self.changes:
-            rig, platform = change.apply(rig), change.carried(part.time, platform)
+            rig = change.apply(rig)
+            platform = change.carried(part.time, platform)
         return compute_rnea(rig, part.channels.q, v, a, platform)
 
 
@@ -258,12 +261,14 @@ def build_columns(
     joint = evidence.rig.joint_index(cause.place) if cause.of_joint else None
     own: Array
     if cause.coupled and evidence.rig.n == 1:
-        own, bounds = np.zeros((evidence.rows, 1)), [(-np.inf, np.inf)]
+        own = np.zeros((evidence.rows, 1))
+        bounds = [(-np.inf, np.inf)]
     elif isinstance(cause, Effect):
         own = evidence.whiten(compute_plain_columns(evidence, cause, load), evidence.rig.joint_index(cause.joint))
         bounds = [(c.lower, c.upper) for c in cause.coefficients]
     elif isinstance(cause, Signal):
-        own, bounds = compute_lost_torque(evidence, cause, acting, bearing)[..., None], [UNIT_RANGE]
+        own = compute_lost_torque(evidence, cause, acting, bearing)[..., None]
+        bounds = [UNIT_RANGE]
         joint = joint if own.ndim == 2 else None
     elif isinstance(cause, RigEffect):
         joint = None  # an encoder that is off by an angle changes the torque of every joint
@@ -278,7 +283,10 @@ def build_columns(
 
 def part_from_friction(evidence: Evidence, found: Columns) -> Columns:
     """Return columns with what sets them apart from Coulomb friction, as the evidence whitens it."""
-    cause, joint, bulk, shared = found.cause, found.joint, found.bulk, None
+    cause = found.cause
+    joint = found.joint
+    bulk = found.bulk
+    shared = None
     if isinstance(cause, Effect) and cause.bristly:
         bulk = compute_bulk(evidence, cause, found.own)
     if joint is not None and isinstance(cause, Harmonic) and cause.dry:
@@ -293,7 +301,8 @@ def compute_bulk(evidence: Evidence, effect: Effect, own: Array) -> float:
     """
     apart = own.copy()
     apart[:, 0] -= evidence.sliding[evidence.rig.joint_index(effect.joint)]
-    power, whole = float(np.sum(apart**2)), float(np.sum(own**2))
+    power = float(np.sum(apart**2))
+    whole = float(np.sum(own**2))
     return whole / power if power > LEAST_BENT * whole else 1.0
 
 

@@ -57,7 +57,8 @@ def add_sensor_findings(
         test: The reporting ones; none where blocks of the fitted logs stand for them.
         filtering: The band.
     """
-    every, baseline = {(one.cause, one.joint): one for one in said.findings}, said.baseline
+    every = {(one.cause, one.joint): one for one in said.findings}
+    baseline = said.baseline
     wholes = {one.log.name: one.log for one in checked}
     for shown in _list_platform_motion(said, train):
         if (weighed := _weigh(said, shown, train, test, wholes, filtering)) is None:
@@ -71,7 +72,8 @@ def add_sensor_findings(
 def _list_platform_motion(said: Diagnosis, logs: Sequence[Log]) -> list[_Shown]:
     """Return a platform's motion where its IMU shows any: without it the rig is fitted as if its base stood."""
     assert said.state is not None
-    rig, reduction = said.state.problem.evidence.rig, said.state.problem.reduction
+    rig = said.state.problem.evidence.rig
+    reduction = said.state.problem.reduction
     if reduction.base == "fixed":
         return []
     moves = [Platform.measured(log.t, log.imus[rig.base], log.name) for log in logs if rig.base in log.imus]
@@ -109,19 +111,23 @@ def _weigh(
     Returns:
         The finding, and the figures of the model without it and without any cause.
     """
-    found, held = said.state, said.held
+    found = said.state
+    held = said.held
     assert found is not None and held is not None
     train, test = ([shown.strip(log) for log in logs] for logs in (train, test))
-    rig, base = held.rig, "fixed" if shown.cause == MEASURED_CAUSE else found.problem.reduction.base
+    rig = held.rig
+    base = "fixed" if shown.cause == MEASURED_CAUSE else found.problem.reduction.base
     evidence = gather(rig, train, filtering, wholes)
     other = gather_for_judgement(rig, test, filtering, wholes) if test else evidence
-    evidence, without = _match(evidence, found.problem.evidence), _match(other, held)
+    evidence = _match(evidence, found.problem.evidence)
+    without = _match(other, held)
     problem = replace(Problem.of(evidence, reduce_parameters(rig, base=base)), luck=found.problem.luck)
     plain = solve_causes(problem, ())
     state = fitted(problem, found.causes, plain)
     pairs = (without, plain), (without, state), (held, found)
     nothing, before, after = (measure_errors(rows, build_extended_model(one)) for rows, one in pairs)
-    error, least = before["torque_rmse"], after["torque_rmse"]
+    error = before["torque_rmse"]
+    least = after["torque_rmse"]
     joint = max(rig.joints, key=lambda joint: error[joint] / max(least[joint], 1e-300))
     delta, std = compare_models(found, state)
     z = delta / max(std, 1e-12)

@@ -23,11 +23,14 @@ def compute_misfit(state: State, joint: int) -> Array:
 
 def _fit_joint_misfit(state: State, joint: int) -> tuple[Array, Array, Misfit]:
     """A joint's weighted columns, (m, k), δ's, (m, f), and what the fit misses there."""
-    evidence, fit, rows = state.problem.evidence, state.fit, state.fit.rows(joint)
+    evidence = state.problem.evidence
+    fit = state.fit
+    rows = state.fit.rows(joint)
     parts = [part.channels for part in evidence.parts]
     q, v = (np.concatenate([getattr(part, name)[:, joint] for part in parts]) for name in "qv")
     ends = np.cumsum([len(part.q) for part in parts])[:-1]
-    X, A = evidence.whiten(np.split(build_discrepancy_columns(q, v), ends), joint), fit.stack[rows]
+    X = evidence.whiten(np.split(build_discrepancy_columns(q, v), ends), joint)
+    A = fit.stack[rows]
     X /= max(float(np.sqrt(np.mean(X**2))), 1e-300)  # `fit_misfit` knows columns of about unit size, as cosines are
     return A, X, fit_misfit(A[:, A.any(axis=0)], X, fit.target[rows], float(evidence.used[joint]) * len(X))
 
@@ -39,8 +42,11 @@ def compute_fit_covariance(state: State) -> tuple[Array, Array]:
     `propagate_misfit`, and what the shifts leave open, ``T = H⁻¹ AᵀW db/dt``. Their own, ``C = P + Σ_joints L Lᵀ`` with
     ``L = P Dᵀ(1 - Π) Φ√S``, see `later_by`, holds what is missed, too.
     """
-    fit, joints, count = state.fit, range(state.problem.evidence.rig.n), len(state.fit.starts)
-    (D, late), misfit = project_slopes(state), list[Array]()
+    fit = state.fit
+    joints = range(state.problem.evidence.rig.n)
+    count = len(state.fit.starts)
+    (D, late) = project_slopes(state)
+    misfit = list[Array]()
     P = late
     for j in joints:
         A, X, one = _fit_joint_misfit(state, j)
@@ -55,6 +61,7 @@ def compute_fit_covariance(state: State) -> tuple[Array, Array]:
 def widen_estimates(model: Model, state: State) -> Model:
     """Return the model that a state has fitted, its estimates' deviations those of `compute_fit_covariance`."""
     assert model.estimated is not None
-    (covariance, late), kept = compute_fit_covariance(state), find_estimated(state)
+    (covariance, late) = compute_fit_covariance(state)
+    kept = find_estimated(state)
     std = tuple(np.sqrt(np.diag(late)).tolist())
     return replace(model, estimated=replace(model.estimated, covariance=covariance[np.ix_(kept, kept)], lag_std=std))

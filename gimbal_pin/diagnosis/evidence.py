@@ -209,7 +209,8 @@ class Evidence:
             before: The other.
             joint: The joint; None: all.
         """
-        out, first = [], 0
+        out = []
+        first = 0
         for old, new in zip(before.parts, self.parts):
             spectrum = fft.rfft(rows[first : first + old.rows].T)
             first += old.rows
@@ -332,7 +333,8 @@ def build_part(rig: Rig, stretch: Segment, filtering: Filtering, taper: float, w
         return None
     channels = smooth_samples(stretch, filtering, 0, length, find_moving_base(rig, stretch.log))
     gate = compute_gate(channels, filtering, taper)
-    length, dt = 2 * half, stretch.dt * step
+    length = 2 * half
+    dt = stretch.dt * step
     rows = slice(0, length * step, step)
     shock = spread_from_turns(compute_lost_impulse(stretch, filtering, channels.t), channels.v)[rows]
     logged = UnfilteredTorque.of(stretch, filtering, channels.t, step)
@@ -409,7 +411,8 @@ def number_blocks(parts: Sequence[LogStretch], band: float) -> Array:
     """Number of the block of time that each row belongs to, never across a part's ends, (rows,)."""
     total = sum(part.rows for part in parts)
     size = max(total / ERROR_BLOCKS, SHORTEST_ERROR_BLOCK * 2 * band)
-    out, first = [], 0
+    out = []
+    first = 0
     for one in parts:
         count = max(1, round(one.rows / size))
         out.append(first + (np.arange(one.rows) * count) // one.rows)

@@ -36,7 +36,8 @@ def compute_asked_torque(model: Model, part: LogStretch, a: Array | None = None)
 
 def _compute_load(model: Model, part: LogStretch, joint: int) -> JointLoad:
     """What a joint bears along a part, N m, (m,)."""
-    c, sample = part.channels, part.sample(joint)
+    c = part.channels
+    sample = part.sample(joint)
     terms = [term for term in model.by_joint[joint] if is_motor_friction(term.effect)]
     brake = np.zeros(len(c.t)) + sum(np.asarray(term.torque(sample)) for term in terms)
     others = np.arange(c.a.shape[1]) != joint
@@ -61,8 +62,10 @@ def build_extended_model(state: State) -> Model:
 
 def _collect_estimates(state: State, terms: Sequence[Term]) -> Estimated:
     """Return what the fit knows of base parameters and coefficients, in the order of the model's terms."""
-    reduction, now = state.problem.reduction, state.fit
-    rig, parts = state.problem.evidence.rig, state.problem.evidence.parts
+    reduction = state.problem.reduction
+    now = state.fit
+    rig = state.problem.evidence.rig
+    parts = state.problem.evidence.parts
     kept = find_estimated(state)
     symbols = [reduction.names[j].rsplit(".", 1)[1] for j in reduction.independent]
     pairs = [(term.effect, c) for term in terms for c in term.effect.coefficients]

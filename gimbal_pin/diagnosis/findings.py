@@ -74,9 +74,11 @@ def report_findings(found: Explained, held: Evidence, checked: Sequence[CheckedL
         checked: The logs.
         filtering: The band.
     """
-    said, before = _report_logs(held.rig, checked, filtering), build_extended_model(found.first)
+    said = _report_logs(held.rig, checked, filtering)
+    before = build_extended_model(found.first)
     model = confirm_causes(found, held)
-    found, findings = model.found, describe_findings(model, held)
+    found = model.found
+    findings = describe_findings(model, held)
     state, best, curves = add_tables(found, held, model.baseline, model.figures)
     residual = _list_residuals(found, curves)
     common = _describe_common_residual(residual, best, held, checked)
@@ -146,7 +148,8 @@ def _report_logs(rig: Rig, checked: Sequence[CheckedLog], filtering: Filtering) 
 
 def _list_residuals(found: Explained, curves: Mapping[str, Curve]) -> dict[str, Residual]:
     """Return what is left at each joint; `curves`: joint → the table that the extended model carries."""
-    evidence, power = found.final.problem.evidence, found.final.fit.dispersion.tolist()
+    evidence = found.final.problem.evidence
+    power = found.final.fit.dispersion.tolist()
     return {
         joint: Residual(
             "structured" if structured else "noise",
@@ -176,7 +179,8 @@ def _describe_common_residual(
 def _compute_limits(found: Explained) -> Array:
     """Return the torque that a cause with one coefficient would need to be found, N m rms, (n,): the threshold's."""
     state = found.final
-    evidence, count = state.problem.evidence, rows(state)
+    evidence = state.problem.evidence
+    count = rows(state)
     share = np.expm1((found.search.threshold + np.log(count.max())) / np.maximum(count, 1.0))
     floors = np.array([evidence.noise_floor(j) for j in range(evidence.rig.n)])
     return np.asarray(floors * np.sqrt(state.fit.dispersion * share))
@@ -184,8 +188,11 @@ def _compute_limits(found: Explained) -> Array:
 
 def _list_immaterial(found: Explained) -> tuple[Slight, ...]:
     """Return what else is significant, and less than an error of the model's form would be."""
-    state, search, small = found.state, found.search, list[Slight]()
-    n, torque = len(state.fit.scale), np.sum(state.problem.evidence.whiten_all(state.torque) ** 2, axis=0)
+    state = found.state
+    search = found.search
+    small = list[Slight]()
+    n = len(state.fit.scale)
+    torque = np.sum(state.problem.evidence.whiten_all(state.torque) ** 2, axis=0)
     for cause in promising(state, search):
         if any(same(cause, one) for one in state.causes):  # another harmonic of what was found
             continue
@@ -209,7 +216,8 @@ def _find_candidate(found: Explained, held: Evidence, baseline: Figures) -> Cand
         if gain > most:
             # A fit may move a cause of the rig to other figures: the state holds the one that it ended at.
             at = _locate_cause(state, next(one for one in state.causes if same(one, cause)))
-            best, most = Candidate(cause.name, get_joint(cause), at, baseline["torque_rmse"][at], errors[at]), gain
+            best = Candidate(cause.name, get_joint(cause), at, baseline["torque_rmse"][at], errors[at])
+            most = gain
     return best
 
 
@@ -242,7 +250,8 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
         held: The reporting part.
     """
     baseline = measure_errors(held, build_extended_model(found.first))
-    used, denied = held.used, list[str]()
+    used = held.used
+    denied = list[str]()
     while True:
         state = found.final
         best = measure_errors(held, build_extended_model(state))
@@ -256,7 +265,8 @@ def confirm_causes(found: Explained, held: Evidence) -> Confirmed:
         if not unconfirmed:
             return Confirmed(found, baseline, best, lacking, tuple(denied))
         worst = min(unconfirmed, key=gains.__getitem__)
-        at, (without_, with_) = places[worst], errors[worst]
+        at = places[worst]
+        (without_, with_) = errors[worst]
         told = held.rig.in_units(at, f"from {digits(without_, 3)} N m to {digits(with_, 3)} N m")
         grows = " and ".join(worse[worst]) or "the whole rig"
         whole = f", and that of {grows} grows" if worst in smaller else ""
@@ -294,7 +304,8 @@ def describe_findings(model: Confirmed, held: Evidence) -> tuple[Finding, ...]:
     out: dict[tuple[str, str | None], Finding] = {}
     every = (_describe_cause(model, cause, held) for cause in model.found.final.causes)
     for one in sorted(every, key=lambda one: -one.explained_share):
-        first, known = out.setdefault((one.cause, one.joint), one), {p.name: p for p in one.sized}
+        first = out.setdefault((one.cause, one.joint), one)
+        known = {p.name: p for p in one.sized}
         figures = tuple(known.get(p.name, p) for p in first.parameters)
         out[one.cause, one.joint] = replace(first, parameters=figures)
     return tuple(out.values())
@@ -302,11 +313,17 @@ def describe_findings(model: Confirmed, held: Evidence) -> tuple[Finding, ...]:
 
 def _describe_cause(model: Confirmed, cause: Cause, held: Evidence) -> Finding:
     """Describe one cause of a model."""
-    found, state, rig = model.found, model.found.final, held.rig
-    base, at, (final, values) = leave_cause_out(state, cause), _locate_cause(state, cause), find_settled(state, cause)
+    found = model.found
+    state = model.found.final
+    rig = held.rig
+    base = leave_cause_out(state, cause)
+    at = _locate_cause(state, cause)
+    (final, values) = find_settled(state, cause)
     gain = compare_errors(model.lacking[cause], model.figures, at)
-    before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
-    figures, within = average_figures(state, cause), final.holds(values)
+    before = gain["torque_rmse_before"]
+    after = gain["torque_rmse_after"]
+    figures = average_figures(state, cause)
+    within = final.holds(values)
     rivals = (
         Rival(one.cause.name, one.delta, one.delta / max(one.std, 1e-12), get_joint(one.cause))
         for one in found.rivals_of(cause)
@@ -335,10 +352,13 @@ def average_figures(state: State, cause: Cause) -> tuple[Parameter, ...]:
     Averaged over models (Hoeting, Madigan, Raftery and Volinsky, Stat. Sci. 14, 1999): x_i with pieces that the travel
     does not tell from its own, p_i how probable those are.
     """
-    figures, evidence, k = estimate_figures(state, cause), state.problem.evidence, state.causes.index(cause)
+    figures = estimate_figures(state, cause)
+    evidence = state.problem.evidence
+    k = state.causes.index(cause)
     if not (cause.of_joint and cause.pieces):
         return figures
-    others, odds = list[dict[str, float]](), list[float]()
+    others = list[dict[str, float]]()
+    odds = list[float]()
     for other in cause.akin(evidence.seen[evidence.rig.joint_index(cause.place)]):
         new = fitted(state.problem, (*state.causes[:k], other, *state.causes[k + 1 :]), state)
         if not unsupported(new):
@@ -368,7 +388,9 @@ def list_untestable(found: Explained, findings: Sequence[Finding]) -> tuple[Unte
 
     One motor's gain shows by what it spares all others.
     """
-    state, library, visible = found.first, found.search.library, dict[tuple[str, str | None], float]()
+    state = found.first
+    library = found.search.library
+    visible = dict[tuple[str, str | None], float]()
     shares = visibility(state.fit, [library.of(cause, state) for cause in library.causes])
     for cause, share in zip(library.causes, shares.tolist()):
         at = cause.name, get_joint(cause)

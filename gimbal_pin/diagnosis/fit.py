@@ -117,12 +117,15 @@ def fit(A: Array, b: Array, used: Array, block: Array, scale: Array | None = Non
         luck: Least dispersion that is believed.
     """
     rows, n, k = A.shape
-    weight, R = np.ones(n) if scale is None else scale, triangles(A, b)
+    weight = np.ones(n) if scale is None else scale
+    R = triangles(A, b)
     for _ in range(FIT_PASSES if scale is None else 0):
         theta = least(R, weight)
         power = np.sum((R[..., k] - R[..., :k] @ theta) ** 2, axis=0) / np.maximum(rows * used - k / n, 1.0)
         weight = 1.0 / np.sqrt(np.maximum(power, luck))
-    stack, target, theta = (A * weight[:, None]).reshape(-1, k), (b * weight).ravel(), least(R, weight)
+    stack = (A * weight[:, None]).reshape(-1, k)
+    target = (b * weight).ravel()
+    theta = least(R, weight)
     factor = (R[..., :k] * weight[:, None]).reshape(-1, k)
     size = np.linalg.norm(factor, axis=0)
     unit = np.where(size > 0.0, size, 1.0)

@@ -26,7 +26,8 @@ CONFIRMED = 1.01
 
 def measure_errors(held: Evidence, model: Model) -> Figures:
     """Return held-out figures of a model: "torque_rmse", "fit_percent" and "rollout_rmse"."""
-    rmse, mean = torque_rmse(held, model), np.mean(np.concatenate(held.torque), axis=0)
+    rmse = torque_rmse(held, model)
+    mean = np.mean(np.concatenate(held.torque), axis=0)
     torque = _compute_rms(held, [x - mean for x in held.torque])
     fit = 100 * (1 - rmse / np.maximum(torque, 1e-300))
     rows = {"torque_rmse": rmse, "fit_percent": fit, "rollout_rmse": rollout_rmse(held, model)}
@@ -84,7 +85,8 @@ def rollout_rmse(evidence: Evidence, model: Model) -> Array:
     where a drag is too stiff for the step, or where the fitted inertias are none that a body can have, as on slow
     motion that does not show them: such a model cannot be simulated, and that it cannot says nothing about its torques.
     """
-    parts, most = evidence.parts, -(-24 // len(evidence.parts))
+    parts = evidence.parts
+    most = -(-24 // len(evidence.parts))
     possible = all(is_inertia_positive(model.rig, part.channels.q[:: max(1, len(part.gate) // 16)]) for part in parts)
     errors = [one for part in parts for one in _roll_out(model, part, most)] if possible else []
     return np.sqrt(np.mean(np.square(errors), axis=0)) if errors else np.full(evidence.rig.n, nan)
@@ -96,10 +98,14 @@ def _roll_out(model: Model, part: LogStretch, most: int) -> Iterator[Array]:
     What friction remembers at a start comes from the measured way to it, and it is as warm as the motor was. A step
     takes 2 ms at most.
     """
-    plant, tau = Plant(model, model.carried(part.time, part.platform)), compute_acting_torque(model, part)
+    plant = Plant(model, model.carried(part.time, part.platform))
+    tau = compute_acting_torque(model, part)
     memory = plant.friction.remembered(part.sample)
-    horizon, steps = max(1, round(0.2 / part.dt)), max(1, round(part.dt / 2e-3))
-    edge, count, dt = len(part.gate) // 20, len(part.gate), part.dt / steps
+    horizon = max(1, round(0.2 / part.dt))
+    steps = max(1, round(part.dt / 2e-3))
+    edge = len(part.gate) // 20
+    count = len(part.gate)
+    dt = part.dt / steps
     starts = np.arange(edge, count - edge - horizon + 1)
     if part.channels.lost is not None:
         before = np.concatenate([[0], np.cumsum(part.channels.lost)])
@@ -116,7 +122,8 @@ def _roll_out(model: Model, part: LogStretch, most: int) -> Iterator[Array]:
 
 def describe_worse_errors(before: Figures, after: Figures) -> list[str]:
     """Name the joints whose position the extended model simulates worse than the refitted one, by over a tenth."""
-    old, new = before["rollout_rmse"], after["rollout_rmse"]
+    old = before["rollout_rmse"]
+    new = after["rollout_rmse"]
     worse = ", ".join(joint for joint, error in old.items() if isfinite(error) and not new[joint] <= 1.1 * error)
     said = "the extended model simulates the position worse than the refitted one; findings are judged by the torque"
     return [f"{worse}: {said}"] if worse else []

@@ -145,7 +145,8 @@ class GivenResponse:
     """Base parameters that causes make of the given rig's."""
 
     def __init__(self, difference: BaseDifference) -> None:
-        self.difference, self._motion = difference, spread_states(difference.rig)
+        self.difference = difference
+        self._motion = spread_states(difference.rig)
         places = find_base_columns(difference.rig, difference.reduction)
         self._columns = compute_regressor(difference.rig, *self._motion)[:, :, places].reshape(-1, len(places))
         self._inverse = np.linalg.pinv(self._columns)
@@ -174,7 +175,8 @@ class _Search:
 
     def __init__(self, difference: BaseDifference, causes: Mapping[str, type[Cause]]) -> None:
         rig = difference.rig
-        self.difference, self.response = difference, GivenResponse(difference)
+        self.difference = difference
+        self.response = GivenResponse(difference)
         cost = self.compute_cost(difference.change)
         self.nothing = FittedForms({}, np.zeros_like(difference.change), cost, 0, {})
         self.fits: dict[frozenset[Form], FittedForms | None] = {frozenset(): self.nothing}
@@ -226,7 +228,8 @@ class _Search:
         """Fit causes by least squares; no step goes where no body may."""
         from scipy.optimize import least_squares
 
-        change, W = self.difference.change, self.difference.whitener
+        change = self.difference.change
+        W = self.difference.whitener
         if not np.isfinite(self.compute_response(forms, x)).all():
             return None
         low, high = _get_bounds(forms)
@@ -266,7 +269,8 @@ class _Search:
         Grown with a beam, as what hides each other shows only together, as far as any set could be worth it: no fit
         does better than to leave noise with one figure more. Then what is needless goes.
         """
-        worth, best = partial(_compute_worth, self.nothing), self.nothing
+        worth = partial(_compute_worth, self.nothing)
+        best = self.nothing
         front = [best]
         for _ in range(_LARGEST_SET):
             ideal = [one._replace(cost=one.spare - 1.0, freedom=one.freedom + 1) for one in front]
@@ -277,7 +281,8 @@ class _Search:
             best = min([best, *front], key=worth)
         while needless := [one for form in best.values if not self.is_gain(one := self.drop(best, form), best)]:
             best = min(needless, key=lambda one: one.cost)
-        noise, whole = len(self.difference.change), self.nothing.cost
+        noise = len(self.difference.change)
+        whole = self.nothing.cost
         return self.nothing if best.cost - noise > _UNEXPLAINED * max(whole - noise, 0.0) else best
 
     def is_gain(self, less: FittedForms, more: FittedForms) -> bool:

@@ -46,8 +46,11 @@ _LEAST_CHANGE = 0.05
 
 def compute_base_difference(state: State) -> BaseDifference:
     """``cov = H⁻¹ (Σ_blocks g gᵀ) H⁻¹ + Σ_joints R Rᵀ``, R what the fit misses there: see `propagate_misfit`."""
-    evidence, reduction, fit = state.problem.evidence, state.problem.reduction, state.fit
-    width, rig = len(reduction.independent), evidence.rig
+    evidence = state.problem.evidence
+    reduction = state.problem.reduction
+    fit = state.fit
+    width = len(reduction.independent)
+    rig = evidence.rig
     spread = fit.covariance * len(fit.starts) / max(len(fit.starts) - 1, 1)
     change = fit.theta[:width] - given_beta(rig, reduction)
     found = BaseDifference(rig, reduction, change, spread[:width, :width], fit.information[:width, :width])
@@ -121,10 +124,12 @@ def _describe_inertias(
         hidden: What the logs cannot show: what of it sits at the joint may be the reason.
         unexplained: Joints whose torque is not explained: no size of their inertia is stated.
     """
-    before, noise = given_beta(found.rig, found.reduction), problem.motion_noise
+    before = given_beta(found.rig, found.reduction)
+    noise = problem.motion_noise
     for j, (joint, row) in enumerate(zip(found.rig.joints, problem.motion.inertia)):
         whole = float(row @ before)
-        change, std = float(row @ found.change) / whole, float(np.sqrt(row @ found.covariance @ row)) / whole
+        change = float(row @ found.change) / whole
+        std = float(np.sqrt(row @ found.covariance @ row)) / whole
         if not (abs(change) > _LEAST_CHANGE and 2 * norm.sf(abs(change) / std) < FALSE_ALARM):
             continue
         if not is_physical_inertia(whole * (1 + change)):
@@ -144,7 +149,8 @@ def describe_friction(refitted: Model, unexplained: Collection[str]) -> Iterator
     Joints that are not explained are left out, and so are those at which a coefficient is negative by two deviations:
     no friction gives power.
     """
-    rig, known = refitted.rig, refitted.estimated
+    rig = refitted.rig
+    known = refitted.estimated
     assert known is not None
     rows = [*zip(known.names, known.theta.tolist(), known.std.tolist(), known.units)]
     each = []
@@ -188,12 +194,14 @@ def _compute_torque_share(case: _Case, form: Form) -> Array:
 
 def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
     """Describe one cause; before and after are the given URDF without and with it, all the rest as it was found."""
-    rig, best = case.held.rig, case.found.best
+    rig = case.held.rig
+    best = case.found.best
     at = form.joint if form.kind.of_joint else rig.joints[int(np.argmax(share))]
     stated = [x for one, x in best.causes.items() if one is not form], list(best.causes.values())
     errors = [measure_errors(case.held, _build_stated_model(case, x)) for x in stated]
     gain = compare_errors(errors[0], errors[1], at)
-    before, after = gain["torque_rmse_before"], gain["torque_rmse_after"]
+    before = gain["torque_rmse_before"]
+    after = gain["torque_rmse_after"]
     told = form.build(np.where(best.is_known(form), best.values[form], 0.0))
     gained = f"held-out torque error of the given model {before:.3g} → {after:.3g} N m"
     std = dict(zip((name for name, _ in form.start), best.std[form].tolist()))
@@ -214,7 +222,8 @@ def _describe_finding(case: _Case, form: Form, share: Array) -> Finding:
 
 def _compare_rivals(case: _Case, form: Form) -> tuple[Rival, ...]:
     """Return the most probable rival of each name; noise alone parts it from the finding (Vuong 1989)."""
-    best, rivals = case.found.best, list[Rival]()
+    best = case.found.best
+    rivals = list[Rival]()
     for other in case.found.rivals[form]:
         (new,) = (one for one in other.values if one not in best.values)
         odds = best.compute_odds(other)

@@ -24,7 +24,8 @@ STALE_CHANGE = 0.05
 
 def list_candidates(evidence: Evidence, kinds: Mapping[str, type[Cause]]) -> list[Cause]:
     """Every cause at every joint, on the coarse grid of its shape parameters, but those that the rig states."""
-    rig, seen = evidence.rig, evidence.seen
+    rig = evidence.rig
+    seen = evidence.seen
     found: list[Cause] = []
     for kind in kinds.values():
         for joint, ranges in zip(rig.joints, seen) if kind.of_joint else ((rig.joints[0], seen[0]),):
@@ -55,7 +56,8 @@ class ColumnLibrary:
 
     def whitened(self, old: Evidence, new: Evidence) -> ColumnLibrary:
         """Return a library of columns that `old` has whitened, as `new` whitens them."""
-        found, every = ColumnLibrary(self.rig, self.causes, self.of_model), list(self.built.items())
+        found = ColumnLibrary(self.rig, self.causes, self.of_model)
+        every = list(self.built.items())
         for batch in batches([columns for _, (_, columns) in every]):
             some = [every[i] for i in batch]
             together = np.concatenate([columns.own.T for _, (_, columns) in some]).T

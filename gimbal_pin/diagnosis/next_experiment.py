@@ -42,7 +42,8 @@ from gimbal_pin.excitation.problem import ExcitationProblem as Limits
 from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.regression import Samples
 
-SERIES_REPEATS, SERIES_HARMONICS = (1, 2, 4, 8), 10
+SERIES_REPEATS = (1, 2, 4, 8)
+SERIES_HARMONICS = 10
 """How often a series repeats, and its harmonics: in 20 s `excite`'s own, and by octaves up to 4 Hz, which a position
 loop follows."""
 TRIES = 120
@@ -130,7 +131,9 @@ def build_contest(
 
     What the logs tell of the two is `told`, forms that a search has refined are `known`.
     """
-    base, rig, seen = refit_without(state, cause), state.problem.evidence.rig, state.problem.evidence.seen
+    base = refit_without(state, cause)
+    rig = state.problem.evidence.rig
+    seen = state.problem.evidence.seen
     beta = state.coefficients(cause) if width(cause) else np.ones(1)
 
     def alone(form: Cause) -> Array:
@@ -164,18 +167,23 @@ def imagined(known: Problem, motion: Motion, model: Model) -> tuple[Problem, Arr
 
     The motion has the logs' interval and begins at zero, and its last third is held out; the model predicts its torque.
     """
-    logs, like = known.evidence, max(known.evidence.parts, key=lambda part: part.rows)
-    dt, length, filtering = float(motion.t[1]), 2 * (len(motion) // 3), replace(DIAGNOSIS_BAND, cutoff=logs.band)
+    logs = known.evidence
+    like = max(known.evidence.parts, key=lambda part: part.rows)
+    dt = float(motion.t[1])
+    length = 2 * (len(motion) // 3)
+    filtering = replace(DIAGNOSIS_BAND, cutoff=logs.band)
     t, q, v, a = (values[:length] for values in (motion.t, motion.q, motion.v, motion.a))
     channels = Samples(t, q, v, a, model.inverse(q, v, a, t=t), v, like.channels.rate_std)
-    rows, frequency = 2 * round(length * dt * logs.band), fft.rfftfreq(length, dt)
+    rows = 2 * round(length * dt * logs.band)
+    frequency = fft.rfftfreq(length, dt)
     own = np.arange(like.whitener.shape[1]) / (len(like.gate) * like.dt)
     gain = np.stack([np.interp(frequency[: rows // 2 + 1], own, gain) for gain in like.whitener])
     none = np.zeros_like(q)
     part = LogStretch(
         channels, none + AMBIENT, compute_gate(channels, filtering), gain, np.zeros_like(gain), 0.0, dt, rows, none
     )
-    block, seen = number_blocks([part], logs.band), measure_ranges(logs.rig, [*logs.parts, part], filtering)
+    block = number_blocks([part], logs.band)
+    seen = measure_ranges(logs.rig, [*logs.parts, part], filtering)
     return Problem.of(Evidence(logs.rig, (part,), logs.band, block, seen), known.reduction), channels.tau
 
 
@@ -229,7 +237,9 @@ def next_experiment(
     contests = [one for one in every if one is not None]
     if state is None or not contests:
         return None
-    problem, model, rig = state.problem, build_extended_model(state), state.problem.evidence.rig
+    problem = state.problem
+    model = build_extended_model(state)
+    rig = state.problem.evidence.rig
 
     def motion(limits: Limits, x: Array, dt: float) -> Motion:
         return limits.series.motion(limits.coefficients(x), dt * np.arange(round(seconds / dt) + 1))
@@ -238,13 +248,16 @@ def next_experiment(
         log = imagined(problem, motion(limits, x, problem.evidence.parts[0].dt), model)
         return Tried(limits, x, tuple(each.expected(*log) for each in contests))
 
-    envelope, series = Envelope.of(rig, MARGIN), [Series(seconds / times, SERIES_HARMONICS) for times in SERIES_REPEATS]
-    clear, columns = Clearance.of(rig, CLEARANCE, envelope), ExcitationColumns.of(rig)
+    envelope = Envelope.of(rig, MARGIN)
+    series = [Series(seconds / times, SERIES_HARMONICS) for times in SERIES_REPEATS]
+    clear = Clearance.of(rig, CLEARANCE, envelope)
+    columns = ExcitationColumns.of(rig)
     family = [Limits(model, each, columns, Determinant(), envelope, clear) for each in series]
     motions, finished = search_motions(family, tried, tries, rng)
     most = np.max([[apart.deviations for apart in one.apart] for one in motions], axis=0)
     possible = most >= 1  # less than the noise's own deviation is nothing
-    best, moving = max(motions, key=lambda one: one.value), None
+    best = max(motions, key=lambda one: one.value)
+    moving = None
     if possible.any():
         x = best.limits.repair(best.x)
         if x is None:
@@ -273,7 +286,8 @@ def search_motions(
     motions: list[Tried] = []
     try:
         for k in trange(tries, desc="next experiment", unit="motion", disable=None, leave=False):
-            limits, x = family[k % len(family)], None
+            limits = family[k % len(family)]
+            x = None
             if 2 * k >= tries:
                 limits, best, _ = max(motions, key=lambda one: one.value)
                 change = SMALLEST_CHANGE ** rng.random() * np.sqrt(np.mean(best**2)) * rng.standard_normal(len(best))

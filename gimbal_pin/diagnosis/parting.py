@@ -70,7 +70,8 @@ class Parting:
 def describe_partings(partings: Sequence[Parting]) -> str:
     """Say what the next experiment does to a finding and some of its rivals, the same to all."""
     first = partings[0]
-    who, rivals = first.joint or "rig", ", ".join(one.rival for one in partings)
+    who = first.joint or "rig"
+    rivals = ", ".join(one.rival for one in partings)
     instead = "; or ".join(dict.fromkeys(way for one in partings for way in one.instead))
     after = join_odds([str(int(compute_odds(one.expected))) for one in partings if one.expected is not None])
     if not after:

@@ -216,9 +216,12 @@ def check_torque_moves_joints(found: Explained, resting: Collection[int]) -> tup
     ``F = (explained / parameters) / (left / rows)`` of a fit to that joint alone: noise gives one, any rig hundreds.
     Where a function of the state predicts what is left, it is not noise, but unknown.
     """
-    now, evidence, dumb = found.first.fit, found.first.problem.evidence, list[str]()
+    now = found.first.fit
+    evidence = found.first.problem.evidence
+    dumb = list[str]()
     for j, joint in enumerate(evidence.rig.joints):
-        columns, torque = now.stack[now.rows(j)], now.target[now.rows(j)]
+        columns = now.stack[now.rows(j)]
+        torque = now.target[now.rows(j)]
         columns = columns[:, np.any(columns != 0, axis=0)]
         left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-10)[0]
         rest = max(float(left @ left), 1e-300) / max(evidence.rows * float(evidence.used[j]), 1.0)

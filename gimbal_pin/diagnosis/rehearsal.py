@@ -147,7 +147,8 @@ class _Planted(NamedTuple):
 
 def describe_size(one: _Planted, size: float, rig: Rig) -> Size:
     """Return a size in the units of its joint: the first of its figures that it changes."""
-    cause, values = one.cause, tuple((size * one.direction).tolist())
+    cause = one.cause
+    values = tuple((size * one.direction).tolist())
     if isinstance(cause, RigEffect):
         cause = resize(cause, values[0])
     given, none = (values, (0.0,) * len(values)) if isinstance(cause, Effect) else ((), ())
@@ -237,7 +238,10 @@ def plant_cause(search: Search, state: State, one: Columns) -> _Planted:
     `diagnose` asks that the criterion falls by the threshold, without the block that tells most as well, and by more
     than an error of the model's form.
     """
-    now, evidence, count, cause = state.fit, state.problem.evidence, rows(state), one.cause
+    now = state.fit
+    evidence = state.problem.evidence
+    count = rows(state)
+    cause = one.cause
     rest = project(now, one.own, one.joint)
     u = pick_direction(cause, rest)
     felt = rest = rest @ u
@@ -247,7 +251,8 @@ def plant_cause(search: Search, state: State, one: Columns) -> _Planted:
     blocks = now.by_block(felt[:, None] ** 2)[:, 0]
     many = count.sum() if one.joint is None else count[one.joint]
     asked = many * np.expm1((search.threshold + free(cause) * np.log(count.max())) / many)
-    outside, torque = felt.reshape(-1, len(now.scale)) / now.scale, evidence.whiten_all(state.torque)
+    outside = felt.reshape(-1, len(now.scale)) / now.scale
+    torque = evidence.whiten_all(state.torque)
     form_error = compare_with_form_error(evidence, outside, 0 * outside, [(FORM_ERROR, torque)]).max()
     told = np.array([blocks.sum(), blocks.sum() - blocks.max(), form_error])
     # D² - 2 z D = fall: deviations of the noise from which a sum of squares falls by so much in 19 of 20 logs.
@@ -270,11 +275,14 @@ def compare_cause(search: Search, state: State, one: _Planted, gains: Array, col
         gains: What each candidate gains on it, (k,).
         columns: The candidates' columns.
     """
-    cause, own, best = one.cause, get_place(one.cause), dict[CauseAt, Columns]()
+    cause = one.cause
+    own = get_place(one.cause)
+    best = dict[CauseAt, Columns]()
     for k in np.argsort(-gains).tolist():
         if gains[k] >= PROMISE * search.threshold and (place := get_place(columns[k].cause)) != own:
             best.setdefault(place, columns[k])
-    evidence, cost = state.problem.evidence, float(np.log(rows(state).max()))
+    evidence = state.problem.evidence
+    cost = float(np.log(rows(state).max()))
     needed = {
         place: find_size_apart(state.fit, one.rest, rival, cost * (free(cause) - free(rival.cause)))
         for place, rival in islice(best.items(), REFITTED_CANDIDATES)
@@ -291,7 +299,8 @@ def explain_planted(now: Fit, planted: Array, columns: Sequence[Columns]) -> Arr
     found = np.zeros((planted.shape[1], len(columns)))
     for batch in batches(columns):
         some = [columns[k] for k in batch]
-        joint, c = some[0].joint, some[0].width
+        joint = some[0].joint
+        c = some[0].width
         S = weigh_together(now, some)
         whole = products(S, c)
         gram = whole - products(now.along(S, joint), c)
@@ -325,7 +334,8 @@ def find_largest(columns: Columns, u: Array, rig: Rig, power: float) -> float:
     with np.errstate(divide="ignore"):
         most = [1.0 / power, *(columns.upper[u > 0] / u[u > 0])]
     if isinstance(cause, Effect):
-        limit, tau = rig.limits[j := rig.joint_index(cause.joint)], float(rig.tau_max[j])
+        limit = rig.limits[j := rig.joint_index(cause.joint)]
+        tau = float(rig.tau_max[j])
         corners = ((q, v) for q in (limit.lower, limit.upper) for v in (0.0, limit.velocity))
         inside = (Sample(0.0, q, v, 0.0, 1.0, tau) for q, v in corners if np.isfinite([q, v, tau]).all())
         loads = [abs(float(np.array([float(x) for x in cause.basis(at)]) @ u)) for at in inside]
@@ -389,7 +399,8 @@ def find_edge(family: Sequence[_Planted], what: Literal["seen", "named"]) -> _Pl
     k = next((k for k, one in enumerate(family) if needed[k] <= one.largest), None)
     if k is None or not (name := get_size_name(family[k].cause)):
         return None if k is None else family[k]
-    one, before = family[k], min(needed[k - 1], 1e9) if k else 1.0
+    one = family[k]
+    before = min(needed[k - 1], 1e9) if k else 1.0
     if before > max(needed[k], 1.0):
         sizes = [np.log(getattr(x.cause, name)) for x in (one, family[k - 1])]
         at = float(np.exp(np.interp(0.0, np.log([needed[k], before]), sizes)))

@@ -391,7 +391,8 @@ class Diagnosis(Record):
         if self.held is None:
             states = {"structured": Opinion.STRUCTURE_LEFT, "noise": Opinion.NOISE_LEFT}
             return {joint: states[left.state] for joint, left in self.residual.items()}
-        used, found = dict(zip(self.held.rig.joints, self.held.used.tolist())), dict[str, Opinion]()
+        used = dict(zip(self.held.rig.joints, self.held.used.tolist()))
+        found = dict[str, Opinion]()
         for joint, left in self.residual.items():
             *simpler, _, extended = (errors["fit_percent"][joint] for errors in self.stages.values())
             is_worse = any(is_degraded(extended, one) for one in simpler)
@@ -413,7 +414,8 @@ class Diagnosis(Record):
             *simpler, _, (_, extended) = ((model, each["fit_percent"][joint]) for model, each in self.stages.items())
             model, fit = max(simpler, key=lambda one: one[1])
             if is_degraded(extended, fit):
-                worse, better = digits(100 - extended, 2), digits(100 - fit, 2)
+                worse = digits(100 - extended, 2)
+                better = digits(100 - fit, 2)
                 said.append(f"{joint}: fitting raises the held-out error from {better} % ({model}) to {worse} %")
         return said
 

@@ -44,7 +44,8 @@ def open_turns(evidence: Evidence, state: State, filtering: Filtering) -> Eviden
     known: how late they are is not made up for.
     """
     floors = [evidence.noise_floor(j) for j in range(evidence.rig.n)]
-    friction, delays = get_dry_friction(state), find_shifts(state)
+    friction = get_dry_friction(state)
+    delays = find_shifts(state)
     turns = [find_swift_turns(part, state, friction, delays, floors, filtering) for part in evidence.parts]
     parts = [open_gate(part, flags, filtering) for part, flags in zip(evidence.parts, turns)]
     corners = [compute_corners(part, flags, state, friction, filtering) for part, flags in zip(parts, turns)]
@@ -53,7 +54,8 @@ def open_turns(evidence: Evidence, state: State, filtering: Filtering) -> Eviden
 
 def get_dry_friction(state: State) -> Array:
     """Fitted Coulomb friction of each joint, N m, (n,)."""
-    problem, at = state.problem, len(state.problem.reduction.independent)
+    problem = state.problem
+    at = len(state.problem.reduction.independent)
     out = np.zeros(problem.evidence.rig.n)
     for effect, value in zip(problem.friction, state.fit.theta[at:].tolist()):
         if effect.dry:
@@ -71,14 +73,17 @@ def find_swift_turns(
     accelerates the joint. `compute_corners` makes up for it but for that share of it, or, where a joint is not
     `is_timed`, for none of it; the rate's noise shifts the moment by the rest, and δ is what `find_shifts` finds.
     """
-    c, reach = part.channels, count_smoother_memory(part.channels, filtering)
+    c = part.channels
+    reach = count_smoother_memory(part.channels, filtering)
     out = np.zeros(c.v.shape, dtype=bool)
     at, joint = np.nonzero(find_slow_samples(c, CLEAR)[reach:-reach])
     at += reach
-    before, after = c.v[at - reach, joint], c.v[at + reach, joint]
+    before = c.v[at - reach, joint]
+    after = c.v[at + reach, joint]
     least = CLEAR * c.rate_std[joint]
     turning = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > least)
-    at, joint = at[turning], joint[turning]
+    at = at[turning]
+    joint = joint[turning]
     speeding = np.abs(c.a[at, joint])
     torque = np.abs(compute_inertial_torque(state, c.q[at], c.a[at, joint], joint))
     with np.errstate(divide="ignore"):
@@ -104,12 +109,15 @@ def find_shifts(state: State) -> Array:
 
     As of a measured torque, which is held by nobody, or of a late drive; zero where it is not sure. (n,)
     """
-    now, evidence = state.fit, state.problem.evidence
-    n, out = evidence.rig.n, np.zeros(evidence.rig.n)
+    now = state.fit
+    evidence = state.problem.evidence
+    n = evidence.rig.n
+    out = np.zeros(evidence.rig.n)
     for j in range(n):
         rising = [np.gradient(x[:, j], part.dt) for x, part in zip(state.torque, evidence.parts)]
         column = evidence.whiten(rising, j) * now.scale[j]
-        left, basis = now.residual[j::n], now.basis[j::n]
+        left = now.residual[j::n]
+        basis = now.basis[j::n]
         alone = column - basis @ (basis.T @ column)
         delay = float(column @ left) / max(float(column @ alone), 1e-300)
         scores = np.add.reduceat(alone * (left - delay * alone), now.starts // n)
@@ -129,7 +137,8 @@ def compute_corners(part: LogStretch, turns: Flags, state: State, friction: Arra
     Friction that changes by 2 F_c lets the acceleration jump, unless the torque jumps as much the other way: p is what
     the smoother takes off the torque's impulse. Without p the smoothed rate is zero late by F_c/T of its time.
     """
-    c, out = part.channels, np.zeros(part.channels.v.shape)
+    c = part.channels
+    out = np.zeros(part.channels.v.shape)
     at, joint = np.nonzero(dilate_flags(turns, count_smoother_memory(c, filtering)) & is_timed(state))
     inertia = np.abs(compute_inertial_torque(state, c.q[at], np.ones(len(at)), joint))
     lost = compute_smear(filtering) * friction[joint] * np.sign(c.a[at, joint]) + part.impulse[at, joint]
@@ -139,7 +148,8 @@ def compute_corners(part: LogStretch, turns: Flags, state: State, friction: Arra
 
 def compute_inertial_torque(state: State, q: Array, a: Array, joint: NDArray[np.intp]) -> Array:
     """Torque of one joint's own inertia at samples (k,), N m, (k,): q (k, n), that joint's acceleration (k,)."""
-    rows, alone = np.arange(len(q)), np.zeros_like(q)
+    rows = np.arange(len(q))
+    alone = np.zeros_like(q)
     alone[rows, joint] = a
     still = np.zeros_like(q)
     return np.asarray(
@@ -149,8 +159,10 @@ def compute_inertial_torque(state: State, q: Array, a: Array, joint: NDArray[np.
 
 def open_gate(part: LogStretch, turns: Flags, filtering: Filtering) -> LogStretch:
     """Open the gate at some turns; elsewhere, and where it was shut for what lies between these samples, it stays."""
-    c, still = part.channels, find_slow_samples(part.channels, CLEAR)
-    reach, taper = count_smoother_memory(c, filtering), round(TAPER / filtering.cutoff / part.dt)
+    c = part.channels
+    still = find_slow_samples(part.channels, CLEAR)
+    reach = count_smoother_memory(c, filtering)
+    taper = round(TAPER / filtering.cutoff / part.dt)
     shut, open_ = (build_mask(dilate_flags(where, reach), taper) for where in (still, still & ~turns))
     edges = compute_fade(len(still), int(np.ceil(compute_settling_time(filtering) / part.dt)))[:, None]
     return part._replace(gate=np.asfortranarray(np.minimum(part.gate + (open_ - shut) * edges, 1.0)))

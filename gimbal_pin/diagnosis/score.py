@@ -59,10 +59,14 @@ def gained_alike(now: Fit, candidates: Sequence[Columns], fixed: bool) -> list[G
     ``R = S - B Bᵀ S`` is what the fitted columns B leave of a candidate's S. As the residual is free of B, its
     products ``RᵀR = SᵀS - (BᵀS)ᵀ(BᵀS)`` and ``Rᵀr = Sᵀr`` need only the rows where S is not zero.
     """
-    joint, c = candidates[0].joint, candidates[0].width
-    S, rows = weigh_together(now, candidates), now.rows(joint)
-    whole, along = products(S, c), now.along(S, joint)
-    gram, s = whole - products(along, c), (now.residual[rows] @ S).reshape(-1, c)
+    joint = candidates[0].joint
+    c = candidates[0].width
+    S = weigh_together(now, candidates)
+    rows = now.rows(joint)
+    whole = products(S, c)
+    along = now.along(S, joint)
+    gram = whole - products(along, c)
+    s = (now.residual[rows] @ S).reshape(-1, c)
     own = fitting(gram, s)
     lower, upper = (np.stack(bounds) for bounds in zip(*((one.lower, one.upper) for one in candidates)))
     visible = share(gram, whole) * np.array([one.bulk for one in candidates])
@@ -74,7 +78,8 @@ def gained_alike(now: Fit, candidates: Sequence[Columns], fixed: bool) -> list[G
     )
     beta = np.ones_like(own) if fixed else own
     gain = 2 * np.sum(beta * s, axis=1) - quadratic(gram, beta)
-    every, nothing = map(Gained, gain.tolist(), beta, own, visible.tolist()), np.zeros(0)
+    every = map(Gained, gain.tolist(), beta, own, visible.tolist())
+    nothing = np.zeros(0)
     return [Gained(0.0, nothing, nothing, one.visible) if none else one for one, none in zip(every, wrong)]
 
 
@@ -129,11 +134,9 @@ def visibility(now: Fit, candidates: Sequence[Columns]) -> Array:
     """Share of each candidate's power that the fitted columns leave, (k,): of what sets it apart from friction."""
     visible = np.zeros(len(candidates))
     for batch in batches(candidates):
-        S, joint, c = (
-            weigh_together(now, [candidates[i] for i in batch]),
-            candidates[batch[0]].joint,
-            candidates[batch[0]].width,
-        )
+        S = weigh_together(now, [candidates[i] for i in batch])
+        joint = candidates[batch[0]].joint
+        c = candidates[batch[0]].width
         whole = products(S, c)
         visible[batch] = share(whole - products(now.along(S, joint), c), whole)
     return visible * np.array([one.bulk for one in candidates])

@@ -29,7 +29,8 @@ def refine_shapes(
         value: What a cause is worth in a state.
         step: The first step, a factor; every round takes its square root.
     """
-    best, at = value(state, cause), cause
+    best = value(state, cause)
+    at = cause
     for _ in range(REFINING_ROUNDS):
         before = at
         for name in shape_names(cause):

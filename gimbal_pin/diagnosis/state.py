@@ -165,8 +165,10 @@ class State:
         """
         if self.alike is not None and self.learned is None:
             return self.alike.bearing
-        problem, known = self.problem, self.alike or self
-        evidence, theta = problem.evidence, known.fit.theta
+        problem = self.problem
+        known = self.alike or self
+        evidence = problem.evidence
+        theta = known.fit.theta
         dry = [c for c in known.causes if isinstance(c, Effect) and is_motor_friction(c)]
         at = len(problem.reduction.independent)
         friction = [(effect, theta[at + k : at + k + 1]) for k, effect in enumerate(problem.friction)]
@@ -193,14 +195,19 @@ class State:
     @cached_property
     def dispersion(self) -> Array:
         """Each joint's ``φ = ⟨|R(f)|²/ρ(f)⟩``, (n,): residual power over the noise's, as the drives pass it on."""
-        found, evidence = self.fit.dispersion.copy(), self.problem.evidence
+        found = self.fit.dispersion.copy()
+        evidence = self.problem.evidence
         for joint in {cause.joint for cause in self.causes if isinstance(cause, Signal)}:
-            j, first = evidence.rig.joint_index(joint), 0
-            own, power, fair = self.fit.residual[self.fit.rows(j)], 0.0, 0.0
+            j = evidence.rig.joint_index(joint)
+            first = 0
+            own = self.fit.residual[self.fit.rows(j)]
+            power = 0.0
+            fair = 0.0
             for part, share in zip(evidence.parts, self.pass_all_noise(j)):
                 spectrum = np.abs(fft.rfft(own[first : first + part.rows])) ** 2
                 first += part.rows
-                power, fair = power + spectrum.sum(), fair + float(np.sum(spectrum / share))
+                power = power + spectrum.sum()
+                fair = fair + float(np.sum(spectrum / share))
             found[j] *= fair / max(power, 1e-300)
         return found
 
@@ -220,12 +227,14 @@ class State:
         limit below nearly all that was measured leaves a constant, in which no noise is left: that explains nothing.
         What of the noise comes through the acceleration passes what is `felt` of the joint's own inertia.
         """
-        evidence, joint = self.problem.evidence, self.problem.evidence.rig.joint_index(signal.joint)
+        evidence = self.problem.evidence
+        joint = self.problem.evidence.rig.joint_index(signal.joint)
         known = bearing or self.bearing_for(signal, self.acting)
         borne: Sequence[JointLoad | None] = known or [None] * len(evidence.parts)
         shares: list[Array] = []
         for part, noises, load in zip(evidence.parts, self.noise, borne):
-            noise, torque = noises[:, joint], part.channels.tau[:, joint]
+            noise = noises[:, joint]
+            torque = part.channels.tau[:, joint]
             used, less = (part.acted(signal, x, joint, load) for x in (torque, torque - noise))
             every = [torque, noise, used, used - less]
             if signal.springy:
@@ -259,9 +268,11 @@ class State:
 
     def sprung(self, spring: Signal, torque: list[Array]) -> Bearing:
         """What a joint bears whose link swings; all that is not of the rigid model stands before the spring."""
-        evidence, j = self.problem.evidence, self.problem.evidence.rig.joint_index(spring.joint)
+        evidence = self.problem.evidence
+        j = self.problem.evidence.rig.joint_index(spring.joint)
         if self.learned is None:
-            (beta, phi), (loads, own) = self.swung(spring, torque), self.problem.motion.apart[j]
+            (beta, phi) = self.swung(spring, torque)
+            (loads, own) = self.problem.motion.apart[j]
         else:
             beta, phi = self.learned.swung(spring, self.learned.acting)
             loads, own = self.problem.motion.split_columns(j, self.learned.problem.motion.felt[j])
@@ -283,8 +294,10 @@ class State:
             spring: The spring.
             torque: Torques, N m, (m, n) per part.
         """
-        evidence, n = self.problem.evidence, len(self.fit.scale)
-        j, at = evidence.rig.joint_index(spring.joint), len(self.problem.reduction.independent)
+        evidence = self.problem.evidence
+        n = len(self.fit.scale)
+        j = evidence.rig.joint_index(spring.joint)
+        at = len(self.problem.reduction.independent)
         beside = self.fit.stack[j::n, at:] / self.fit.scale[j]
         rows = [*zip(evidence.parts, *self.problem.motion.apart[j])]
         felt = [spring.felt(load, inertial, part.dt) for part, load, inertial in rows]
@@ -329,7 +342,8 @@ def ratio(after: Array, before: Array) -> Array:
 
 def imitate_noise(part: LogStretch, left: Array) -> Array:
     """Torques with the phases of others, (m, n), and with the spectra that whitening makes flat."""
-    spectrum, gain = fft.rfft(left, axis=0), part.whitener.T
+    spectrum = fft.rfft(left, axis=0)
+    gain = part.whitener.T
     size = np.zeros(spectrum.shape)
     size[: len(gain)] = np.divide(1.0, gain, out=np.zeros_like(gain), where=gain > 1e-3 * gain.max(axis=0))
     return np.asarray(fft.irfft(spectrum / np.maximum(np.abs(spectrum), 1e-300) * size, len(left), axis=0))
@@ -363,7 +377,8 @@ def solve_causes(problem: Problem, causes: Sequence[Cause], before: State | None
     now = fit(A, b, evidence.used, evidence.block, before.fit.scale if before and keep else None, problem.luck)
     total = predict_torque(problem, effects, now.theta, load)
     unexplained: list[Array] = [y - x for x, y in zip(total, acting)]
-    rig, alike = refit_rig(problem, now.theta), before if keep else None
+    rig = refit_rig(problem, now.theta)
+    alike = before if keep else None
     return State(problem, tuple(causes), now, rig, total, acting, unexplained, alike)
 
 
@@ -376,7 +391,8 @@ def apply_signal(evidence: Evidence, signal: Signal, torque: list[Array], bearin
 
 def refit_rig(problem: Problem, theta: Array) -> Rig:
     """Return the rig with the fitted base parameters."""
-    rig, reduction = problem.evidence.rig, problem.reduction
+    rig = problem.evidence.rig
+    reduction = problem.reduction
     phi = rig.phi.copy()
     phi[find_base_columns(rig, reduction)] += theta[: len(reduction.independent)] - given_beta(rig, reduction)
     return rig.with_phi(phi)
@@ -411,7 +427,8 @@ def solve_consistently(state: State) -> State:
         causes = tuple(aim_turn(state, cause) for cause in state.causes)
         if not any(reads_fit(cause) for cause in causes):
             break
-        before, state = state, solve_causes(state.problem, causes, state)
+        before = state
+        state = solve_causes(state.problem, causes, state)
         settled = (is_near(new, old, SETTLED_CHANGE) for new, old in zip(state.torque, before.torque))
         if causes == before.causes and all(settled) and is_near(state.fit.dispersion, before.fit.dispersion, FITTED):
             break

@@ -147,7 +147,8 @@ def compute_tangent(state: State, cause: Cause, weights: Array) -> Array:
         cause: The cause.
         weights: Its coefficients, with which its torque changes with its shape.
     """
-    now, upper = state.columns(cause).values, {shape.name: shape.upper for shape in cause.shapes}
+    now = state.columns(cause).values
+    upper = {shape.name: shape.upper for shape in cause.shapes}
     columns = [now]
     for name in shape_names(cause):
         value = getattr(cause, name)

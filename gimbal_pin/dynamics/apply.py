@@ -36,7 +36,8 @@ def plant_with(model: Model, causes: Sequence[Planted]) -> Altered:
     Raises:
         UsageError: A joint that the rig does not have, or friction that would push somewhere.
     """
-    rig, changes = model.rig, tuple(cause for cause in causes if isinstance(cause, RigEffect))
+    rig = model.rig
+    changes = tuple(cause for cause in causes if isinstance(cause, RigEffect))
     for cause in causes:
         if isinstance(cause, RigEffect):
             rig = cause.apply(rig)

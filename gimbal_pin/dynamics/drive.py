@@ -30,7 +30,8 @@ class Drive:
             return command
         out = np.array(command, dtype=float)
         for i, (j, signal) in enumerate(self.chain):
-            given, load = float(out[j]), None
+            given = float(out[j])
+            load = None
             if signal.geared and self.plant is not None and state is not None:
                 load = compute_joint_load(self.plant, j, state, given, signal.leaning(self.memory[i]))
             beside = 0.0 if load is None else float(signal.beside(load))
@@ -46,7 +47,8 @@ def compute_joint_load(
 
     `leaning`: what the torque holds at rest, N m; None: what the link asks for.
     """
-    q, rate = float(state.q[joint]), float(state.v[joint])
+    q = float(state.q[joint])
+    rate = float(state.v[joint])
     push = compute_coupling(compute_inertia_column(plant.rig, state.q[None], joint)[0], joint, plant.armature[joint])
     terms = [term for term in plant.by_joint[joint] if is_motor_friction(term.effect)]
     asked = float(plant.inverse(state.q[None], state.v[None], 0.0 * state.v[None])[0, joint])

@@ -35,8 +35,10 @@ def compute_imu_readings(
     if not moved:
         return out
     model, states = convert_states(rig, q, v, a, platform)
-    data, frames = model.createData(), [model.getFrameId(link, pin.FrameType.BODY) for link in moved]
-    gyro, accel = np.empty((len(frames), len(q), 3)), np.empty((len(frames), len(q), 3))
+    data = model.createData()
+    frames = [model.getFrameId(link, pin.FrameType.BODY) for link in moved]
+    gyro = np.empty((len(frames), len(q), 3))
+    accel = np.empty((len(frames), len(q), 3))
     for k, state in enumerate(zip(*states)):
         pin.forwardKinematics(model, data, *state)
         for i, frame in enumerate(frames):

@@ -221,7 +221,8 @@ class Model(Record):
         q, v, a = (to_rows(f"Model.inverse: {name}", x, self.rig.n) for name, x in (("q", q), ("v", v), ("a", a)))
         direction = np.sign(v) if slide is None else slide
         carrier = platform if t is None else self.carried(t, platform)
-        rigid, weight = compute_rnea(self.rig, q, v, a, carrier), self.weight(q, carrier)
+        rigid = compute_rnea(self.rig, q, v, a, carrier)
+        weight = self.weight(q, carrier)
 
         def total(tau: Array) -> Array:
             return rigid + self.passive(q, v, a, direction, tau, t, temperature, losses, weight)
@@ -270,7 +271,8 @@ class Model(Record):
 
 def _solve_implicit_torque(total: Callable[[Array], Array], start: Array) -> Array:
     """Solve ``tau = total(tau)``, entry by entry, by the secant method: exact at once where it is linear in tau."""
-    x, y = start, total(start)
+    x = start
+    y = total(start)
     rest = y - x
     for _ in range(TORQUE_ITERATIONS):
         rest_y = total(y) - y
@@ -278,7 +280,9 @@ def _solve_implicit_torque(total: Callable[[Array], Array], start: Array) -> Arr
             break
         change = rest_y - rest
         slope = np.divide(change, y - x, out=-np.ones_like(x), where=np.abs(y - x) > 1e-12)
-        x, y, rest = y, y - rest_y / np.where(slope < -1e-3, slope, -1.0), rest_y
+        x = y
+        y = y - rest_y / np.where(slope < -1e-3, slope, -1.0)
+        rest = rest_y
     return y
 
 
@@ -311,7 +315,8 @@ def read_model_data(data: Any, rig: Rig, place: str = "model") -> Model:
             rig.joint_index(cause.place)
         rig = replace_bodies(rig, np.array(filed.phi))
         for change in changes:
-            phi, rig = rig.phi, change.apply(rig)
+            phi = rig.phi
+            rig = change.apply(rig)
             rig = rig.with_phi(phi)  # a change of the bodies is in the stated parameters already
         return Model(rig, terms, drive=drive, changes=changes)
 

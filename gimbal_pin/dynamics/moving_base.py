@@ -13,7 +13,8 @@ from gimbal_pin.log.log import Array
 from gimbal_pin.log.platform import Platform
 from gimbal_pin.rig.rig import Rig
 
-rnea, aba = pin.rnea, pin.aba
+rnea = pin.rnea
+aba = pin.aba
 _Halves = tuple[list[float], list[float]]
 NODE = 1e-6
 """Distance from a sample of the platform's motion, in intervals, within which a time is that sample's."""
@@ -39,13 +40,18 @@ class MovingBase:
         `armature`: inertia of the joints' own motors, kg m², (n,).
         """
         n = rig.n
-        self.pin, self.n = rig.floating.copy(), n
+        self.pin = rig.floating.copy()
+        self.n = n
         self.pin.armature = np.concatenate([np.full(6, HEAVY), armature])
-        self.data, self.still = self.pin.createData(), [0.0] * n
-        self.start, self.step, self.last = float(platform.t[0]), float(platform.t[1] - platform.t[0]), len(platform) - 1
+        self.data = self.pin.createData()
+        self.still = [0.0] * n
+        self.start = float(platform.t[0])
+        self.step = float(platform.t[1] - platform.t[0])
+        self.last = len(platform) - 1
         self.samples = np.hstack([np.zeros_like(platform.w), platform.w, HEAVY * platform.f, HEAVY * platform.dw])
         # The middle of a step is asked for twice, and its end again as the next one's start.
-        self.near, self.row = -1, _split_halves(self.samples[0])
+        self.near = -1
+        self.row = _split_halves(self.samples[0])
         # One array holds configuration, rates and what drives them: packed at once, but for the base's place.
         scratch = np.zeros(7 + n + 2 * (6 + n))
         scratch[6] = 1.0
@@ -73,10 +79,12 @@ class MovingBase:
         if near == self.near and -NODE < place - near < NODE:
             return self.row
         if -NODE < place - near < NODE and 0 <= near <= self.last:
-            self.near, self.row = near, _split_halves(self.samples[near])
+            self.near = near
+            self.row = _split_halves(self.samples[near])
             return self.row
         middle = min(max(near, 1), self.last - 1)
-        s, (before, here, after) = place - middle, self.samples[middle - 1 : middle + 2]
+        s = place - middle
+        (before, here, after) = self.samples[middle - 1 : middle + 2]
         return _split_halves(here + s * ((after - before) / 2 + s * (before - 2 * here + after) / 2))
 
 

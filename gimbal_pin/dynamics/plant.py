@@ -20,7 +20,8 @@ from gimbal_pin.log.platform import Platform
 Floats = Sequence[float]
 BodyLists = tuple[list[float], list[list[float]]]
 evaluate_aba = pin.aba
-RUNAWAY_ANGLE, RUNAWAY_SPEED = PLAUSIBLE_RANGES["q"].upper / 2, PLAUSIBLE_RANGES["v"].upper / 2
+RUNAWAY_ANGLE = PLAUSIBLE_RANGES["q"].upper / 2
+RUNAWAY_SPEED = PLAUSIBLE_RANGES["v"].upper / 2
 """Half of the largest angle, rad, and rate, rad/s, that a log may hold: no machine gets there."""
 
 
@@ -91,7 +92,8 @@ class Plant:
         self.data = self.pin.createData()
         # Friction of size zero does nothing: left in, it would stop its joint at every reversal and cost two orders.
         self.friction = Resistance([[term for term in terms if any(term.values)] for terms in model.by_joint])
-        self.per_rate, self.none = self.friction.per_rate, [0.0] * self.n
+        self.per_rate = self.friction.per_rate
+        self.none = [0.0] * self.n
         # Pinocchio takes the thirds of one array as they are; packing floats into it takes half the time of `[:] =`.
         scratch = np.zeros(3 * self.n)
         self.q, self.v, self.tau = np.split(scratch, 3)
@@ -108,11 +110,15 @@ class Plant:
             return State(np.full(self.n, nan), np.full(self.n, nan), state.memory)
 
     def _advance(self, t: float, state: State, tau: Array, dt: float) -> State:
-        q, v, u, memory = state.q.tolist(), state.v.tolist(), tau.tolist(), state.memory or self.friction.start
+        q = state.q.tolist()
+        v = state.v.tolist()
+        u = tau.tolist()
+        memory = state.memory or self.friction.start
         stops: list[int] = []
         while dt > 1e-9:
             now = self.begin(t, q, v, memory, u, [j for j in stops if stops.count(j) > 1] if stops else ())
-            (q, v), share = self.rk4(t, now, dt), 1.0
+            (q, v) = self.rk4(t, now, dt)
+            share = 1.0
             stop = self.first_stop(now, v)
             if stop is not None:
                 joint, share = stop
@@ -121,7 +127,8 @@ class Plant:
                 v[joint] = 0.0
             if memory:
                 memory = self.friction.warmed(self.friction.evolved(memory, now.q, q), u, share * dt)
-            t, dt = t + share * dt, (1 - share) * dt
+            t = t + share * dt
+            dt = (1 - share) * dt
         return State(np.array(q), np.array(v), memory)
 
     def contact(self, t: float, state: State, tau: Array) -> Step:
@@ -138,7 +145,8 @@ class Plant:
         self, t: float, q: Floats, v: Floats, memory: EffectMemories, tau: Floats, held: Collection[int] = ()
     ) -> Step:
         """Decide the contact at the start of a step; joints in `held` stick whatever holds them."""
-        slide, resting = [0.0] * self.n, []
+        slide = [0.0] * self.n
+        resting = []
         for j in self.friction.dry_joints:
             if v[j]:
                 slide[j] = 1.0 if v[j] > 0 else -1.0
@@ -154,7 +162,8 @@ class Plant:
         slides: a linear complementarity problem. D is positive definite, so it has one solution, and mending always
         the first joint that is wrong leads there (Murty 1974); a released joint may have to stick again.
         """
-        body, slide = self.body(t, now.q, now.v), list(now.slide)
+        body = self.body(t, now.q, now.v)
+        slide = list(now.slide)
         for _ in range(3 ** len(resting)):
             wrong = self.wrong(t, now, body, resting)
             if wrong is None:
@@ -233,7 +242,8 @@ class Plant:
         net = [left - c * rate - b for left, c, rate, b in zip(now.left, self.per_rate, v, bias)]
         if self.friction.rest:
             self.take(net, t, q, v, now)
-        stuck, out = now.stuck, [0.0] * len(net)
+        stuck = now.stuck
+        out = [0.0] * len(net)
         free = [j for j in range(len(net)) if j not in stuck]
         rows = [[upper[i][j] if i < j else upper[j][i] for j in free] for i in range(len(net))]
         moving = _solve_small_system([rows[i] for i in free], [net[i] for i in free])
@@ -243,7 +253,10 @@ class Plant:
 
     def rk4(self, t: float, now: Step, dt: float) -> tuple[list[float], list[float]]:
         """Angles and rates after one classical Runge-Kutta step of `dt` s in one mode of contact."""
-        q, v, half, sixth = now.q, now.v, dt / 2, dt / 6
+        q = now.q
+        v = now.v
+        half = dt / 2
+        sixth = dt / 6
         if len(now.stuck) == self.n or not dt:
             return list(q), list(v)
         a = self.accelerations(t, q, v, now)

@@ -78,7 +78,8 @@ def scan_columns(matrix: Array, names: tuple[str, ...]) -> Reduction:
     `matrix`: stacked regressor, (rows, p), rows well above p.
     """
     basis = np.empty((len(matrix), 0))
-    independent, zero = [], []
+    independent = []
+    zero = []
     largest = np.linalg.norm(matrix, axis=0).max(initial=0.0)
     for j, column in enumerate(matrix.T):
         if (size := np.linalg.norm(column)) <= TOLERANCE * largest:

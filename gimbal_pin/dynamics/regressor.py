@@ -48,7 +48,9 @@ def compute_regressor(
         Torque per unit of each entry of `Rig.phi`, (N, n, 10 n), or of those in `places`, (N, n, p).
     """
     model, states = convert_states(rig, q, v, a, platform)
-    data, base, compute = model.createData(), model.nv - rig.n, pin.computeJointTorqueRegressor
+    data = model.createData()
+    base = model.nv - rig.n
+    compute = pin.computeJointTorqueRegressor
     chosen = np.arange(10 * rig.n) if places is None else places.astype(np.intp)
     width = 10 * (model.njoints - 1)
     entries = (width * np.arange(base, model.nv)[:, None] + width - 10 * rig.n + chosen).ravel()

@@ -93,10 +93,12 @@ def simulate(
         UsageError: The reference is not sampled at the controller's interval, the platform's motion does not last as
             long, or the state left the finite numbers.
     """
-    dt, t = controller.dt, reference.t
+    dt = controller.dt
+    t = reference.t
     if len(t) < 2 or not np.allclose(np.diff(t), dt, rtol=1e-6):
         raise UsageError("reference", f"is not sampled every {dt:g} s", "resample it to the controller's interval")
-    rig, sense = plant.rig, Sensors.of(plant.rig, dt) if sensors is None else sensors
+    rig = plant.rig
+    sense = Sensors.of(plant.rig, dt) if sensors is None else sensors
     generator, seed = make_generator(rng)
     rate_noise = sense.rate_std * generator.standard_normal(reference.q.shape)
     torque_noise = sense.torque_std * generator.standard_normal(reference.q.shape)
@@ -150,7 +152,8 @@ def run_loop(
     name: str,
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Run the loop of `simulate`; return measured angles and rates, torque, true angles and rates, (N, n) each."""
-    dt, t = controller.dt, reference.t
+    dt = controller.dt
+    t = reference.t
     q, v, tau, true_q, true_v = (np.empty(reference.q.shape) for _ in range(5))
     memory = controller.start()
     pending: deque[Array] = deque([np.zeros(len(limit))] * delay)

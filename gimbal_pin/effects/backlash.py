@@ -76,11 +76,13 @@ class Backlash(Loose):
         """Fly or push; what does not speed the rotor up is passed on."""
         place, rate = memory
         push = x / self.inertia * dt
-        after, end = rate + push, place + (rate + push / 2) * dt
+        after = rate + push
+        end = place + (rate + push / 2) * dt
         if self.springy:
             end, after = self.flanks(dt, self.rotor_share).moved(place, rate, x / self.inertia)
         elif abs(end) >= self.gap / 2:
-            after, end = 0.0, copysign(self.gap / 2, end)
+            after = 0.0
+            end = copysign(self.gap / 2, end)
         kept = 1 - 1 / self.rotor_share if self.rotor_share else 1.0
         return (end, after), x - kept * self.inertia * (after - rate) / dt
 
@@ -88,10 +90,12 @@ class Backlash(Loose):
         """Step through the flights alone: from a landing to the torque's next change of sign all of it passes."""
         if self.springy:
             return super().acting(command, dt)
-        out, values = command.astype(float), command.tolist()
+        out = command.astype(float)
+        values = command.tolist()
         k = 0
         for turn in (1 + np.flatnonzero(np.diff(np.sign(command)))).tolist():
-            k, memory = max(k, turn), self.start(values[turn - 1])
+            k = max(k, turn)
+            memory = self.start(values[turn - 1])
             flying = k == turn
             while flying and k < len(values):
                 memory, out[k] = self.step(memory, values[k], dt)
@@ -129,7 +133,9 @@ class Backlash(Loose):
 
         A rotor at p gap within it goes by ``p'' = x/(J gap)``, and lands with the momentum ``J gap p'``.
         """
-        size, more = f" by {self.gap:.3g} rad", ""
+        size = f" by {self.gap:.3g} rad"
+        more = ""
         if not self.springy:
-            size, more = "", f", gap times rotor's inertia being {self.gap * self.inertia:.3g} rad kg m^2"
+            size = ""
+            more = f", gap times rotor's inertia being {self.gap * self.inertia:.3g} rad kg m^2"
         return f"the joint is loose{size}: at every reversal of the torque it is free, then knocks{more}"

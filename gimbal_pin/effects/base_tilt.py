@@ -87,6 +87,7 @@ class BaseTilt(RigEffect):
         leans = f"the base leans by {degrees(self.roll):.3g}° about x and {degrees(self.pitch):.3g}° about y"
         if not (self.roll_rate or self.pitch_rate):
             return leans
-        x, y = degrees(60 * self.roll_rate), degrees(60 * self.pitch_rate)
+        x = degrees(60 * self.roll_rate)
+        y = degrees(60 * self.pitch_rate)
         sinks = f"by {x:.3g}° about x and {y:.3g}° about y a minute"
         return f"{leans}, and sinks {sinks}" if self.roll or self.pitch else f"the base sinks {sinks}"

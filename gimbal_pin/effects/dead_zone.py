@@ -78,7 +78,8 @@ class DeadZone(Static):
         gentle = min(1.0, abs(torque) / (RAMP * self.width))
         if not (self.sharpness or self.whole):
             return torque + copysign(self.width * gentle, torque)
-        low, high = abs(torque), abs(torque) + 2 * self.width
+        low = abs(torque)
+        high = abs(torque) + 2 * self.width
         for _ in range(COMMAND_HALVINGS):
             middle = (low + high) / 2
             low, high = (middle, high) if self.passed(middle) < abs(torque) else (low, middle)

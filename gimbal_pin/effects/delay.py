@@ -44,7 +44,8 @@ class Delay(Signal):
         whole = int(self.time / dt + 1e-9)
         part = max(self.time / dt - whole, 0.0)
         past = (x, *memory)[: whole + 2]
-        newer, older = past[min(whole, len(past) - 1)], past[-1]
+        newer = past[min(whole, len(past) - 1)]
+        older = past[-1]
         return past, newer + part * (older - newer)
 
     @classmethod

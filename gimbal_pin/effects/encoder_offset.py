@@ -42,7 +42,8 @@ class EncoderOffset(RigEffect):
     def apply(self, rig: Rig) -> Rig:
         """Turn the joint's placement about the joint's axis."""
         j = rig.joint_index(self.joint)
-        q, data = np.zeros(rig.n), rig.model.createData()
+        q = np.zeros(rig.n)
+        data = rig.model.createData()
         q[j] = -self.offset
         pin.forwardKinematics(rig.model, data, q)
         changed = copy_model(rig)

@@ -89,7 +89,8 @@ class Harmonic(Effect):
         A search takes the harmonics one by one, and the first bends as all of them together do. Four to either side
         stand for all that a short travel leaves.
         """
-        reach, (first, last) = int(pi / seen.travel) if seen.travel > 0 else 0, self.limits()
+        reach = int(pi / seen.travel) if seen.travel > 0 else 0
+        (first, last) = self.limits()
         steps = [step for step in np.unique(np.round(np.linspace(-reach, reach, 9))).tolist() if step]
         moved = ((k, k + step) for k in self.harmonic for step in steps if first <= k + step <= last)
         return tuple(
@@ -112,7 +113,8 @@ class Harmonic(Effect):
         out: list[Parameter] = []
         for rank, i in enumerate(sorted(range(len(polar)), key=lambda i: -polar[i][0])):
             size, phase = polar[i]
-            pair, std = slice(2 * i, 2 * i + 2), np.array([nan, nan])
+            pair = slice(2 * i, 2 * i + 2)
+            std = np.array([nan, nan])
             if covariance is not None and size > 0:
                 std = propagate_deviation(lambda x: self.polar(x)[0], values[pair], covariance[pair, pair])
             end = f"_{rank + 1}" if rank else ""
@@ -125,7 +127,8 @@ class Harmonic(Effect):
 
     def blurred(self, seen: OperatingRange) -> tuple[str, ...]:
         """Less than one turn of the lowest harmonic is a bend; so are two of several that the travel does not part."""
-        lowest, least = min(self.harmonic), min(np.diff(sorted(self.harmonic)), default=inf)
+        lowest = min(self.harmonic)
+        least = min(np.diff(sorted(self.harmonic)), default=inf)
         crowded = len(self.harmonic) > 2 and least * seen.travel < 0.7 * 2 * pi
         bent = lowest * seen.travel < 2 * pi * (1 + crowded)
         leaning = seen.upright and (max(self.harmonic) == 1.0 or (bent and lowest == 1.0))
@@ -142,7 +145,8 @@ class Harmonic(Effect):
         power = worth * (lines > 1.0)
         if not self.of_motor or np.count_nonzero(power) < 3:
             return 0.0
-        orders, near = np.arange(2.0, lines.max() + 1.0), pi / seen.travel - 0.5
+        orders = np.arange(2.0, lines.max() + 1.0)
+        near = pi / seen.travel - 0.5
         held, every = (
             (np.abs(k - n * np.maximum(np.round(k / n), 1.0)) <= max(near, 0.25)).astype(float)
             for n in (orders[:, None],)
@@ -168,8 +172,10 @@ class Harmonic(Effect):
     @classmethod
     def planted(cls, joint: str | None, given: Mapping[str, float]) -> Any:
         """Return the term with one harmonic."""
-        size, phase = given[cls.amplitude.name], given["phase"]
-        a, b = size * float(cos(phase)), -size * float(sin(phase))
+        size = given[cls.amplitude.name]
+        phase = given["phase"]
+        a = size * float(cos(phase))
+        b = -size * float(sin(phase))
         return Term(cls(str(joint), (given["harmonic"],)), (a, b))
 
     def listed(self, values: Sequence[float]) -> str:

@@ -118,7 +118,8 @@ class JointFlexibility(Geared):
         if borne is None or not self.springy:
             return self.acting(command, dt)
         load, inertial = (np.broadcast_to(x, command.shape) for x in (borne.load, borne.inertial))
-        felt, swings = self.felt(load[:, None], inertial[:, None], dt)[:, 0], self.swings(dt, len(command))
+        felt = self.felt(load[:, None], inertial[:, None], dt)[:, 0]
+        swings = self.swings(dt, len(command))
         sure = ~np.broadcast_to(borne.still, command.shape) & np.any(swings != 0, axis=1)
         left = command - borne.brake - felt
         begun = np.linalg.lstsq(swings[sure], left[sure], rcond=None)[0]
@@ -138,9 +139,13 @@ class JointFlexibility(Geared):
         """
         w = 2 * pi * self.frequency
         grown = 1 + self.hardening * (memory[0] + dt / 2 * memory[1]) ** 2
-        decay, turn = self.damping * w, w * sqrt(grown - self.damping**2)
-        z, rate = memory[0] - x / grown, memory[1]
-        c, s, left = cos(turn * dt), sin(turn * dt) / turn, exp(-decay * dt)
+        decay = self.damping * w
+        turn = w * sqrt(grown - self.damping**2)
+        z = memory[0] - x / grown
+        rate = memory[1]
+        c = cos(turn * dt)
+        s = sin(turn * dt) / turn
+        left = exp(-decay * dt)
         after = left * (z * c + (rate + decay * z) * s)
         rate_after = left * (rate * c - (w * w * grown * z + decay * rate) * s)
         kept = 1 - 1 / self.rotor_share if self.rotor_share else 1.0

@@ -65,7 +65,10 @@ class Flanks(NamedTuple):
 
     def moved(self, x: float, v: float, push: float) -> tuple[float, float]:
         """Place and rate a step later; where it meets a flank or leaves one in it, to second order from then on."""
-        half, k, d, dt = self.half, self.k, self.d, self.dt
+        half = self.half
+        k = self.k
+        d = self.d
+        dt = self.dt
         side = half if x > half else -half if x < -half else 0.0
         if side:
             (xx, xv, xu), (vx, vv, vu) = self.exact
@@ -77,11 +80,13 @@ class Flanks(NamedTuple):
             v += (k * since / 2 + d) * p
             x = side + p + (k * since / 6 + d / 2) * since * p
         else:
-            x, v = x + (v + push * dt / 2) * dt, v + push * dt
+            x = x + (v + push * dt / 2) * dt
+            v = v + push * dt
         over = x - half if x > half else x + half if x < -half else 0.0
         if over * v > 0.0:
             since = over / v
-            v, x = v - (k * since / 2 + d) * over, x - (k * since / 6 + d / 2) * since * over
+            v = v - (k * since / 2 + d) * over
+            x = x - (k * since / 6 + d / 2) * since * over
         return x, v
 
 
@@ -121,5 +126,6 @@ class Loose(Geared):
     def flanks(self, dt: float, share: float = 1.0) -> Flanks:
         """The flanks as steps of `dt` s meet them: what the link does with `share` of both inertias its own."""
         w = 2 * pi * self.flank
-        k, d = w * w / share, 2 * self.damping * w / share
+        k = w * w / share
+        d = 2 * self.damping * w / share
         return Flanks(self.gap / 2, k, d, dt, _discretise(k, d, dt))

@@ -42,7 +42,8 @@ class Losses(NamedTuple):
             tau: Torque of the motor, N m, (L,).
             at: Times of the samples, s, (N,), on the same clock.
         """
-        power, spans = tau[:-1] ** 2, np.diff(t)
+        power = tau[:-1] ** 2
+        spans = np.diff(t)
         # What a motor did in a pause nobody knows: the mean of what it did else, not what it did last.
         power[spans > PAUSE] = power.mean()
         energy = np.concatenate([[0.0], np.cumsum(power * spans)])

@@ -72,7 +72,8 @@ class OffDiagonalInertia(RigEffect):
         Raises:
             UsageError: The joint carries no payload, or no body can have such products.
         """
-        body, added = rig.joint_index(self.joint), _build_symmetric(self.Ixy, self.Ixz, self.Iyz)
+        body = rig.joint_index(self.joint)
+        added = _build_symmetric(self.Ixy, self.Ixz, self.Iyz)
         if self.payload_Ixy or self.payload_Ixz or self.payload_Iyz:
             carrier, _, frame = get_payload(rig)
             if carrier != body:

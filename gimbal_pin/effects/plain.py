@@ -35,7 +35,8 @@ def read_term(data: Any) -> Term:
     Raises:
         ModelError: It is no torque effect, or has another number of values than coefficients.
     """
-    effect, place = read_cause(data), f"effect {data['effect']}"
+    effect = read_cause(data)
+    place = f"effect {data['effect']}"
     if not isinstance(effect, Effect):
         raise ModelError(place, "is no term: it acts on no torque", "write it with to_dict")
     values = convert_value(tuple[float, ...], data.get("values"), f"{place}: values", ModelError)

@@ -70,7 +70,8 @@ def get_payload(rig: Rig) -> tuple[int, pin.Inertia, pin.SE3]:
         UsageError: Nothing with a mass is mounted.
     """
     root = rig.model.getFrameId(find_payload_link(rig), pin.FrameType.BODY)
-    frame, body = rig.model.frames[root], int(rig.model.frames[root].parentJoint)
+    frame = rig.model.frames[root]
+    body = int(rig.model.frames[root].parentJoint)
     if find_payload_link(rig) in rig.links:
         return body - 1, rig.model.inertias[body], frame.placement
     inertia = compute_fixed_inertia(rig, root)
@@ -136,7 +137,8 @@ def replace_payload(rig: Rig, inertia: pin.Inertia, owner: str) -> Rig:
     body, before, _ = get_payload(rig)
     changed = add_to_body(rig, body, inertia.toDynamicParameters() - before.toDynamicParameters(), owner)
     if find_payload_link(rig) not in rig.links:
-        frames, root = changed.model.frames, rig.model.getFrameId(find_payload_link(rig), pin.FrameType.BODY)
+        frames = changed.model.frames
+        root = rig.model.getFrameId(find_payload_link(rig), pin.FrameType.BODY)
         for index in find_fixed_frames(rig, root):
             frames[index].inertia = pin.Inertia.Zero()
         frames[root].inertia = frames[root].placement.actInv(inertia)

@@ -102,7 +102,8 @@ class Saturation(Static):
     @classmethod
     def tried(cls, joint: str, seen: OperatingRange) -> tuple[Cause, ...]:
         """Limits that bite on the log's peaks, on both sides or on one, and soft ones that may lie beyond."""
-        low, high = max(LOWEST * seen.torque, cls.shapes[0].lower), (1.0 - WIDE_CLIP) * seen.peak
+        low = max(LOWEST * seen.torque, cls.shapes[0].lower)
+        high = (1.0 - WIDE_CLIP) * seen.peak
         under = _build_limit_grid(low, high, CLIP_STEP)
         limits = (
             *under,

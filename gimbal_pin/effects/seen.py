@@ -51,5 +51,6 @@ def build_geometric_grid(low: float, high: float, count: int, shape: Parameter) 
 
     Each is the same multiple of the last.
     """
-    low, high = max(low, shape.lower), min(high, shape.upper)
+    low = max(low, shape.lower)
+    high = min(high, shape.upper)
     return tuple(np.geomspace(low, high, count).tolist()) if 0 < low < high else ()

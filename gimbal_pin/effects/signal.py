@@ -173,7 +173,8 @@ class Signal(Cause):
     def stepped(self, command: Array, dt: float) -> Array:
         """The same sample by sample."""
         values = command.tolist()
-        memory, out = self.start(values[0] if values else 0.0), []
+        memory = self.start(values[0] if values else 0.0)
+        out = []
         for x in values:
             memory, y = self.step(memory, x, dt)
             out.append(y)
@@ -181,7 +182,8 @@ class Signal(Cause):
 
     def passed_on(self, commands: Array, dt: float) -> Array:
         """What acts for each of some commands, (N, k), if it is linear."""
-        count, first = len(commands), commands[0]
+        count = len(commands)
+        first = commands[0]
         response = self.response(dt, count)
         size = fft.next_fast_len(count + len(response) - 1, real=True)
         # Each command side by side in memory.
@@ -202,9 +204,11 @@ class Signal(Cause):
         (k, m), k at least `longest` unless it has died away before.
         """
         A, _, C, _ = self.matrices(dt)
-        felt, power = C[None], A
+        felt = C[None]
+        power = A
         while len(felt) < longest and np.max(np.abs(power), initial=0.0) > GONE:
-            felt, power = np.concatenate([felt, felt @ power]), power @ power
+            felt = np.concatenate([felt, felt @ power])
+            power = power @ power
         return felt
 
 

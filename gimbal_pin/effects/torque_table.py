@@ -40,7 +40,8 @@ class TorqueTable(Effect):
 
     def __post_init__(self) -> None:
         """Raise `UsageError` for knots that are no grid, or over nothing that it knows."""
-        steps, place = np.diff(self.knots), f"{self.name} at {self.joint}"
+        steps = np.diff(self.knots)
+        place = f"{self.name} at {self.joint}"
         if self.over not in get_args(Over):
             raise UsageError(f"{place}: over", f"is '{self.over}'", f"give {', '.join(get_args(Over))}")
         if len(steps) == 0 or not np.allclose(steps, steps[0], rtol=1e-6) or steps[0] <= 0:
@@ -61,8 +62,10 @@ class TorqueTable(Effect):
         x = {"angle": at.q, "rate": at.v, "load": at.tau}[self.over]
         step = self.knots[1] - self.knots[0]
         if isinstance(x, float) and isfinite(x):  # the simulation asks for one at every stage: all but two are zero
-            place, count = (x - self.knots[0]) / step, len(self.knots)
-            low, share = floor(place), place % 1.0
+            place = (x - self.knots[0]) / step
+            count = len(self.knots)
+            low = floor(place)
+            share = place % 1.0
             ends = {
                 low % count if self.cyclic else low: 1 - share,
                 (low + 1) % count if self.cyclic else low + 1: share,

@@ -31,7 +31,8 @@ def _build_inertia_tensor() -> Array:
     return np.stack([mass, *rest], axis=2)
 
 
-_CROSS, _INERTIA = _build_cross_tensor(), _build_inertia_tensor()
+_CROSS = _build_cross_tensor()
+_INERTIA = _build_inertia_tensor()
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +66,13 @@ def _compute_waves(tree: tuple[Link, ...], q: Array) -> Array:
 
 def build_links(model: pin.Model) -> tuple[Link, ...]:
     """The tree of a fixed-base model whose joints have one angle or travel each, base to tips."""
-    data, out = model.createData(), []
+    data = model.createData()
+    out = []
     for i, joint in enumerate(list(model.joints)[1:], start=1):
         joint.calc(data.joints[i], np.zeros(model.nq))
         axis = np.array(data.joints[i].S, dtype=np.float64).ravel()
-        cross, first = _CROSS @ axis, model.jointPlacements[i].inverse().action
+        cross = _CROSS @ axis
+        first = model.jointPlacements[i].inverse().action
         parts = np.stack([first, -cross @ first, cross @ cross @ first], axis=2)
         out.append(Link(model.parents[i] - 1, bool(np.any(axis[3:])), axis, cross, parts))
     return tuple(out)
@@ -92,8 +95,10 @@ class BodyMotions:
     @staticmethod
     def of(tree: tuple[Link, ...], gravity: Array, motion: Motion) -> BodyMotions:
         """``V = X V' + S v``, ``A = X A' + S a + V x S v``, ``J = X J'`` from base to tips; gravity (3,), m/s²."""
-        n, count = len(tree), len(motion)
-        v, a = motion.v.T, motion.a.T
+        n = len(tree)
+        count = len(motion)
+        v = motion.v.T
+        a = motion.a.T
         passages = np.stack([link.parts for link in tree]) @ _compute_waves(tree, motion.q.T)
         columns, arrived = np.zeros((2, n, 6, 2 + n, count))
         base = np.zeros((6, 2 + n, count))
@@ -101,7 +106,8 @@ class BodyMotions:
         for i, link in enumerate(tree):
             before = (columns[link.parent] if link.parent >= 0 else base)[:, : 2 + i]
             np.einsum("abt,bkt->akt", passages[i], before, out=arrived[i, :, : 2 + i])
-            own, along = columns[i], link.axis[:, None]
+            own = columns[i]
+            along = link.axis[:, None]
             own[:, : 2 + i] = arrived[i, :, : 2 + i]
             own[:, 1] += along * v[i]
             own[:, 0] += along * a[i] - link.cross @ own[:, 1] * v[i]
@@ -112,7 +118,9 @@ class BodyMotions:
         """Adjoints of the columns in ``sum_ij J_j' (I_ij A + V x* I_ij V)``, I_ij of the parameters (n, 10, n, N)."""
         n, _, _, count = self.columns.shape
         inertia = (_INERTIA.reshape(36, 10) @ weights.reshape(n, 10, -1)).reshape(n, 6, 6, n, count)
-        A, V, J = self.columns[:, :, 0], np.ascontiguousarray(self.columns[:, :, 1]), self.columns[:, :, 2:]
+        A = self.columns[:, :, 0]
+        V = np.ascontiguousarray(self.columns[:, :, 1])
+        J = self.columns[:, :, 2:]
         turning = (_CROSS.reshape(36, 6) @ V).reshape(n, 6, 6, count)
         momenta = np.einsum("iabjt,ibt->iajt", inertia, V)
         turned = np.einsum("iabt,ibjt->iajt", turning, J)
@@ -159,7 +167,8 @@ def differentiate_rnea(model: pin.Model, motion: Motion) -> Array:
 
     Carpentier and Mansard 2018 (`pin.computeRNEADerivatives`).
     """
-    data, n = model.createData(), motion.q.shape[1]
+    data = model.createData()
+    n = motion.q.shape[1]
     out = np.empty((3, len(motion), n, n))
     for dq, dv, da, q, v, a in zip(*out, motion.q, motion.v, motion.a):
         dq[...], dv[...], da[...] = pin.computeRNEADerivatives(model, data, q, v, a)
@@ -177,7 +186,8 @@ def differentiate_samples(
     """
     out: list[Array] = []
     for k in range(len(arguments)):
-        ahead, behind = list(arguments), list(arguments)
+        ahead = list(arguments)
+        behind = list(arguments)
         ahead[k], behind[k] = arguments[k] + step, arguments[k] - step
         out.append((function(*ahead) - function(*behind)) / (2 * step))
     return out

@@ -71,8 +71,11 @@ class Clearance:
 
     def compute_distances(self, q: Array, pairs: range | tuple[int, ...]) -> Array:
         """Distance of each pair at angles q (N, n), m, (N, pairs); less than zero where they are inside each other."""
-        model, geometry, measure = self.rig.model, self.geometry, pin.computeDistance
-        data, at = model.createData(), geometry.createData()
+        model = self.rig.model
+        geometry = self.geometry
+        measure = pin.computeDistance
+        data = model.createData()
+        at = geometry.createData()
         out = np.empty((len(q), len(pairs)))
         for row, angles in zip(out, q):
             pin.updateGeometryPlacements(model, data, geometry, at, angles)
@@ -88,16 +91,20 @@ class Clearance:
 
         ``n' (J_2(p_2) - J_1(p_1))``: nearest points p_1, p_2, normal n from first to second, J(p) the motion of p.
         """
-        model, geometry = self.rig.model, self.geometry
-        data, at = model.createData(), geometry.createData()
-        axes, near = np.empty((len(q), 6, self.rig.n)), np.empty((len(q), len(self.watched), 3, 3))
+        model = self.rig.model
+        geometry = self.geometry
+        data = model.createData()
+        at = geometry.createData()
+        axes = np.empty((len(q), 6, self.rig.n))
+        near = np.empty((len(q), len(self.watched), 3, 3))
         for screw, rows, angles in zip(axes, near, q):
             screw[...] = pin.computeJointJacobians(model, data, angles).reshape(6, -1)  # n = 1: (6,)
             pin.updateGeometryPlacements(model, data, geometry, at)
             for row, k in zip(rows, self.watched):
                 found = pin.computeDistance(geometry, at, k)
                 row[...] = found.normal, found.getNearestPoint1(), found.getNearestPoint2()
-        normal, points = near[:, :, :1], near[:, :, 1:]
+        normal = near[:, :, :1]
+        points = near[:, :, 1:]
         along = (
             np.concatenate([np.broadcast_to(normal, points.shape), np.cross(points, normal)], axis=3) @ axes[:, None]
         )
@@ -107,7 +114,8 @@ class Clearance:
     @cached_property
     def is_moved(self) -> Array:
         """1 where a joint moves a pair's first and second part, (pairs, 2, n)."""
-        model, objects = self.rig.model, self.geometry.geometryObjects
+        model = self.rig.model
+        objects = self.geometry.geometryObjects
         out = np.zeros((len(self.geometry.collisionPairs), 2, self.rig.n))
         for row, pair in zip(out, self.geometry.collisionPairs):
             for side, part in zip(row, (pair.first, pair.second)):
@@ -127,7 +135,8 @@ class Clearance:
         measured = np.minimum(stride // 2 + stride * np.arange(-(-len(q) // stride)), len(q) - 1)
         rough = self.compute_distances(q[measured], pairs)
         place = np.unravel_index(np.argmin(rough), rough.shape)
-        best, pair = float(rough[place]), int(place[1])
+        best = float(rough[place])
+        pair = int(place[1])
         own = np.minimum(np.arange(len(q)) // stride, len(measured) - 1)
         slack = np.abs(q - q[measured[own]]) @ self.bound_reach(q)
         for k in np.flatnonzero(rough.min(axis=0) - slack.max() < best).tolist():
@@ -153,7 +162,8 @@ class Clearance:
     def get_links(self, pair: int) -> tuple[str, str]:
         """The links of a pair."""
         both = self.geometry.collisionPairs[pair]
-        objects, frames = self.geometry.geometryObjects, self.rig.model.frames
+        objects = self.geometry.geometryObjects
+        frames = self.rig.model.frames
         first, second = (frames[objects[part].parentFrame].name for part in (both.first, both.second))
         return first, second
 
@@ -203,7 +213,8 @@ def _resolve_meshes(robot: etree._Element, rig: Rig, folder: Path) -> tuple[str,
     shapes = robot.xpath("link/collision[geometry/mesh]")
     meshes = find_meshes({shape.find("geometry/mesh").get("filename", "") for shape in shapes}, rig.path.parent)
     for k, shape in enumerate(shapes):
-        mesh, link = shape.find("geometry/mesh"), shape.getparent()
+        mesh = shape.find("geometry/mesh")
+        link = shape.getparent()
         read = meshes[mesh.get("filename", "")]
         if read == "is not there":
             missing.append(link.get("name"))

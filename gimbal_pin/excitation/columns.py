@@ -86,7 +86,8 @@ class ExcitationColumns:
 
     def compute_loads(self, motion: Motion) -> tuple[Array, Array]:
         """The rigid torque, and that at rest, which effects see, N m, (N, n); zero where no effect does."""
-        q, none = motion.q, np.zeros_like(motion.q)
+        q = motion.q
+        none = np.zeros_like(motion.q)
         loaded = any(effect.loaded for effect in self.effects)
         weighed = any(effect.weighed for effect in self.effects)
         tau = compute_rnea(self.rig, q, motion.v, motion.a) if loaded else none
@@ -110,7 +111,9 @@ class ExcitationColumns:
             left: Weights of the rows, (N n, r).
             right: Weights of the columns, (r, p).
         """
-        count, n, bases = len(motion), self.rig.n, len(self.places)
+        count = len(motion)
+        n = self.rig.n
+        bases = len(self.places)
         weights = (left @ (right / self.scale)).reshape(count, n, -1)
         rigid = np.zeros((10 * n, n, count))
         rigid[self.places] = weights[:, :, :bases].T
@@ -139,7 +142,8 @@ class ExcitationColumns:
 
     def compute_information(self, logs: Sequence[Log]) -> Array:
         """``integral of W'W dt`` over logs, away from standstill, W in unit torque, s, (p, p): of the rows of a fit."""
-        filtering, total = Filtering(), np.zeros((len(self.scale), len(self.scale)))
+        filtering = Filtering()
+        total = np.zeros((len(self.scale), len(self.scale)))
         for block in Design(self.rig, self.reduction, self.effects, tuple(logs), filtering):
             rows = (block.A / self.scale).reshape(-1, len(self.scale))
             total += rows.T @ rows / (2 * filtering.cutoff)

@@ -101,7 +101,8 @@ class Excitation(Record):
     @property
     def length(self) -> str:
         """Its length and what it is made of, in words."""
-        own, times = f"{self.series.harmonics} harmonics", self.periods
+        own = f"{self.series.harmonics} harmonics"
+        times = self.periods
         return f"{self.seconds:g} s, {own}" + (f" of {self.series.seconds:.4g} s, {times} times over" * (times > 1))
 
     @property
@@ -226,7 +227,8 @@ def slow_down(problem: ExcitationProblem, x: Array, samples: int) -> tuple[Excit
     repaired = problem.repair(problem.scale(x, FIRST_SHARE))
     if repaired is None:
         raise problem.explain_infeasibility()
-    rig, motion = problem.model.rig, problem.motion(repaired, problem.dense)
+    rig = problem.model.rig
+    motion = problem.motion(repaired, problem.dense)
     push = compute_rnea(rig, motion.q, motion.v, motion.a) - compute_gravity(rig, motion.q)
     slower = np.sqrt(max(1.0, float((np.abs(push) / (FIRST_SHARE * problem.envelope.torque)).max())))
     longer = ceil(samples * slower - 1e-9)
@@ -254,7 +256,9 @@ def enforce_clearance(problem: ExcitationProblem, x: Array) -> tuple[Array, Gap 
 
 def describe(problem: ExcitationProblem, x: Array, motion: Motion, finished: bool) -> Excitation:
     """Return x as an `Excitation`, its figures from the dense grid."""
-    rig, criterion, dense = problem.columns.rig, problem.criterion, problem.motion(x, problem.dense)
+    rig = problem.columns.rig
+    criterion = problem.criterion
+    dense = problem.motion(x, problem.dense)
     shares = Envelope.of(rig).find_largest_shares(problem.model, dense)
     return Excitation(
         rig=rig,
@@ -279,7 +283,8 @@ def optimise(problem: ExcitationProblem, starts: int, rng: np.random.Generator) 
     (medians of three seeds, three bundled rigs, 5 and 20 s) in 0.4-1.3 times the time.
     """
     tried = [problem.draw_start(rng) for _ in range(starts)]
-    fine, finished = replace(problem, per_period=2 * problem.per_period), True
+    fine = replace(problem, per_period=2 * problem.per_period)
+    finished = True
     try:
         for k in trange(starts + 1, desc="excitation", unit="descent", disable=None, leave=False):
             if k == starts:

@@ -134,7 +134,8 @@ def predict_estimate(
         form_error: What no rigid body, friction or given effect does, the same way; or 0.015.
         rng: Source of the sensors' noise, or its seed.
     """
-    rig, step = model.rig, float(np.median(np.diff(motion.t)))
+    rig = model.rig
+    step = float(np.median(np.diff(motion.t)))
     fitted = (*build_friction_effects(rig.joints), *effects)
     rubbing = {term.effect.joint for term in model.terms if is_motor_friction(term.effect) and any(term.values)}
     values: dict[Effect, tuple[float, ...]] = {term.effect: term.values for term in model.terms}
@@ -151,13 +152,17 @@ def predict_estimate(
     truth = np.concatenate([given_beta(rig, design.reduction), terms])
     blocks = compute_blocks(design)
     if sum(block.b.size for block in blocks) < 3 * len(truth):
-        std, unseen, sampling, late = np.full(len(truth), np.inf), design.names, np.zeros(rig.n), np.full(rig.n, np.inf)
+        std = np.full(len(truth), np.inf)
+        unseen = design.names
+        sampling = np.zeros(rig.n)
+        late = np.full(rig.n, np.inf)
     else:
         estimate = fit_weighted(blocks)
         group_std = np.array(found.misfit) if found and found.misfit and form_error is None else None
         hedge = partial(presume_misfit, sizes=missed * size, group_std=group_std)
         spread = fit_lags(blocks, np.zeros(rig.n), hedge)[1]
-        std, late = add_lag_spread(blocks, hedge(blocks, estimate), spread).std, np.sqrt(np.diag(spread))
+        std = add_lag_spread(blocks, hedge(blocks, estimate), spread).std
+        late = np.sqrt(np.diag(spread))
         unseen = find_unseen(design.names, blocks, estimate)
         sampling = fit_weighted(compute_blocks(replace(design, logs=(exact,)))).residual_std / size
     return ExpectedEstimate(
@@ -186,7 +191,8 @@ def _choose_shares(
 
 def record_log(model: Model, motion: Motion, torque_noise: float | Array, rng: np.random.Generator) -> Log:
     """Return the log of a motion that is followed exactly, with its torque at the sample and the sensors' noise."""
-    sensors, shape = Sensors.of(model.rig, float(np.median(np.diff(motion.t)))), motion.q.shape
+    sensors = Sensors.of(model.rig, float(np.median(np.diff(motion.t))))
+    shape = motion.q.shape
     tau = model.inverse(motion.q, motion.v, motion.a, t=motion.t)
     tau = tau + torque_noise * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(shape)
     q = np.stack([sensors.angle(one) for one in motion.q])

@@ -80,8 +80,10 @@ class Series:
     def basis(self, t: Array) -> Array:
         """Angle, rate and acceleration per unit of each coefficient at times `t` (T,), shape (3, T, 2 L + 1)."""
         omega = 2 * np.pi / self.seconds * self.order
-        sin, cos = np.sin(np.outer(t, omega)), np.cos(np.outer(t, omega))
-        one, zero = np.ones((len(t), 1)), np.zeros((len(t), 1))
+        sin = np.sin(np.outer(t, omega))
+        cos = np.cos(np.outer(t, omega))
+        one = np.ones((len(t), 1))
+        zero = np.zeros((len(t), 1))
         return np.stack(
             [
                 np.hstack([one, sin / omega, -cos / omega]),

@@ -16,7 +16,9 @@ from gimbal_pin.log.log import Array, Motion
 from gimbal_pin.rig.rig import Rig
 
 QUANTITIES = ("q", "dq", "ddq", "tau")
-LARGEST_RATE, LARGEST_TORQUE, LARGEST_TRAVEL = 100.0, 1000.0, 4 * pi
+LARGEST_RATE = 100.0
+LARGEST_TORQUE = 1000.0
+LARGEST_TRAVEL = 4 * pi
 """A rate, rad/s, a torque, N m, and a travel to either side, rad, that no camera gimbal has: who writes more fills in
 a form."""
 
@@ -93,7 +95,8 @@ class Envelope:
         ``tau = rnea + passive(tau)``, hence ``d tau = (d rnea + d passive) / (1 - d passive/d tau)``; what a
         term reads of the weight changes with every joint's angle.
         """
-        rigid, out = differentiate_rnea(model.rig.model, motion), []
+        rigid = differentiate_rnea(model.rig.model, motion)
+        out = []
         still = replace(motion, v=np.zeros_like(motion.v), a=np.zeros_like(motion.a))
         weight = model.weight(motion.q)
         for sign in (1.0, -1.0):
@@ -123,7 +126,9 @@ def find_crest(x: Array) -> Array:
     Between samples a crest rises to the vertex of the parabola through the three around it,
     ``x_0 - (x_1 - x_-1)^2 / 8 (x_1 - 2 x_0 + x_-1)``.
     """
-    before, middle, after = x[:-2], x[1:-1], x[2:]
+    before = x[:-2]
+    middle = x[1:-1]
+    after = x[2:]
     is_crest = (middle >= before) & (middle >= after) & (middle > np.minimum(before, after))
     bend = np.where(is_crest, before - 2 * middle + after, -1.0)
     vertex = np.where(is_crest, middle - (after - before) ** 2 / (8 * bend), -np.inf)
@@ -160,7 +165,9 @@ def assume_limits(rig: Rig, speed: float = 0.25, travel: float = 0.25) -> tuple[
         speed: Of a machine with people within its reach, m/s: the manual reduced speed of ISO 10218-1.
         travel: To either side, rad, 14°; a tenth of that in metres for a slide.
     """
-    reach, limits, assumed = compute_joint_reach(rig), [], list[AssumedLimit]()
+    reach = compute_joint_reach(rig)
+    limits = []
+    assumed = list[AssumedLimit]()
     for j, (joint, limit) in enumerate(zip(rig.joints, rig.limits)):
         safe = replace(limit)
         if not rig.slides[j] and max(-limit.lower, limit.upper) > LARGEST_TRAVEL:
@@ -180,7 +187,8 @@ def assume_limits(rig: Rig, speed: float = 0.25, travel: float = 0.25) -> tuple[
                 ("lower", "rad"),
                 ("upper", "rad"),
             ):
-                value, stated = getattr(safe, quantity), getattr(limit, quantity)
+                value = getattr(safe, quantity)
+                stated = getattr(limit, quantity)
                 if value != stated:
                     assumed.append(AssumedLimit(joint, quantity, value, rig.in_units(joint, unit), stated))
         limits.append(safe)
@@ -192,7 +200,8 @@ def compute_joint_reach(rig: Rig) -> Array:
 
     A body reaches as far from its centre of mass as a rod of its radius of gyration: √3 of that.
     """
-    model, reach = rig.model, np.zeros(rig.n + 1)
+    model = rig.model
+    reach = np.zeros(rig.n + 1)
     for j in range(rig.n, 0, -1):
         body = model.inertias[j]
         radius = np.sqrt(1.5 * np.trace(body.inertia) / body.mass)

@@ -106,7 +106,8 @@ class ExcitationProblem:
 
     def differentiate_room(self, x: Array) -> Array:
         """Exact Jacobian of `compute_room`, (rows, len(x))."""
-        parts, motion = [self.kinematic[1]], self.motion(x, self.coarse)
+        parts = [self.kinematic[1]]
+        motion = self.motion(x, self.coarse)
         if self.driven.any():
             slopes = self.envelope.differentiate_torque_shares(self.model, motion)[:, :, :, self.driven]
             parts.append(-np.einsum("sctji,ctk->stjki", slopes, self.coarse[1]).reshape(-1, len(x)))
@@ -123,7 +124,8 @@ class ExcitationProblem:
     @cached_property
     def kinematic(self) -> tuple[Array, Array]:
         """What the kinematic limits leave of x = 0, and its Jacobian: the basis over the limit, with either sign."""
-        limits, n = self.envelope.kinematic, self.model.rig.n
+        limits = self.envelope.kinematic
+        n = self.model.rig.n
         stated = np.isfinite(limits)
         slopes = np.einsum("ctk,ji,cj->cjtki", self.coarse[1], np.eye(n), 1 / limits)[stated].reshape(
             -1, n * self.series.rest.shape[1]
@@ -189,7 +191,8 @@ class ExcitationProblem:
     def find_widest_scale(self, x: Array, middle: Array) -> Array:
         """Factor per joint that brings x to the first of its kinematic limits, its middle off the centre, (n,)."""
         used = np.swapaxes(self.envelope.compute_kinematic_shares(self.motion(x, self.dense)), 0, 1)
-        up, down = find_crest(used), find_crest(-used)
+        up = find_crest(used)
+        down = find_crest(-used)
         peaks = [(up[0] - middle) / (1 - middle), (down[0] + middle) / (1 + middle), *up[1:], *down[1:]]
         return (1 - 1e-9) / np.maximum.reduce(peaks)  # rounding cannot carry it over
 
@@ -207,7 +210,8 @@ class ExcitationProblem:
 
     def explain_infeasibility(self) -> UsageError:
         """The error that says which joint cannot be held still, or what is in the way."""
-        rig, still = self.model.rig, self.compute_holding_shares(self.envelope.centre)
+        rig = self.model.rig
+        still = self.compute_holding_shares(self.envelope.centre)
         if self.apart is not None and still.max() <= 1:
             gap = self.apart.find_smallest_gap(self.envelope.centre[None])
             between, distance = (gap.between, gap.distance) if gap else (("", ""), 0.0)
@@ -217,7 +221,8 @@ class ExcitationProblem:
                 f"rig {rig.name}", what, "narrow its limits to where nothing hits, or ask for less clearance"
             )
         worst = int(np.argmax(still))
-        need, have = still[worst] * self.envelope.torque[worst], self.envelope.torque[worst]
+        need = still[worst] * self.envelope.torque[worst]
+        have = self.envelope.torque[worst]
         return UsageError(
             f"rig {rig.name}: joint '{rig.joints[worst]}'",
             f"no pose was found that the motors can hold: mid-range takes {need:.3g} N m of {have:.3g} allowed",

@@ -119,7 +119,9 @@ def lines(function: casadi.Function) -> tuple[list[str], int]:
     known: dict[int, str] = {}
     out, last, count = list[str](), list[str](), 0  # outputs last: they may be an input's place
     for k in range(flat.n_instructions()):
-        name, given, made = names[flat.instruction_id(k)], flat.instruction_input(k), flat.instruction_output(k)
+        name = names[flat.instruction_id(k)]
+        given = flat.instruction_input(k)
+        made = flat.instruction_output(k)
         if name == "OP_CONST":
             value = flat.instruction_constant(k)
             known[made[0]] = number(value) if value >= 0 else f"({number(value)})"

@@ -36,7 +36,8 @@ def defined(content: bytes) -> set[str]:
     """
     if content[:6] != b"\x7fELF\2\1":
         raise struct.error("no ELF of 64 bits")
-    (start,), (size, count) = struct.unpack_from("<Q", content, 40), struct.unpack_from("<HH", content, 58)
+    (start,) = struct.unpack_from("<Q", content, 40)
+    (size, count) = struct.unpack_from("<HH", content, 58)
     sections = [struct.unpack_from("<4xI16xQQI", content, start + k * size) for k in range(count)]
     found = set()
     for kind, at_, length, link in sections:
@@ -141,7 +142,8 @@ class CompiledLaw:
         held = ctypes.create_string_buffer(memory, len(memory))
         tau = np.empty(self.library.n, np.float32)
         aim = single(reference.q, reference.v, reference.a)
-        here, rates = single(q), single(v)
+        here = single(q)
+        rates = single(v)
         self.library.code.gimbal_tracking_step(
             self.library.parameters, held, ctypes.c_float(t), at(here), at(rates), at(aim), at(tau)
         )

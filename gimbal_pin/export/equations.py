@@ -68,16 +68,19 @@ class LawEquations(Equations):
 
         See `Outer.feedback` and `Robust.correction`.
         """
-        ca, norm = self.ca, self.ca.norm_2
+        ca = self.ca
+        norm = self.ca.norm_2
         x = self.declare(
             f"p_dt loop_kp loop_ki loop_kd loop_knee loop_braking robust_direction:{3 * self.chain.n} robust_alpha "
             "robust_disturbance robust_gain q v goal_q goal_v integral wished"
         )
-        e, rate = x.goal_q - x.q, x.goal_v - x.v
+        e = x.goal_q - x.q
+        rate = x.goal_v - x.v
         if any(self.model.rig.continuous):  # the shorter way round: an encoder that wraps is no error of a turn
             turn = 2 * pi * ca.DM([float(endless) for endless in self.model.rig.continuous])
             e -= turn * ca.floor(e / (2 * pi) + 0.5)
-        total, size = x.integral + x.p_dt * e, ca.fabs(e)
+        total = x.integral + x.p_dt * e
+        size = ca.fabs(e)
         far = x.loop_kd * ca.sqrt(x.loop_braking * (2 * size - x.loop_knee))
         pull = ca.if_else(size <= x.loop_knee, x.loop_kp * e, ca.copysign(far, e))
         y = x.loop_ki * total + x.loop_kd * rate + pull
@@ -90,7 +93,10 @@ class LawEquations(Equations):
     def build_moving_torque(self) -> casadi.Function:
         """Torque of the model on a base that moves, N m, y on top of wanted accelerations: see `CarriedTorque.at`."""
         x = self.declare(f"p_dt {self.coefficients} t there_q there_v there_a there_f:3 there_w:3 there_dw:3 y")
-        q, v, a, base = x.there_q, x.there_v, x.there_a + x.y, (x.there_f, x.there_w, x.there_dw)
+        q = x.there_q
+        v = x.there_v
+        a = x.there_a + x.y
+        base = (x.there_f, x.there_w, x.there_dw)
         slide = compute_direction(v, x.there_a, x.p_dt)
         rest = self.torque(q, v, a, *base) + self.sum_affine_terms(x, slide, v)
         weight = self.torque(q, 0, 0, *base) if self.model.weighed else rest
@@ -102,10 +108,12 @@ class LawEquations(Equations):
         Dry friction is that of the reference's direction: see `ComputedTorque.inverse`.
         """
         x = self.declare(f"p_tracking_lead p_still p_gravity {self.coefficients} t q v y reference_v reference_a")
-        q, rate = x.q + x.p_tracking_lead * x.v, x.reference_v + x.p_tracking_lead * x.reference_a
+        q = x.q + x.p_tracking_lead * x.v
+        rate = x.reference_v + x.p_tracking_lead * x.reference_a
         base = (self.ca.vertcat(0, 0, x.p_gravity), 0, 0)
         slide = self.ca.if_else(self.ca.fabs(rate) < x.p_still, 0, self.ca.copysign(1, rate))
-        rigid, known = self.torque(q, x.v, x.y, *base), self.sum_affine_terms(x, slide, rate)
+        rigid = self.torque(q, x.v, x.y, *base)
+        known = self.sum_affine_terms(x, slide, rate)
         weight = self.torque(q, 0, 0, *base) if self.model.weighed else rigid
         return self.function(
             "standing_torque", x, tau=rigid + self.sum_other_terms(x, (q, rate, x.y, slide), rigid, weight, known)
@@ -113,7 +121,8 @@ class LawEquations(Equations):
 
     def build_cut(self) -> casadi.Function:
         """Torques within the limits, N m, and the integrals that are kept: see `Outer.integrated`, `Outer.clipped`."""
-        ca, x = self.ca, self.declare("p_limit loop_knee error_angle error_integral wanted integral")
+        ca = self.ca
+        x = self.declare("p_limit loop_knee error_angle error_integral wanted integral")
         further = ca.logic_and(ca.fabs(x.wanted) > x.p_limit, x.wanted * x.error_angle > 0)
         held = ca.logic_or(further, ca.fabs(x.error_angle) > x.loop_knee)
         # What is no number stays none, for the caller to see.
@@ -136,6 +145,7 @@ class LawEquations(Equations):
             found.append(known + self.terms(x.terms_others, x.t, *at, rest + found[-1], weight))
         if not self.model.loaded:
             return found[-1]
-        last, change = found[3] - found[2], found[2] - found[1]
+        last = found[3] - found[2]
+        change = found[2] - found[1]
         slope = self.ca.if_else(change != 0, last / change, 0)
         return found[3] + self.ca.if_else(self.ca.fabs(slope) < 1, last * slope / (1 - slope), 0)

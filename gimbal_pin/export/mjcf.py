@@ -32,7 +32,8 @@ def convert_to_mjcf(model: Model) -> tuple[str, tuple[str, ...]]:
     Raises:
         ModelError: A body's inertia is none that exists.
     """
-    rig, notes = model.rig, list(_iterate_unwritten(model))
+    rig = model.rig
+    notes = list(_iterate_unwritten(model))
     root = etree.Element("mujoco", model=rig.name)
     etree.SubElement(root, "compiler", angle="radian", autolimits="true")
     etree.SubElement(root, "option", gravity=format_numbers(rig.model.gravity.linear))
@@ -82,7 +83,9 @@ def _is_written(term: Term) -> bool:
 
 def _write_body(parent: etree._Element, model: Model, j: int) -> etree._Element:
     """Add the body of the j-th joint, from 1: place, inertia, joint, and what acts passively there."""
-    rig, at, inertia = model.rig, model.rig.model.jointPlacements[j], model.rig.model.inertias[j]
+    rig = model.rig
+    at = model.rig.model.jointPlacements[j]
+    inertia = model.rig.model.inertias[j]
     about = np.asarray(inertia.inertia)
     rule = "has no mass" if not inertia.mass > 0 else describe_broken_rule(about)
     if rule is not None:
@@ -91,10 +94,14 @@ def _write_body(parent: etree._Element, model: Model, j: int) -> etree._Element:
     entries = [about[row, column] for row, column in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     full = {"mass": f"{inertia.mass:.17g}", "fullinertia": format_numbers(entries)}
     etree.SubElement(body, "inertial", pos=format_numbers(inertia.lever), **full)
-    data, limits, joint = rig.model.joints[j].createData(), rig.limits[j - 1], rig.joints[j - 1]
+    data = rig.model.joints[j].createData()
+    limits = rig.limits[j - 1]
+    joint = rig.joints[j - 1]
     rig.model.joints[j].calc(data, np.zeros(1))
-    way, sliding = np.asarray(data.S).ravel(), rig.slides[j - 1]
-    resistance, rotor = Resistance(model.by_joint[j - 1 : j]), float((rig.armature + model.armature)[j - 1])
+    way = np.asarray(data.S).ravel()
+    sliding = rig.slides[j - 1]
+    resistance = Resistance(model.by_joint[j - 1 : j])
+    rotor = float((rig.armature + model.armature)[j - 1])
     written = {
         "type": "slide" if sliding else "hinge",
         "axis": format_numbers(way[:3] if sliding else way[3:]),
@@ -114,7 +121,8 @@ def _write_body(parent: etree._Element, model: Model, j: int) -> etree._Element:
 
 def _add_actuator(actuators: etree._Element, model: Model, j: int) -> None:
     """Add the motor of the j-th joint, from 0."""
-    rig, gear = model.rig, model.rig.motors[j].gear_ratio
+    rig = model.rig
+    gear = model.rig.motors[j].gear_ratio
     gains = [1 - t.values[0] for t in model.by_joint[j] if isinstance(t.effect, TorqueGain) and _is_written(t)]
     written = {"gear": f"{gear:.17g}", "gainprm": f"{np.prod(gains):.17g}"}
     if np.isfinite(most := float(np.prod(gains)) * model.tau_max[j] / abs(gear)):
@@ -127,10 +135,12 @@ def _add_actuator(actuators: etree._Element, model: Model, j: int) -> None:
 
 def _add_shapes(rig: Rig, bodies: list[etree._Element], asset: etree._Element) -> list[str]:
     """Add to each body what is seen of its links, which touches nothing, camera and IMUs; return notes on the rest."""
-    robot, notes = parse_robot(rig.urdf, str(rig.path)), list[str]()
+    robot = parse_robot(rig.urdf, str(rig.path))
+    notes = list[str]()
     sizes = {"box": "size", "sphere": "radius", "cylinder": "radius length"}
     for frame in (one for one in rig.model.frames if one.type == pin.FrameType.BODY):
-        body, look = bodies[frame.parentJoint], {"contype": "0", "conaffinity": "0", "group": "2"}
+        body = bodies[frame.parentJoint]
+        look = {"contype": "0", "conaffinity": "0", "group": "2"}
         if frame.name in {rig.camera_frame, *rig.config.imus}:
             etree.SubElement(body, "site", name=frame.name, **_format_pose(frame.placement))
         if frame.name == rig.camera_frame:  # MuJoCo's looks along -z, its y is up
@@ -138,7 +148,8 @@ def _add_shapes(rig: Rig, bodies: list[etree._Element], asset: etree._Element) -
             place = {"pos": format_numbers(frame.placement.translation), "xyaxes": format_numbers(turned.T.ravel())}
             etree.SubElement(body, "camera", name=frame.name, **place)
         for visual in robot.xpath("link[@name=$name]/visual", name=frame.name):
-            shape, place = visual.find("geometry")[0], _format_pose(frame.placement * read_pose(visual))
+            shape = visual.find("geometry")[0]
+            place = _format_pose(frame.placement * read_pose(visual))
             if shape.tag in sizes:
                 numbers = np.concatenate([read_numbers(shape, key, "0") for key in sizes[shape.tag].split()])
                 numbers *= [0.5] * 3 if shape.tag == "box" else [1.0, 0.5][: len(numbers)]
@@ -146,7 +157,8 @@ def _add_shapes(rig: Rig, bodies: list[etree._Element], asset: etree._Element) -
                 continue
             file = find_mesh_file(shape.get("filename", ""), rig.path.parent)
             if shape.tag == "mesh" and file is not None and file.suffix.lower() in (".stl", ".obj"):
-                name, scale = f"mesh{len(asset)}", shape.get("scale", "1 1 1")
+                name = f"mesh{len(asset)}"
+                scale = shape.get("scale", "1 1 1")
                 etree.SubElement(asset, "mesh", name=name, file=str(file), scale=scale)
                 etree.SubElement(body, "geom", type="mesh", mesh=name, **look, **place)
             else:

@@ -44,7 +44,8 @@ class NavigationEquations(Equations):
 
     def build_approach(self) -> casadi.Function:
         """A step of Newton towards an attitude, at most `stride`, from known angles: see `Sight.reached`."""
-        ca, x = self.ca, self.declare(f"{self.undone} base:4 to:4 q stride")
+        ca = self.ca
+        x = self.declare(f"{self.undone} base:4 to:4 q stride")
         left = self.chain.log(self.chain.product(x.base, x.to))
         step = self.undo(x) @ left
         scaled = x.q + step * ca.fmin(1, x.stride / ca.fmax(ca.mmax(ca.fabs(step)), 1e-12))
@@ -52,13 +53,18 @@ class NavigationEquations(Equations):
 
     def build_gaze(self) -> casadi.Function:
         """Where the camera should look so long after the start of a turn: see `Turn.progress` and `Turn.gaze`."""
-        ca, x = self.ca, self.declare("way_base:4 way_goal way_way way_rate way_ramp since")
-        rate, ramp, still = x.way_rate, x.way_ramp, ca.SX(3, 1)
+        ca = self.ca
+        x = self.declare("way_base:4 way_goal way_way way_rate way_ramp since")
+        rate = x.way_rate
+        ramp = x.way_ramp
+        still = ca.SX(3, 1)
         left = ca.fmax(1 / rate + ramp - x.since, 0)
-        near, rises = ca.fmin(x.since, left), x.since < left
+        near = ca.fmin(x.since, left)
+        rises = x.since < left
         part = ca.fmin(near / ramp, 1)
         gone = rate * (ramp * part**3 * (1 - part / 2) + ca.fmax(near - ramp, 0))
-        q, v = x.way_goal + ca.if_else(rises, gone - 1, -gone) * x.way_way, rate * part**2 * (3 - 2 * part) * x.way_way
+        q = x.way_goal + ca.if_else(rises, gone - 1, -gone) * x.way_way
+        v = rate * part**2 * (3 - 2 * part) * x.way_way
         a = rate / ramp * 6 * part * (1 - part) * ca.if_else(rises, 1, -1) * x.way_way
         _, J = self.look(q)
         looks = self.chain.product(x.way_base, self.between(q)[:4])
@@ -72,15 +78,18 @@ class NavigationEquations(Equations):
         x = self.declare(
             "p_dt p_gravity p_level_span upright_up:3 upright_eased upright_samples upright_means:9 to:4 f:3 camera:4"
         )
-        up, means = x.upright_up, ca.reshape(x.upright_means, 3, 3)
+        up = x.upright_up
+        means = ca.reshape(x.upright_means, 3, 3)
         world = self.chain.product(x.camera, self.chain.inverse(x.to))
         force = self.chain.product(self.chain.product(world, ca.vertcat(0, x.f)), self.chain.inverse(world))[1:]
         count = ca.fmin(x.upright_samples + 1, x.p_level_span)
         for k in range(3):
             means[:, k] += (3 + k) / (count + 2 + k) * (force - x.p_gravity * up - means[:, k])
         mean = means @ ca.SX([10, -15, 6])
-        part, axis = ca.fmin(count * x.p_dt / x.upright_eased, 1), ca.cross(mean, up)
-        size, height = ca.norm_2(axis), ca.dot(mean, up) + x.p_gravity
+        part = ca.fmin(count * x.p_dt / x.upright_eased, 1)
+        axis = ca.cross(mean, up)
+        size = ca.norm_2(axis)
+        height = ca.dot(mean, up) + x.p_gravity
         half = (part * part * (3 - 2 * part)) ** 2 * ca.atan2(size, height) / 2
         turn = ca.vertcat(ca.cos(half), ca.sin(half) / ca.fmax(size, 1e-12) * axis)
         after = dict(upright_samples_next=count, upright_means_next=ca.vec(means))
@@ -89,7 +98,8 @@ class NavigationEquations(Equations):
     def build_fusion(self) -> casadi.Function:
         """Gap between the camera's attitude and what another gyro makes of it: see `Fusion.compared`."""
         x = self.declare("p_fusion_gain p_fusion_share p_fusion_bound own:4 other:4 to:4 gap:3 slow:3")
-        product, inverse = self.chain.product, self.chain.inverse
+        product = self.chain.product
+        inverse = self.chain.inverse
         seen = self.chain.log(product(inverse(x.own), product(x.other, x.to)))
         gap = x.gap + x.p_fusion_gain * (seen - x.gap)
         slow = x.slow + x.p_fusion_share * (gap - x.slow)
@@ -103,7 +113,8 @@ class NavigationEquations(Equations):
             f"view_R:9 {self.undone} gaze_attitude:4 gaze_w:3 seen_q seen_camera_gyro:3 seen_base_gyro:3 "
             "actual:4 rate:3"
         )
-        against, carried = self.undo(x), ca.reshape(x.view_R, 3, 3) @ x.seen_base_gyro
+        against = self.undo(x)
+        carried = ca.reshape(x.view_R, 3, 3) @ x.seen_base_gyro
         turn = self.chain.log(self.chain.product(self.chain.inverse(x.gaze_attitude), x.actual))
         aim = dict(aim_q=x.seen_q + against @ turn, aim_v=against @ (carried + x.rate - x.gaze_w))
         return self.function("aim_joints", x, **aim, v=against @ (carried - x.seen_camera_gyro))
@@ -115,13 +126,15 @@ class NavigationEquations(Equations):
             "p_dt judging_slow judging_mean judging_rise judging_fall now:6 before:6 due:12 "
             "state_slow_errors:12 state_scores:8 state_trust"
         )
-        mean, change = (x.now + x.before) / 2, (x.now[:3] - x.before[:3]) / x.p_dt
+        mean = (x.now + x.before) / 2
+        change = (x.now[:3] - x.before[:3]) / x.p_dt
         errors = x.due - ca.repmat(ca.vertcat(change, mean[3:]), 2)
         slow = x.state_slow_errors + x.judging_slow * (errors - x.state_slow_errors)
         squares = [ca.sum1(ca.reshape(y * y, 3, 4)) for y in (errors, slow)]  # dw and f foreseen, dw and f held
         found = ca.horzcat(squares[0][:2], squares[1][:2], squares[0][2:], squares[1][2:]).T
         scores = x.state_scores + x.judging_mean * (found - x.state_scores)
-        better, trust = reduce(ca.logic_and, ca.vertsplit(scores[:4] < scores[4:])), x.state_trust
+        better = reduce(ca.logic_and, ca.vertsplit(scores[:4] < scores[4:]))
+        trust = x.state_trust
         trust = ca.if_else(better, ca.fmin(1, trust + x.judging_rise), ca.fmax(0, trust - x.judging_fall))
         after = dict(state_slow_errors_next=slow, state_scores_next=scores, state_trust_next=trust)
         return self.function("trust", x, **after, none_w=mean[:3], none_dw=change, none_f=mean[3:])
@@ -150,13 +163,15 @@ class NavigationEquations(Equations):
 
     def view(self, steepest: Symbols, damping: Symbols, q: Symbols) -> tuple[Symbols, Symbols, Symbols]:
         """Attitude, rates of the joints that undo a turn of the camera, (n, 3), and whether they are exact."""
-        ca, (R, whole) = self.ca, self.look(q)
+        ca = self.ca
+        (R, whole) = self.look(q)
         J = whole[self.first :, :]
         m, n = J.shape
         own = J @ J.T
         damped = J.T @ ca.inv_minor(own + damping**2 * ca.SX.eye(m))
         if n == 3:
-            exact, size = ca.inv_minor(J), ca.fabs(ca.det(J))
+            exact = ca.inv_minor(J)
+            size = ca.fabs(ca.det(J))
             most = ca.mmax(ca.fabs(ca.adj(J)))
             fine = ca.logic_and(most < steepest * size, size > 1e-9)
         else:

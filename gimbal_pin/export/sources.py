@@ -110,7 +110,8 @@ def holder(stored: StoredController, imu: tuple[Any, Imu] | None = None) -> Poin
         stored: The controller.
         imu: Time, s, and readings of the base's IMU, which say how the platform moves; None: as if shaken by hand.
     """
-    rig, wish = stored.model.rig, stored.wish
+    rig = stored.model.rig
+    wish = stored.wish
     t, readings = rehearse_platform(rig) if imu is None else imu
     spectrum = Spectrum.of(readings, float(np.median(np.diff(t))))
     station = Station.of(rig)
@@ -134,15 +135,18 @@ def export_controller(controller: Tuning | StoredController, imu: tuple[Any, Imu
         ModelError: casadi is not installed, or the rig moves in a way that the equations do not know.
     """
     stored = controller.stored if isinstance(controller, Tuning) else controller
-    pointer, model = holder(stored, imu), stored.model
-    rig, sight = model.rig, pointer.navigator.sight
+    pointer = holder(stored, imu)
+    model = stored.model
+    rig = model.rig
+    sight = pointer.navigator.sight
     chain = Chain(rig)
     kinematics = [chain.torque(), chain.camera(), chain.drift(), chain.between()]
     difference = checked(rig, kinematics, sight, np.random.default_rng(0))
     law = LawEquations(chain, model, isinstance(stored.law, ComputedTorque) and stored.law.robust is not None)
     functions = [*NavigationEquations(chain).list_functions(), *law.list_functions()]
     equations = [c_function(*function) for function in functions]
-    links, points = gyros_between(rig), [table(*drive) for drive in drives(stored)]
+    links = gyros_between(rig)
+    points = [table(*drive) for drive in drives(stored)]
     context: dict[str, Any] = {
         "joints": rig.n,
         "links": len(links),
@@ -194,7 +198,8 @@ def state_bytes(n: int, links: int, due: int) -> int:
     `due`: samples after which a forecast comes due.
     """
     sensors = 10 + n + 3 * max(links, 1)
-    guarded, gyros = 3 * sensors + 20 + 4 * n, links + 1
+    guarded = 3 * sensors + 20 + 4 * n
+    gyros = links + 1
     after = 37 + 4 * n + 17 * gyros + 6 * TAPS + 1 + 12 * due + 21 + 5
     return 8 * -(-4 * guarded // 8) + 8 + 8 * -(-4 * after // 8)
 
@@ -227,11 +232,18 @@ def list_parameters_of(
     stored: StoredController, pointer: Pointer, coefficients: Sequence[float], counts: Sequence[int]
 ) -> dict[str, Any]:
     """Return ``struct gimbal_parameters`` as plain data, in its order."""
-    law, model, navigator = stored.law, stored.model, pointer.navigator
-    n, dt, forecast = model.rig.n, stored.law.dt, navigator.forecast
-    friction, back = Resistance(model.by_joint), pointer.fallback
+    law = stored.law
+    model = stored.model
+    navigator = pointer.navigator
+    n = model.rig.n
+    dt = stored.law.dt
+    forecast = navigator.forecast
+    friction = Resistance(model.by_joint)
+    back = pointer.fallback
     level = Level(dt)
-    holding, pace, checks = pointer.law, pointer.navigator.pace, pointer.guard
+    holding = pointer.law
+    pace = pointer.navigator.pace
+    checks = pointer.guard
     assert isinstance(holding, (JointPid, CarriedTorque))
     computed = isinstance(law, ComputedTorque)
     robust = law.robust if isinstance(law, ComputedTorque) else None
@@ -322,7 +334,8 @@ def redesign(robust: Robust | None, n: int) -> dict[str, Any]:
 
 def written(value: Any, depth: int = 0) -> str:
     """Return plain data as a C99 initialiser: mappings by field, sequences in order, floats in single precision."""
-    inner, outer = "    " * (depth + 1), "    " * depth
+    inner = "    " * (depth + 1)
+    outer = "    " * depth
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -362,7 +375,8 @@ def rendered(context: Mapping[str, Any], names: Sequence[str]) -> dict[str, str]
     )
     environment.filters |= {"c": written, "string_c": quoted, "markdown": escape_markdown}
     environment.filters["json"] = partial(json.dumps, ensure_ascii=False)  # YAML, too
-    out, folder = dict[str, str](), files("gimbal_pin.export") / "templates"
+    out = dict[str, str]()
+    folder = files("gimbal_pin.export") / "templates"
     for name in names:
         made = folder / f"{name}.j2"
         text = (made if made.is_file() else folder / name).read_text("utf-8")

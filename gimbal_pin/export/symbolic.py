@@ -56,11 +56,13 @@ class RecursionJoint:
 
 def list_recursion_joints(model: pin.Model) -> list[RecursionJoint]:
     """Return the joints of a floating model (see `build_floating_model`), the free-flyer left out."""
-    out, q = [], pin.neutral(model)
+    out = []
+    q = pin.neutral(model)
     for j in range(2, model.njoints):
         data = model.joints[j].createData()
         model.joints[j].calc(data, q)
-        place, body = model.jointPlacements[j], model.inertias[j]
+        place = model.jointPlacements[j]
+        body = model.inertias[j]
         axis = np.asarray(data.S).ravel()[3:]
         out.append(
             RecursionJoint(
@@ -113,8 +115,10 @@ class Chain:
 
     def __init__(self, rig: Rig) -> None:
         """Lay out the rotations of all joints."""
-        self.ca, self.rig = loaded(), rig
-        self.model, self.joints = rig.floating, list_recursion_joints(rig.floating)
+        self.ca = loaded()
+        self.rig = rig
+        self.model = rig.floating
+        self.joints = list_recursion_joints(rig.floating)
         self.n = len(self.joints)
         self.q = self.ca.SX.sym("q", self.n)
         self.turns = [self.turn(joint, self.q[j]) for j, joint in enumerate(self.joints)]
@@ -137,14 +141,20 @@ class Chain:
         out to the tip and back, to cancel there but for the rounding of its parts.
         """
         ca = self.ca
-        v, a = ca.SX.sym("v", self.n), ca.SX.sym("a", self.n)
+        v = ca.SX.sym("v", self.n)
+        a = ca.SX.sym("a", self.n)
         f, w, dw = (ca.SX.sym(name, 3) for name in ("f", "w", "dw"))
-        rates, swings, origins, offsets = list[Symbols](), list[Symbols](), list[Symbols](), list[Symbols]()
+        rates = list[Symbols]()
+        swings = list[Symbols]()
+        origins = list[Symbols]()
+        offsets = list[Symbols]()
         for j, joint in enumerate(self.joints):
             rate, swing, origin = (
                 x[joint.parent] if joint.parent >= 0 else y for x, y in zip((rates, swings, origins), (w, dw, f))
             )
-            place, axis, back = ca.SX(joint.place), ca.SX(joint.axis), self.turns[j].T
+            place = ca.SX(joint.place)
+            axis = ca.SX(joint.axis)
+            back = self.turns[j].T
             offsets.append(ca.cross(swing, place) + ca.cross(rate, ca.cross(rate, place)))
             origins.append(ca.mtimes(back, origin + offsets[j]))
             own = axis * v[j]
@@ -152,16 +162,23 @@ class Chain:
             rates.append(carried + own)
             swings.append(ca.mtimes(back, swing) + axis * a[j] + ca.cross(carried, own))
         firsts, inertias = lumped(self.joints)
-        h, tau = [ca.SX(x) for x in firsts], [ca.SX(0)] * self.n
-        pushes, moments, rotors = [ca.SX(3, 1)] * self.n, [ca.SX(3, 1)] * self.n, self.rig.armature
+        h = [ca.SX(x) for x in firsts]
+        tau = [ca.SX(0)] * self.n
+        pushes = [ca.SX(3, 1)] * self.n
+        moments = [ca.SX(3, 1)] * self.n
+        rotors = self.rig.armature
         for j in reversed(range(self.n)):
-            joint, rate, swing = self.joints[j], rates[j], swings[j]
-            first, inertia = ca.SX(firsts[j]), ca.SX(inertias[j])
+            joint = self.joints[j]
+            rate = rates[j]
+            swing = swings[j]
+            first = ca.SX(firsts[j])
+            inertia = ca.SX(inertias[j])
             push = pushes[j] + ca.cross(swing, first) + ca.cross(rate, ca.cross(rate, first))
             moment = moments[j] + ca.mtimes(inertia, swing) + ca.cross(rate, ca.mtimes(inertia, rate))
             tau[j] = ca.dot(ca.SX(joint.axis), moment + ca.cross(h[j], origins[j])) + float(rotors[j]) * a[j]
             if joint.parent >= 0:
-                k, place = joint.parent, ca.SX(joint.place)
+                k = joint.parent
+                place = ca.SX(joint.place)
                 beyond, through, turned = (ca.mtimes(self.turns[j], x) for x in (h[j], push, moment))
                 h[k] += beyond
                 pushes[k] += through
@@ -172,7 +189,8 @@ class Chain:
         """Attitude R of the camera in the base link, row by row, and J: ``ω_c = Rᵀ ω + J q̇`` in the camera's frame."""
         frame = self.frame(self.rig.camera_frame)
         R = self.attitude(frame)
-        columns, at = [self.ca.SX(3, 1)] * self.n, int(frame.parentJoint) - 2
+        columns = [self.ca.SX(3, 1)] * self.n
+        at = int(frame.parentJoint) - 2
         onward = self.ca.SX(drop_rounding(frame.placement.rotation)).T
         while at >= 0:
             columns[at] = self.ca.mtimes(onward, self.ca.SX(self.joints[at].axis))
@@ -183,12 +201,17 @@ class Chain:
 
     def drift(self) -> casadi.Function:
         """Camera's angular acceleration in its own frame while the joints do not accelerate, rad/s², (3)."""
-        ca, frame = self.ca, self.frame(self.rig.camera_frame)
-        v, w, dw = ca.SX.sym("v", self.n), ca.SX.sym("w", 3), ca.SX.sym("dw", 3)
-        rates, swings = list[Symbols](), list[Symbols]()
+        ca = self.ca
+        frame = self.frame(self.rig.camera_frame)
+        v = ca.SX.sym("v", self.n)
+        w = ca.SX.sym("w", 3)
+        dw = ca.SX.sym("dw", 3)
+        rates = list[Symbols]()
+        swings = list[Symbols]()
         for j, joint in enumerate(self.joints):
             rate, swing = (w, dw) if joint.parent < 0 else (rates[joint.parent], swings[joint.parent])
-            carried, own = ca.mtimes(self.turns[j].T, rate), ca.SX(joint.axis) * v[j]
+            carried = ca.mtimes(self.turns[j].T, rate)
+            own = ca.SX(joint.axis) * v[j]
             rates.append(carried + own)
             swings.append(ca.mtimes(self.turns[j].T, swing) + ca.cross(carried, own))
         swing = ca.mtimes(ca.SX(drop_rounding(frame.placement.rotation)).T, swings[int(frame.parentJoint) - 2])
@@ -203,14 +226,17 @@ class Chain:
 
     def orientation(self, link: str) -> Symbols:
         """Attitude of a link's frame in the base link, a quaternion (w, x, y, z)."""
-        ca, frame, path = self.ca, self.frame(link), list[int]()
+        ca = self.ca
+        frame = self.frame(link)
+        path = list[int]()
         at = int(frame.parentJoint) - 2
         while at >= 0:
             path.append(at)
             at = self.joints[at].parent
         out = ca.SX([1, 0, 0, 0])
         for j in reversed(path):
-            half, joint = self.q[j] / 2, self.joints[j]
+            half = self.q[j] / 2
+            joint = self.joints[j]
             turn = ca.vertcat(ca.cos(half), ca.sin(half) * ca.SX(joint.axis))
             out = self.product(self.product(out, self.constant(joint.rotation)), turn)
         return self.product(out, self.constant(frame.placement.rotation))
@@ -222,7 +248,9 @@ class Chain:
 
     def product(self, a: Symbols, b: Symbols) -> Symbols:
         """Product of two quaternions."""
-        ca, u, v = self.ca, a[1:], b[1:]
+        ca = self.ca
+        u = a[1:]
+        v = b[1:]
         return ca.vertcat(a[0] * b[0] - ca.dot(u, v), a[0] * v + b[0] * u + ca.cross(u, v))
 
     def inverse(self, a: Symbols) -> Symbols:
@@ -231,7 +259,8 @@ class Chain:
 
     def log(self, a: Symbols) -> Symbols:
         """The shorter of the two turns that an attitude is, rad, (3,)."""
-        ca, size = self.ca, self.ca.norm_2(a[1:])
+        ca = self.ca
+        size = self.ca.norm_2(a[1:])
         return 2 * ca.copysign(ca.atan2(size, ca.fabs(a[0])), a[0]) / ca.fmax(size, 1e-18) * a[1:]
 
     def frame(self, link: str) -> pin.Frame:
@@ -240,9 +269,11 @@ class Chain:
 
     def attitude(self, frame: pin.Frame) -> Symbols:
         """Attitude of a frame in the base link, (3, 3)."""
-        R, at = self.ca.SX(drop_rounding(frame.placement.rotation)), int(frame.parentJoint) - 2
+        R = self.ca.SX(drop_rounding(frame.placement.rotation))
+        at = int(frame.parentJoint) - 2
         while at >= 0:
-            R, at = self.ca.mtimes(self.turns[at], R), self.joints[at].parent
+            R = self.ca.mtimes(self.turns[at], R)
+            at = self.joints[at].parent
         return R
 
     def rows(self, matrix: Symbols) -> Symbols:
@@ -275,10 +306,13 @@ def terms(model: Model) -> tuple[casadi.Function, list[float]]:
 
     An affine term (``c0 + c1 slide + c2 v``) is three numbers a joint, see `Resistance`.
     """
-    ca, n = loaded(), model.rig.n
+    ca = loaded()
+    n = model.rig.n
     names = ("q", "v", "a", "slide", "tau", "weight")
     own = {name: ca.SX.sym(name, n) for name in names}
-    t, out, values = ca.SX.sym("t"), [ca.SX(0)] * n, list[float]()
+    t = ca.SX.sym("t")
+    out = [ca.SX(0)] * n
+    values = list[float]()
     count = sum(len(term.values) for terms in model.by_joint for term in terms if not term.effect.affine)
     coefficients = ca.SX.sym("c", max(count, 1))
     for j, terms_here in enumerate(model.by_joint):
@@ -300,16 +334,22 @@ def checked(rig: Rig, functions: Sequence[casadi.Function], sight: Any, rng: np.
         ModelError: It is larger than `PINOCCHIO_TOLERANCE`: the rig has something that the recursion does not know.
     """
     torque, camera, drift, between = functions
-    worst, n = 0.0, rig.n
+    worst = 0.0
+    n = rig.n
     data = sight.data
     for _ in range(STATES):
-        q, v, a = rng.uniform(-np.pi, np.pi, n), rng.normal(0, 3, n), rng.normal(0, 30, n)
-        f, w, dw = rng.normal(0, 10, 3), rng.normal(0, 3, 3), rng.normal(0, 30, 3)
+        q = rng.uniform(-np.pi, np.pi, n)
+        v = rng.normal(0, 3, n)
+        a = rng.normal(0, 30, n)
+        f = rng.normal(0, 10, 3)
+        w = rng.normal(0, 3, 3)
+        dw = rng.normal(0, 30, 3)
         state = np.concatenate([np.zeros(6), [1.0], q])
         expected = pin.rnea(sight.model, data, state, np.concatenate([np.zeros(3), w, v]), np.concatenate([f, dw, a]))[
             6:
         ]
-        turned, quaternions = sight.between(q), np.array(between(q)).reshape(-1, 4).tolist()
+        turned = sight.between(q)
+        quaternions = np.array(between(q)).reshape(-1, 4).tolist()
         pairs = [
             (torque(q, v, a, f, w, dw), expected),
             (camera(q)[0], turned[0].ravel()),

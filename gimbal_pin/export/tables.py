@@ -64,7 +64,8 @@ def feed(terms: tuple[Term, ...], count: int | None = None) -> Feed:
         finer = by_angle(terms, 2 * size)
         if np.abs(finer[1::2] - (angle + np.roll(angle, -1)) / 2).max() <= TABLE_TOLERANCE * np.abs(finer).max():
             break
-        size, angle = 2 * size, finer
+        size = 2 * size
+        angle = finer
     return Feed(angle, by_rate(terms, 1.0), by_rate(terms, -1.0))
 
 

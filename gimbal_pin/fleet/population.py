@@ -224,7 +224,8 @@ def _fit_fleet(y: Array, variance: Array, starts: NDArray[np.intp], group: NDArr
         return w, np.add.reduceat(w * y, starts, axis=0) / total, 1 / total
 
     w, means, error = average_logs(0.0)
-    logs, units = np.isfinite(variance).sum(axis=0), np.isfinite(error).sum(axis=0)
+    logs = np.isfinite(variance).sum(axis=0)
+    units = np.isfinite(error).sum(axis=0)
     q = np.nansum(w * (y - means[group]) ** 2, axis=0)
     scale = w.sum(axis=0) - np.nansum(np.add.reduceat(w**2, starts, axis=0) * error, axis=0)
     repeat = np.where(logs > units, np.maximum((q - logs + units) / scale, 0.0), 0.0)
@@ -277,7 +278,8 @@ def _test_unit(y: Array, variance: Array, when: Array, fit: _Fit, false_alarms: 
         x = course[:, None] - (w * course[:, None]).sum(axis=0) / w.sum(axis=0)
         variances.append(1 / (w * x**2).sum(axis=0))
         sizes.append((w * x * y).sum(axis=0) * variances[-1])
-    size, std = np.array(sizes), np.sqrt(variances)
+    size = np.array(sizes)
+    std = np.sqrt(variances)
     freedom = np.array([fit.freedom, *[np.where(has_repeats, fit.repeat_freedom, fit.freedom)] * len(courses)])
     p_value = 2 * size.size * stdtr(freedom, -np.abs(size) / std)
     return np.array([size, std, np.fmin(p_value, 1.0), -stdtrit(freedom, false_alarms / (2 * size.size))])

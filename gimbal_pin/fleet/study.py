@@ -101,7 +101,9 @@ class Study:
 
     def describe(self) -> dict[str, object]:
         """Return all that the results depend on."""
-        model, law, known = self.variation.model, self.law, self.variation.estimated
+        model = self.variation.model
+        law = self.law
+        known = self.variation.estimated
         return {
             "rig": model.rig.name,
             "model": [describe_rig(model.rig), model.to_dict(), known and known.covariance.tolist()],

@@ -119,7 +119,8 @@ class Variation:
 
     def make_body(self, values: Values) -> Model:
         """Return the model with its parameters and its payload changed: the model that an identification would find."""
-        model, rig = self.model, self.model.rig
+        model = self.model
+        rig = self.model.rig
         if self.estimated is not None:
             off = np.array([values[f"parameters.{name}"] for name in self.estimated.names])
             model = change_parameters(model, factor_covariance(self.estimated.covariance) @ off)

@@ -120,7 +120,8 @@ def assess_agreement(design: Design, chance: float = 0.01) -> Agreement | None:
     Returns:
         None where fewer than two logs are long enough for an estimate of their own.
     """
-    names, each = list[str](), list[tuple[Block, ...]]()
+    names = list[str]()
+    each = list[tuple[Block, ...]]()
     for log in design.logs:
         with contextlib.suppress(DataError):
             blocks = compute_blocks(replace(design, logs=(log,)))
@@ -138,7 +139,8 @@ def _test_parameters(
     design: Design, each: list[tuple[Block, ...]], found: list[Estimate], chance: float
 ) -> tuple[LoggedParameter, ...]:
     """Cochran's test of every parameter; a difference that moves next to no torque is none."""
-    values, std = np.array([one.theta for one in found]), np.array([one.std for one in found])
+    values = np.array([one.theta for one in found])
+    std = np.array([one.std for one in found])
     weight = np.where(np.isfinite(std), 1.0 / np.maximum(std, 1e-300) ** 2, 0.0)
     shared = np.sum(weight * values, axis=0) / np.maximum(np.sum(weight, axis=0), 1e-300)
     shown = np.sum(weight > 0, axis=0)

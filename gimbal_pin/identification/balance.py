@@ -90,7 +90,8 @@ class Balance:
             return f"the payload is balanced, to {digits(most, 2)} mm"
         joint = max(self.before, key=lambda name: self.before[name] - self.after[name])
         std = 1e3 * max(float(self.std[clear != 0].max()), 1e-5)
-        after, before = digits(self.after[joint], 2), digits(self.before[joint], 2)
+        after = digits(self.after[joint], 2)
+        before = digits(self.before[joint], 2)
         saved = f"gravity then takes {after} instead of {before} {self.forces[joint]} at {joint}"
         way = f"{describe_way(clear)} (± {digits(NORMAL_95 * std, 1)} mm"
         open_ = "the stated {}, which the log does not show: half as far if it weighs twice that"
@@ -155,8 +156,10 @@ def compute_balance(found: BaseDifference, mass: KnownMass | None = None) -> Bal
     loads = gravity @ beta, gravity @ beta + per_way @ way
     before, after = (dict(zip(rig.joints, np.abs(x).max(axis=0).round(9).tolist())) for x in loads)
     slope, own = (np.zeros(len(beta)), 0.0) if mass is None else (mass.gain, mass.std**2)
-    per_beta, more = gain - np.outer(way / weighs, slope), max(own - float(slope @ found.covariance @ slope), 0.0)
+    per_beta = gain - np.outer(way / weighs, slope)
+    more = max(own - float(slope @ found.covariance @ slope), 0.0)
     std = np.sqrt(np.maximum(np.diag(per_beta @ found.covariance @ per_beta.T), 0.0) + more * (way / weighs) ** 2)
     source = "stated" if mass is None else "weighed" if mass.is_weighed else "identified"
-    available, forces = dict(zip(rig.joints, rig.tau_max.tolist())), {j: rig.in_units(j, "N m") for j in rig.joints}
+    available = dict(zip(rig.joints, rig.tau_max.tolist()))
+    forces = {j: rig.in_units(j, "N m") for j in rig.joints}
     return Balance(way, std, weighs, source, before, after, available, forces)

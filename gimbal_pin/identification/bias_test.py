@@ -94,9 +94,11 @@ def compare_with_instruments(blocks: Sequence[Block], instruments: Sequence[Arra
     score = compute_score_covariance(join_columns(blocks, plain), noise, weight).sum(axis=0)
     spread = compute_score_covariance(join_columns(blocks, apart), noise, weight).sum(axis=0)
     spread = spread + ADMISSIBLE**2 * plain_gain @ score @ plain_gain.T
-    std, difference = np.sqrt(np.diag(spread)), theta - shrunk
+    std = np.sqrt(np.diag(spread))
+    difference = theta - shrunk
     unit = np.where(std > 0, std, 1.0)
-    correlation, z = spread / np.outer(unit, unit), difference / unit
+    correlation = spread / np.outer(unit, unit)
+    z = difference / unit
     statistic = float(z @ np.linalg.pinv(correlation, rcond=JUDGED_RANK, hermitian=True) @ z)
     freedom = int(np.linalg.matrix_rank(correlation, rtol=JUDGED_RANK, hermitian=True))
     moved = np.sum([np.sum((A @ difference) ** 2, axis=0) for A in plain], axis=0)
@@ -172,7 +174,8 @@ def check_bias(blocks: DesignBlocks, asked: WhenTested, method: Method | None = 
     """
     if asked == "never":
         return None
-    design, first = blocks.design, blocks.design.logs[0]
+    design = blocks.design
+    first = blocks.design.logs[0]
     noise = compute_acceleration_noise(first, design.filtering, blocks)
     if asked == "noisy" and noise < TESTED_NOISE:
         little = f"the sensors' noise is {100 * noise:.2g} % of the motion's acceleration, too little to bias"
@@ -226,7 +229,8 @@ def _compute_motion_noise(log: Log, cutoff: float, angle: Array) -> tuple[Array,
         cutoff: As above, Hz.
         angle: Standard deviation of the angles' white noise, rad, (n,).
     """
-    rate, slow = 1.0 / log.dt, signals.lowpass(cutoff, 1.0 / log.dt)
+    rate = 1.0 / log.dt
+    slow = signals.lowpass(cutoff, 1.0 / log.dt)
     gains = [signals.compute_noise_gain(slow, rate, k) for k in range(3)]
     if log.v is None:
         return angle * gains[1], angle * gains[2]

@@ -101,7 +101,8 @@ def estimate_bodies(
     draws = after @ np.random.default_rng(0).standard_normal((len(phi), DRAWN_BODIES))
     found = []
     for k, own in enumerate(np.reshape(phi, (-1, 10))):
-        at, slope = slice(10 * k, 10 * k + 10), compute_figure_slopes(own)
+        at = slice(10 * k, 10 * k + 10)
+        slope = compute_figure_slopes(own)
         std, prior = (np.linalg.norm(slope @ root[at], axis=1) for root in (after, before))
         shown = std < SHOWN_SHARE * prior
         std = std * _compare_widths(own, middle[at] - own, slope, draws[at])
@@ -117,7 +118,8 @@ def update_bodies(given: Array, mixing: Array, beta: Array, covariance: Array, t
     G = B Bᵀ is the trust's, so that is ``B (1 + BᵀKᵀP⁻¹KB)⁻¹ Bᵀ``: orthogonal factors, as variances span ten orders of
     magnitude. Arguments as for `estimate_bodies`.
     """
-    root, size = trust * compute_deformation_root(given), np.sqrt(np.diag(covariance))
+    root = trust * compute_deformation_root(given)
+    size = np.sqrt(np.diag(covariance))
     lower = np.linalg.cholesky(covariance / np.outer(size, size) + 1e-12 * np.eye(len(size)))
     shown, apart = (np.linalg.solve(lower, (x.T / size).T) for x in (mixing @ root, beta - mixing @ given))
     Q, R = np.linalg.qr(np.vstack([shown, np.eye(len(given))]))
@@ -147,7 +149,8 @@ def _compare_widths(phi: Array, apart: Array, slope: Array, draws: Array) -> Arr
 
 def compute_figures(phi: Array) -> Array:
     """Mass, centre of mass, and inertia about it, of one body's ten parameters, (10,); complex ones, too."""
-    m, h = phi[0], phi[1:4]
+    m = phi[0]
+    h = phi[1:4]
     turned = (h @ h * np.eye(3) - np.outer(h, h)) / m
     return np.array([m, *(h / m), *(phi[4:] - turned[np.tril_indices(3)])])
 

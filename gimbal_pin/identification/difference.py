@@ -96,7 +96,8 @@ class BaseDifference:
     @staticmethod
     def of(found: Identified) -> BaseDifference:
         """Return what `identify` found less the rig that it was given."""
-        rig, width = found.model.rig.with_phi(found.given), len(found.reduction.independent)
+        rig = found.model.rig.with_phi(found.given)
+        width = len(found.reduction.independent)
         spread = found.estimate.covariance[:width, :width]
         change = found.estimate.theta[:width] - given_beta(rig, found.reduction)
         return BaseDifference(rig, found.reduction, change, spread, spread)
@@ -132,11 +133,14 @@ class BaseDifference:
         W = self.whitener
         left, size, right = np.linalg.svd(project_rows(W @ wanted, W @ unknown), full_matrices=False)
         seen = size > LEAST_KEPT * max(float(np.linalg.norm(W @ wanted)), 1e-300)
-        basis, gain = right[seen].T, (left[:, seen] / size[seen]).T @ W
+        basis = right[seen].T
+        gain = (left[:, seen] / size[seen]).T @ W
         spread = gain @ self.covariance @ gain.T
         known = (np.sum(basis**2, axis=1) > 0.99) & (np.sum(basis @ spread * basis, axis=1) < limit**2)
-        count, turned = int(known.sum()), np.linalg.qr(np.hstack([basis[known].T, np.eye(basis.shape[1])]))[0]
-        axes, rest = turned[:, :count], turned[:, count:]
+        count = int(known.sum())
+        turned = np.linalg.qr(np.hstack([basis[known].T, np.eye(basis.shape[1])]))[0]
+        axes = turned[:, :count]
+        rest = turned[:, count:]
         variance, turn = np.linalg.eigh(rest.T @ spread @ rest)
         shown = np.hstack([axes, rest @ turn[:, variance < limit**2]])
         gain = shown.T @ gain
@@ -150,6 +154,7 @@ class BaseDifference:
 
     def widen(self, root: Array) -> BaseDifference:
         """Return it with a root of another covariance, (b, r), in its own."""
-        W, more = self.whitener, root @ root.T
+        W = self.whitener
+        more = root @ root.T
         noise = self.weighting * len(self.change) / np.trace(W @ self.weighting @ W.T)
         return replace(self, covariance=self.covariance + more, weighting=noise + more)

@@ -118,7 +118,8 @@ def assemble_result(
         trust: Relative standard deviation of the URDF's masses, see `estimate_bodies`.
     """
     design = blocks.design
-    rig, model = design.rig, to_model(design, estimate)
+    rig = design.rig
+    model = to_model(design, estimate)
     train = measure_accuracy(rig.joints, blocks, estimate.theta, "training part")
     held_out = None if tested is None else measure_accuracy(rig.joints, tested, estimate.theta, how)
     if held_out is not None:
@@ -148,7 +149,8 @@ def assemble_result(
 
 def _measure_simpler_models(found: Identified, blocks: Sequence[Block]) -> tuple[Accuracy, ...]:
     """Return the accuracy of the URDF, and of its bodies with the fitted friction and effects, on some rows."""
-    given, width = np.nan_to_num(found.stated), len(found.reduction.independent)
+    given = np.nan_to_num(found.stated)
+    width = len(found.reduction.independent)
     rubbing = np.concatenate([given[:width], found.estimate.theta[width:]])
     models = {"the URDF": given, "the URDF with the fitted friction": rubbing}
     return tuple(measure_accuracy(found.model.rig.joints, blocks, theta, how) for how, theta in models.items())
@@ -357,7 +359,8 @@ class _LogSplit:
 
     def fit_without_overfitted(self, effects: tuple[Effect, ...]) -> tuple[_Trial, tuple[Doubt, ...]]:
         """Fit without the effects of joints where they do not hold for what was held out; say which these are."""
-        trial, left_out = self.fit(effects), list[Doubt]()
+        trial = self.fit(effects)
+        left_out = list[Doubt]()
         always = build_friction_effects(self.rig.joints)
         for joint in dict.fromkeys(effect.joint for effect in effects if effect not in always):
             mine = [one for one in trial.blocks.design.effects if one.joint == joint and one not in always]

@@ -221,7 +221,8 @@ class Online:
         memory = _append_samples(memory, log.ordered(self.design.rig), self.design.rig.slides)
         if memory.t <= memory.due:
             return memory
-        filtering, recording = self.design.filtering, memory.recording
+        filtering = self.design.filtering
+        recording = memory.recording
         if recording is None:
             memory = self._time(memory._replace(pending=(join_logs(memory.pending),)))
             if (recording := memory.recording) is None:
@@ -322,7 +323,8 @@ class Online:
 
     def _finish(self, memory: LogMemory) -> Learned:
         """Return what is learned with the rows that only the end of the log makes whole."""
-        learned, recording = memory.learned, memory.recording
+        learned = memory.learned
+        recording = memory.recording
         if recording is None:
             raise DataError(memory.name, "has too few samples so far", "go on")
         recording = recording.with_logs(memory.pending)
@@ -497,12 +499,16 @@ class Progress:
 
 def report_progress(online: Online, memory: LogMemory) -> Progress:
     """Return what is known now."""
-    names, nothing = online.design.names, np.full(len(online.design.names), np.nan)
+    names = online.design.names
+    nothing = np.full(len(online.design.names), np.nan)
     hidden: tuple[str, ...] = ()
-    value, std, torque = nothing, nothing, np.zeros(len(names))
+    value = nothing
+    std = nothing
+    torque = np.zeros(len(names))
     try:
         estimate, block = online.answer(memory)
-        value, std = estimate.theta, estimate.std
+        value = estimate.theta
+        std = estimate.std
         torque = np.abs(value) * np.sqrt(np.mean(block.A**2, axis=0)).max(axis=0)
     except DataError as error:
         hidden = error.unseen or names

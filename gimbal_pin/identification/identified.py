@@ -90,7 +90,8 @@ def _iterate_unexplained(found: Identified) -> Iterator[str]:
 
 def _iterate_common_residual(found: Identified) -> Iterator[str]:
     """Yield what `describe_common_residual` says of the rows that were fitted, where the motion's noise was judged."""
-    rig, train = found.model.rig, found.train
+    rig = found.model.rig
+    train = found.train
     if found.bias is None:
         return
     noise = np.zeros(rig.n)
@@ -252,7 +253,8 @@ class Identified(Record):
     @property
     def bodies(self) -> tuple[Body, ...]:
         """Mass, centre of mass and inertia of the nearest physical bodies, with their deviations."""
-        width, rig = len(self.reduction.independent), self.model.rig
+        width = len(self.reduction.independent)
+        rig = self.model.rig
         covariance = self.estimate.covariance[:width, :width]
         mixing = map_phi_to_base(rig, self.reduction)
         known = self.estimate.theta[:width], covariance
@@ -261,7 +263,8 @@ class Identified(Record):
     @property
     def stated(self) -> Array:
         """The URDF's value of every parameter, (k,); NaN for what it does not state, as of an unknown payload."""
-        rig, names = self.model.rig, [kind.name for kind in ALWAYS]
+        rig = self.model.rig
+        names = [kind.name for kind in ALWAYS]
         base = self.reduction.mixing @ self.given[name_columns(rig)[1]]
         others = np.full(len(self.names) - len(base), np.nan)
         at = 0
@@ -301,7 +304,8 @@ class Identified(Record):
         except ImportError as error:
             raise UsageError("arviz", "is not installed", "pip install 'gimbal-pin[arviz]'") from error
         generator, _ = make_generator(rng)
-        theta, covariance = self.estimate.theta, self.estimate.covariance
+        theta = self.estimate.theta
+        covariance = self.estimate.covariance
         drawn = generator.multivariate_normal(theta, covariance, (1, draws), method="eigh")
         return arviz.from_dict(posterior=dict(zip(self.names, np.moveaxis(drawn, -1, 0))))
 

@@ -61,7 +61,9 @@ def update_gimbal(before: Estimated, alone: Estimate, reach: Array, place: str) 
     from scipy.optimize import brentq
 
     seen = np.isfinite(alone.std)
-    K, d, P = reach[seen], (alone.theta - before.theta)[seen], alone.covariance[np.ix_(seen, seen)]
+    K = reach[seen]
+    d = (alone.theta - before.theta)[seen]
+    P = alone.covariance[np.ix_(seen, seen)]
     known = before.covariance[np.ix_(seen, seen)]
 
     def unexplained(widening: float) -> tuple[Array, Array, Array]:

@@ -42,7 +42,8 @@ def write_model(identified: Identified, path: str | Path, payloads: Mapping[str,
 
 def _describe_payload_model(identified: Identified, path: str | Path) -> dict[str, Any]:
     """Return the part of a file that speaks of one payload."""
-    model, known = identified.model, identified.model.estimated
+    model = identified.model
+    known = identified.model.estimated
     if known is None:
         raise ModelError(str(path), "would hold a model that was not identified", "identify one first")
     report = identified.to_dict()
@@ -214,7 +215,8 @@ def read_known_parameters(data: Any, place: str, joint_count: int) -> Estimated:
     correlation = covariance / np.outer(*[np.maximum(std, 1e-150)] * 2)  # what has no variance has no covariance
     if np.abs(correlation - correlation.T).max(initial=0.0) > 1e-6 or (np.linalg.eigvalsh(correlation) < -1e-6).any():
         raise ModelError(f"{place}: covariance", "is not that of any estimate", "identify the model again")
-    names, units = tuple(row.name for row in rows), tuple(row.unit for row in rows)
+    names = tuple(row.name for row in rows)
+    units = tuple(row.unit for row in rows)
     values = np.array([row.value for row in rows])
     rest = (filed.dt, filed.missed, filed.misfit, filed.noise, filed.pure_error)
     return Estimated(

@@ -139,10 +139,12 @@ def _run_segment(rows: Design, model: Model, stretch: Segment, carrier: str | No
 
 def _follow(plant: Plant, t: Array, q: Array, v: Array, tau: Array, dt: float) -> tuple[Array, Array]:
     """Return angles and rates, (m, n), of a plant under torques tau, (m - 1, n), held to (q, v) by the loop."""
-    model, data = plant.model, plant.model.rig.model.createData()
+    model = plant.model
+    data = plant.model.rig.model.createData()
     kp, kd = LOOP_GAINS
     state = State(q[0].copy(), v[0].copy())
-    out_q, out_v = np.array(q), np.array(v)
+    out_q = np.array(q)
+    out_v = np.array(v)
     for k in range(len(tau)):
         wish = kp * (q[k] - state.q) + kd * (v[k] - state.v)
         state = plant.step(float(t[k]), state, tau[k] + _compute_mass_matrix(model, data, state.q) @ wish, dt)
@@ -161,7 +163,8 @@ def _compute_mass_matrix(model: Model, data: pin.Data, q: Array) -> Array:
 
 def _simulate_segment(rows: Design, model: Model, segment: Segment) -> Segment:
     """Return a segment with the model's motion in the place of the measured one: rates, and no noise."""
-    log, t = segment.log, segment.log.t
+    log = segment.log
+    t = segment.log.t
     q = np.array(log.q)
     v = np.gradient(q, t, axis=0)
     made = _run_segment(rows, model, segment, find_moving_base(rows.rig, log), calm=True)
@@ -184,7 +187,8 @@ def fit_output_error(blocks: Sequence[Block]) -> Estimate:
     if now is None:
         what, mend = "cannot be followed by the model that was estimated from it", "use another estimator"
         raise DataError(rows.logs[0].name, what, f"{mend}, such as weighted, and see 'gimbal-pin diagnose'")
-    before, found = now.theta, fit_weighted(now.blocks)
+    before = now.theta
+    found = fit_weighted(now.blocks)
     for _ in range(NEWTON_STEPS):
         # What least squares says may lie beyond the bodies that can exist: it then says the same once more.
         if any(np.all(np.abs(found.theta - each) <= CONVERGED_CHANGE * found.std) for each in (before, now.theta)):
@@ -192,7 +196,9 @@ def fit_output_error(blocks: Sequence[Block]) -> Estimate:
         after = _shorten_step(rows, now, found)
         if after is None:
             break
-        before, now, found = found.theta, after, fit_weighted(after.blocks)
+        before = found.theta
+        now = after
+        found = fit_weighted(after.blocks)
     left = np.concatenate([compute_residuals(block, found.theta) for block in now.blocks])
     return replace(found, residual_std=np.sqrt(np.mean(left**2, axis=0)), method=Method.OUTPUT_ERROR)
 
@@ -219,7 +225,8 @@ def _follow_logs(rows: Design, theta: Array, covariance: Array) -> Followed | No
 
 def _shorten_step(rows: Design, now: Followed, found: Estimate) -> Followed | None:
     """Take a Gauss-Newton step, halved until the model follows the logs better than before; None if it never does."""
-    scale, share = np.maximum(found.residual_std, 1e-12), 1.0
+    scale = np.maximum(found.residual_std, 1e-12)
+    share = 1.0
     cost = now.cost(scale)
     for _ in range(STEP_HALVINGS):
         after = _follow_logs(rows, now.theta + share * (found.theta - now.theta), found.covariance)
@@ -234,7 +241,8 @@ def _iterate_error_blocks(rows: Design, model: Model) -> Iterator[Block]:
     theta = _gather_theta(rows, model)
     for run in (run for log in rows.logs for run in run_log(rows, model, log, calm=False)):
         dt = float(run.t[1] - run.t[0])
-        pad, step = round(signals.compute_lowpass_settling(LOOP) / dt), max(1, int(1.0 / (2 * WATCHED * LOOP * dt)))
+        pad = round(signals.compute_lowpass_settling(LOOP) / dt)
+        step = max(1, int(1.0 / (2 * WATCHED * LOOP * dt)))
         for begin in range(pad, len(run.t) - pad, CHUNK):
             end = min(begin + CHUNK, len(run.t) - pad)
             part = run.part(slice(begin - pad, end + pad))
@@ -244,7 +252,8 @@ def _iterate_error_blocks(rows: Design, model: Model) -> Iterator[Block]:
 def _build_error_block(rows: Design, model: Model, theta: Array, run: SimulatedStretch, keep: slice) -> Block:
     """Return the rows of one part of a run, low-passed and thinned."""
     dt = float(run.t[1] - run.t[0])
-    a, still = signals.differentiate(run.v, dt), np.zeros_like(run.q)
+    a = signals.differentiate(run.v, dt)
+    still = np.zeros_like(run.q)
     channels = Samples(run.t, run.q, run.v, a, still, run.v, still[0], run.platform)
     columns = np.concatenate([rows.compute_rigid_columns(channels), rows.compute_effect_columns(channels)], axis=2)
     data = model.rig.model.createData()

@@ -36,7 +36,9 @@ IMPOSSIBLE = "the fit's figure is no body's, which points at noise in the motion
 """What is said in place of a mass or an inertia that no body can have."""
 TRIAL_MASS, LEAST_SHIFT = 0.03, 0.05
 """Share of a mass, and the millimetres from which it is said what that much more of it does."""
-MOMENT_PLACES, INERTIA_PLACES, PRODUCT_PLACES = [1, 2, 3], [4, 5, 6, 7, 8, 9], [5, 7, 8]
+MOMENT_PLACES = [1, 2, 3]
+INERTIA_PLACES = [4, 5, 6, 7, 8, 9]
+PRODUCT_PLACES = [5, 7, 8]
 """Places in a body's ten parameters, in the order of `rig.PHI`."""
 
 
@@ -114,7 +116,8 @@ class PayloadDiscrepancy:
 
     def _describe_place(self) -> str:
         """Say where it sits, in the camera's own directions."""
-        shift, least = self.shift._replace(basis=self.camera.T @ self.shift.basis), FORM_ERROR * self.gyration
+        shift = self.shift._replace(basis=self.camera.T @ self.shift.basis)
+        least = FORM_ERROR * self.gyration
         hidden = [f"{a}/{b}" for (a, b), shown in zip(DIRECTIONS, shift.axes) if not shown]
         closer = ""
         if np.isfinite(self.std_if_known) and (len(hidden) == 3 or shift.std.max() > DEVIATIONS * self.std_if_known):
@@ -132,7 +135,8 @@ class PayloadDiscrepancy:
         if self.is_weighed and self.found_mass:
             return f"that is at the {digits(1e3 * self.found_mass[0], 4)} g that were weighed, of {stated}"
         if self.found_mass:
-            extra, std = 1e3 * (self.found_mass[0] - self.stated), 1e3 * self.found_mass[1]
+            extra = 1e3 * (self.found_mass[0] - self.stated)
+            std = 1e3 * self.found_mass[1]
             if not self.mass.is_significant:
                 return f"it weighs {stated}, to {digits(DEVIATIONS * std, 2)} g"
             way = "heavier" if extra > 0 else "lighter"
@@ -160,7 +164,9 @@ class PayloadDiscrepancy:
 
     def to_dict(self) -> dict[str, Any]:
         """Return `given_model` of `diagnose --json`: grams and millimetres, null where nothing is shown."""
-        shown, com, std = self.shift.axes, 1e3 * self.shift.change, 1e3 * self.shift.std
+        shown = self.shift.axes
+        com = 1e3 * self.shift.change
+        std = 1e3 * self.shift.std
         mass, mass_std = self.found_mass or (None, None)
         row = {
             "mass": None if mass is None else 1e3 * (mass - self.stated),
@@ -186,7 +192,8 @@ class PayloadDiscrepancy:
 
 def _describe_direction(shift: ShownChange, least: float, place: str, there: str, than: str) -> str:
     """Say how far from a place something sits, forward, left and up; a way under `least`, m, is none."""
-    change, std = shift.change, shift.std
+    change = shift.change
+    std = shift.std
     clear = (np.abs(change) > np.maximum(DEVIATIONS * std, least)) & shift.axes
     within = np.maximum(np.abs(change) + DEVIATIONS * std, least)
     if not (shift.is_significant and clear.any()):
@@ -260,14 +267,17 @@ def compare_places(
         trust: See `explain_by_payload`.
     """
     body, inertia, frame = get_payload(own.rig)
-    mine, stated = slice(10 * body, 10 * body + 10), float(inertia.mass)
+    mine = slice(10 * body, 10 * body + 10)
+    stated = float(inertia.mass)
     mass = apart.known_mass
     whole = apart.stated if mass is None else mass.value
     new = explain_by_payload(own, None if mass is not None and weighed is None else whole, 0.0)
     if new is None or not (new.is_physical and new.found_mass and any(new.shift.axes)):
         return None
-    whole, turn = new.found_mass[0], new.camera.T
-    ratio, shift = stated / whole - 1, new.shift._replace(basis=turn @ new.shift.basis)
+    whole = new.found_mass[0]
+    turn = new.camera.T
+    ratio = stated / whole - 1
+    shift = new.shift._replace(basis=turn @ new.shift.basis)
     columns = first.responses[:, mine]
     moments = stated * columns[:, MOMENT_PLACES] @ frame.rotation @ turn.T
     old = _doubt_bodies(first, trust).explain(moments, columns[:, INERTIA_PLACES], 1e3)  # however loosely
@@ -385,7 +395,9 @@ def explain_by_payload(
     except UsageError:
         return None
     _check_weighed(weighed, float(inertia.mass))
-    own, doubted, std_if_known = found.responses[:, 10 * body : 10 * body + 10], _doubt_bodies(found, trust), np.inf
+    own = found.responses[:, 10 * body : 10 * body + 10]
+    doubted = _doubt_bodies(found, trust)
+    std_if_known = np.inf
     if doubted is not found:
         known = explain_by_payload(found, weighed, 0.0)
         std_if_known = float(known.shift.std.max()) if known is not None and any(known.shift.axes) else np.inf
@@ -398,7 +410,9 @@ def explain_by_payload(
     products = asked.explain_products(mass, shift, per_mass)
     if not (is_physical := asked.is_physical(mass, shift)):
         mass = mass.hide() if weighed is None else mass
-        shift, products, per_mass = shift.hide(), products.hide(), np.zeros(3)
+        shift = shift.hide()
+        products = products.hide()
+        per_mass = np.zeros(3)
     return PayloadDiscrepancy(
         link=find_payload_link(rig),
         body=rig.links[body],
@@ -477,14 +491,17 @@ class _PayloadColumns:
 
     def explain_shift(self, mass: ShownChange, is_weighed: bool) -> tuple[ShownChange, Array]:
         """Explain the difference by a shift of all of its mass, what it has more included; and per kilogram more."""
-        more, unsure = float(mass.change[0]), self.heavier[:, : len(mass.value) * (not is_weighed)]
-        whole, limit = self.stated + more, LEAST_KNOWN * compute_gyration_radius(self.inertia)
+        more = float(mass.change[0])
+        unsure = self.heavier[:, : len(mass.value) * (not is_weighed)]
+        whole = self.stated + more
+        limit = LEAST_KNOWN * compute_gyration_radius(self.inertia)
 
         def place(change: Array, beside: Array, mass: float = whole) -> ShownChange:
             unknown = np.hstack([beside, self.open])
             return replace(self.found, change=change).explain(mass * self.per_metre, unknown, limit)
 
-        change, heavier = self.found.change, self.heavier[:, 0]
+        change = self.found.change
+        heavier = self.heavier[:, 0]
         moved = self.per_metre @ place(change, unsure, self.stated).change * self.stated / whole
         if is_weighed:
             shift = place(change - more * heavier, unsure)
@@ -501,7 +518,9 @@ class _PayloadColumns:
 
     def explain_products(self, mass: ShownChange, shift: ShownChange, per_mass: Array) -> ShownChange:
         """Explain what shift and mass leave by products of inertia."""
-        extra, own, found = TRIAL_MASS * self.stated, self.own, self.change_payload(mass, shift.change)
+        extra = TRIAL_MASS * self.stated
+        own = self.own
+        found = self.change_payload(mass, shift.change)
         left = replace(self.found, change=self.found.change - own @ found)
         trial = self.change_payload(mass, shift.change + extra * per_mass, extra)
         hidden = own @ (trial - found)[:, None]  # makes products, too
@@ -510,7 +529,8 @@ class _PayloadColumns:
 
     def is_physical(self, mass: ShownChange, shift: ShownChange) -> bool:
         """Whether a body can be as was found."""
-        rig, body = self.found.rig, self.body
+        rig = self.found.rig
+        body = self.body
         total = rig.phi[10 * body : 10 * body + 10] + self.change_payload(mass, shift.change)
         columns = find_base_columns(rig, self.found.reduction)
         about = compute_inertia_regressor(rig, np.zeros((1, rig.n)), body)[0, body, columns]

@@ -102,7 +102,8 @@ def score_halves(parts: Sequence[tuple[Array, Array]], directions: Array) -> tup
     unit = np.sqrt(np.diag(P)[seen])
     values, vectors = np.linalg.eigh(P[np.ix_(seen, seen)] / np.outer(unit, unit))
     white = vectors.T / np.sqrt(np.maximum(values, 1e-9 * values[-1]))[:, None] / unit
-    columns, difference = white @ directions[seen], white @ (first - second)[seen]
+    columns = white @ directions[seen]
+    difference = white @ (first - second)[seen]
     moves = np.linalg.lstsq(columns, difference, rcond=None)[0]
     found = float(np.sum((columns @ moves) ** 2)) / columns.shape[1]
     return found / float(fdtri(columns.shape[1], SQUARES, 1 - FALSE_CHANGE)), directions @ moves

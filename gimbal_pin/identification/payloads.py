@@ -151,7 +151,8 @@ class Several(Record):
     @cached_property
     def payloads(self) -> Mapping[str, PayloadStatement]:
         """Payload → where it sits and what it weighs, against its own URDF, and how to balance it."""
-        known, mass = self.known, self.mass
+        known = self.known
+        mass = self.mass
         return {name: compare_camera(one, self.cameras[name], mass, known) for name, one in self.identified.items()}
 
     @property
@@ -212,8 +213,10 @@ def compare_camera(
     body = find_camera_body(whole.rig)
     given = whole.rig.phi.copy()
     given[10 * body : 10 * body + 10] += get_stated_payload(known.rig) - get_stated_payload(whole.rig)
-    rig, width = known.rig.with_phi(given), len(whole.change)
-    spread, theta = known.estimated.covariance[:width, :width], known.estimated.theta[:width]
+    rig = known.rig.with_phi(given)
+    width = len(whole.change)
+    spread = known.estimated.covariance[:width, :width]
+    theta = known.estimated.theta[:width]
     first = BaseDifference(rig, whole.reduction, theta - given_beta(rig, whole.reduction), spread, spread)
     own = replace(carry(*camera.change), rig=rig)
     return replace(said, beside=compare_places(own, first, said.apart, known.rig.payload, mass, found.trust))
@@ -307,7 +310,8 @@ class CarrierEstimate:
         """
         power, vectors = np.linalg.eigh(whitener @ covariance @ whitener.T)
         root = np.linalg.inv(whitener)
-        size, said = np.linalg.norm(root, axis=1), list[str]()
+        size = np.linalg.norm(root, axis=1)
+        said = list[str]()
         for way in (root @ vectors[:, power > (TRUST / WIDE_TRUST) ** 2]).T:
             share = np.abs(way / size)
             kept = np.flatnonzero(share > UNSEEN_SHARE * share.max())
@@ -350,13 +354,18 @@ def _conclude_camera(
     """
     design = part.blocks.design
     width = len(design.names)
-    pick, whole = own.map_change(place, width, len(estimate.theta)), np.eye(width, len(estimate.theta))
+    pick = own.map_change(place, width, len(estimate.theta))
+    whole = np.eye(width, len(estimate.theta))
     whole[: len(own.columns)] += own.columns @ pick
     one = replace(estimate, theta=whole @ estimate.theta, covariance=whole @ estimate.covariance @ whole.T)
-    base, urdf = get_stated_payload(reference[1]), get_stated_payload(design.rig)
+    base = get_stated_payload(reference[1])
+    urdf = get_stated_payload(design.rig)
     leading = [own.reduction.names[k].rsplit(".", 1)[1] for k in own.reduction.independent]
-    gamma, spread, units = pick @ estimate.theta, pick @ estimate.covariance @ pick.T, list_units(leading)
-    value, stated = own.shown(base) + gamma, own.shown(urdf)
+    gamma = pick @ estimate.theta
+    spread = pick @ estimate.covariance @ pick.T
+    units = list_units(leading)
+    value = own.shown(base) + gamma
+    stated = own.shown(urdf)
     mounted = CameraEstimate(own.reduction.base_names, units, value, spread, stated, own.columns, (gamma, spread))
     unseen = own.describe_unseen(spread, own.build_prior(design.rig, reference[1])[:, :-1])
     given = design.rig.phi.copy()
@@ -392,8 +401,10 @@ def _hedge_camera(
         return mounted, ()
     width = len(mixing)
     beta = known[0][:width], known[1][:width, :width]
-    phi, root = find_likeliest_bodies(given, mixing, *beta, TRUST), update_bodies(given, mixing, *beta, TRUST)[1]
-    apart, undecided = own.shown((phi - given)[own.parameters]), own.shown(root[own.parameters])
+    phi = find_likeliest_bodies(given, mixing, *beta, TRUST)
+    root = update_bodies(given, mixing, *beta, TRUST)[1]
+    apart = own.shown((phi - given)[own.parameters])
+    undecided = own.shown(root[own.parameters])
     spread = mounted.covariance + undecided @ undecided.T  # how the bodies share the sum is the log's to leave open
     size = np.sqrt(np.diag(spread))
     squares = float(apart / size @ np.linalg.lstsq(spread / np.outer(size, size), apart / size, rcond=1e-9)[0])
@@ -460,7 +471,9 @@ def identify_several(
     check_seen(first.logs[0].name, first.names, joint, alone)
     estimate, missed = add_misfit(joint, alone, len(order))
     estimate = add_lag_spread(joint, estimate, late)
-    cameras, identified, n = {}, {}, first.rig.n
+    cameras = {}
+    identified = {}
+    n = first.rig.n
     for k, (name, part) in enumerate(parts.items()):
         mine = slice(n * k, n * (k + 1))
         one = replace(estimate, residual_std=estimate.residual_std[mine])
@@ -484,7 +497,8 @@ def _widen_blocks(blocks: Sequence[Block], own: CarrierEstimate, place: int, cou
     as a heavy camera's noise would drown a light one's, and that has its own colour.
     """
     for block in blocks:
-        (m, n, width), size = block.A.shape, own.columns.shape[1]
+        (m, n, width) = block.A.shape
+        size = own.columns.shape[1]
         A = np.zeros((m, n, count, width + size * (count - 1)))
         A[:, :, place, :width] = block.A
         if place:
@@ -530,22 +544,27 @@ def identify_new(
         LogError: A torque has the wrong sign, or two have changed places, see `checks.check_assignment`; or
             one is in another unit, or acts too early or late, see `checks.check_time`.
     """
-    rig, before = apply_changes(rig, known.changes), get_known_parameters(known)
+    rig = apply_changes(rig, known.changes)
+    before = get_known_parameters(known)
     if twice := [log.name for log in logs if log.digest in before.digests]:
         what = f"was identified from {twice[0]} itself, which would count twice"
         raise UsageError("--known", what, "give another log, or leave --known out")
     reduction = reduce_parameters(rig)
     effects = [term.effect for term in known.terms]
-    width, count = len(reduction.independent), sum(len(effect.coefficients) for effect in effects)
+    width = len(reduction.independent)
+    count = sum(len(effect.coefficients) for effect in effects)
     if before.names[:width] != reduction.base_names or len(before.names) != width + count:
         raise UsageError("--known", "holds other parameters than this rig", f"identify {rig.name} with another camera")
     own = CarrierEstimate.of(rig, reduction)
     (part,), late = _align_parts([_build_part(rig, logs, effects, holdout or "none", filtering, reduction)], own)
-    blocks, design, place = part.blocks, part.blocks.design, part.checked[0].log.name
+    blocks = part.blocks
+    design = part.blocks.design
+    place = part.checked[0].log.name
     mine = [block._replace(A=own.compute_columns(block), b=block.b - block.A @ before.theta) for block in blocks]
     # Against the whole torque: a camera that is as the known one leaves none of its own.
     heard = [some._replace(b=block.b) for some, block in zip(mine, blocks)]
-    names, prior = own.reduction.base_names, own.build_prior(rig, known.rig)
+    names = own.reduction.base_names
+    prior = own.build_prior(rig, known.rig)
     shown = _fit_with_wide_prior(fit_weighted, mine, prior)
     if len(find_unseen(names, heard, shown)) == len(names):
         check_seen(place, names, heard, shown)
@@ -554,7 +573,8 @@ def identify_new(
     reach = np.vstack([own.columns, np.zeros((len(design.names) - width, own.columns.shape[1]))])
     found = update_gimbal(before, alone, reach, place)
     joint = replace(alone, theta=found.theta, covariance=found.covariance, phi=None)
-    name, mounted = rig.payload or "camera", known.rig.payload or BARE
+    name = rig.payload or "camera"
+    mounted = known.rig.payload or BARE
     was = (before.theta, before.covariance)
     identified, one = _conclude_camera(part, own, joint, 1, (mounted, known.rig), was, missed, late)
     check_assignment(blocks, identified.estimate)

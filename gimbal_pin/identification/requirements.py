@@ -17,8 +17,10 @@ LEAST_MOVING = 0.1
 
 def check_enough(blocks: DesignBlocks) -> None:
     """Raise `DataError` if there are fewer rows than three per parameter, or a joint moves without a torque."""
-    design, name = blocks.design, blocks.design.logs[0].name
-    have, want = sum(block.b.size for block in blocks), 3 * len(design.names)
+    design = blocks.design
+    name = blocks.design.logs[0].name
+    have = sum(block.b.size for block in blocks)
+    want = 3 * len(design.names)
     if have < want:
         seconds = max(float(np.ptp(log.t)) if len(log) else 0.0 for log in design.logs)
         what = f"{seconds:.3g} s leave {have} filtered rows for {len(design.names)} parameters; they cannot show any of"

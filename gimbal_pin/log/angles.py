@@ -39,7 +39,8 @@ def find_wraps(t: Array, q: Array, period: float) -> Array:
         q: Readings, (N,).
         period: Reading at which the encoder starts over.
     """
-    steps, times = np.diff(q), np.diff(t)
+    steps = np.diff(q)
+    times = np.diff(t)
     turns = np.round(steps / period)
     reach = RATE_MARGIN * times * np.quantile(np.abs(steps / times), USUAL_SHARE * np.mean(turns == 0))
     is_motion = np.abs(steps - period * turns) <= reach + 1e-9 * period
@@ -63,7 +64,8 @@ def unwrap_angles(
         period, turns = next(((p, x) for p in PERIODS if np.any(x := find_wraps(t, q[:, j], p))), (0.0, None))
         if turns is None:
             continue
-        column, count = f"q_{joint}", int(np.count_nonzero(turns))
+        column = f"q_{joint}"
+        count = int(np.count_nonzero(turns))
         if period > 2 * pi:
             entry = f"{column}={sources.get(column, Source(column)).times(f'2*pi/{period:g}')}"
             raise LogError(f"{name}: {column}", f"starts over at {period:g}, not at 2 pi", f"map it: --map '{entry}'")
@@ -94,7 +96,8 @@ def check_within_stops(name: str, rig: Rig, q: Array, sources: Mapping[str, Sour
         if len(q) < LEAST_SAMPLES or not slack > 0 or (low >= lower - slack and high <= upper + slack):
             continue
         source = sources.get(f"q_{joint}", Source(f"q_{joint}"))
-        least, most = high - upper, low - lower
+        least = high - upper
+        most = low - lower
         fits = [text for text, zero in OFFSETS.items() if least <= zero <= most]
         what = f"lies at {digits(low, 3)} to {digits(high, 3)} rad, and its limits are {lower:.3g} and {upper:.3g} rad"
         stated = rig.motors[rig.joint_index(joint)].encoder_zero

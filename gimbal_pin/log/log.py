@@ -94,7 +94,8 @@ def find_untimely(t: Array) -> tuple[int, str, str] | None:
         return None
     if (steps < LEAST_INTERVAL).any():
         row = int(np.argmax(steps < LEAST_INTERVAL)) + 1
-        before, now = float(t[row - 1]), float(t[row])
+        before = float(t[row - 1])
+        now = float(t[row])
         if now < before:
             return row, f"time goes back from {before!r} to {now!r} s", "sort the rows, or split the file there"
         what = f"time {now!r} s {'repeats' if now == before else 'is less than a nanosecond after'} the row before"

@@ -79,7 +79,8 @@ class Source:
 
     def convert(self, readings: Array) -> Array:
         """Return the values of a column's readings in SI units."""
-        values, shift = readings * self.factor, self.offset - self.zero
+        values = readings * self.factor
+        shift = self.offset - self.zero
         return values + shift if shift else values
 
     def times(self, factor: float | str) -> str:
@@ -120,7 +121,8 @@ def read_mapping(entries: Entries = ()) -> dict[str, Source]:
     Raises:
         UsageError: An entry that does not follow the grammar.
     """
-    sources, stated = dict[str, Source](), list[str]()
+    sources = dict[str, Source]()
+    stated = list[str]()
     for entry in [entries] if isinstance(entries, (str, Path, Mapping)) else entries:
         if isinstance(entry, Mapping):
             _add_table(sources, entry, "mapping")
@@ -151,7 +153,8 @@ def is_mapping_file(entry: str | Path) -> bool:
 
 def _add_entry(sources: dict[str, Source], target: str, source: Source) -> None:
     """Add a target, or let joints exchange all that was mapped to them so far: ``yaw,pitch = pitch,yaw``."""
-    joints, others = target.split(","), source.column.split(",")
+    joints = target.split(",")
+    others = source.column.split(",")
     if len(joints) == 1 or sorted(joints) != sorted(others):
         sources[target] = source
         return

@@ -170,10 +170,18 @@ def _rms_variation(x: Array) -> float:
 
 def _body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Array, Array]:
     """Rate and angular acceleration in the turning frame from roll, pitch, yaw and their derivatives, (N, 3) each."""
-    (roll, pitch, _), (droll, dpitch, dyaw), (ddroll, ddpitch, ddyaw) = angles.T, rates.T, accelerations.T
-    sr, cr, sp, cp = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
+    (roll, pitch, _) = angles.T
+    (droll, dpitch, dyaw) = rates.T
+    (ddroll, ddpitch, ddyaw) = accelerations.T
+    sr = np.sin(roll)
+    cr = np.cos(roll)
+    sp = np.sin(pitch)
+    cp = np.cos(pitch)
     # The turns about y and z, as the frame turned by pitch alone sees them: what roll then turns by itself.
-    y, z, dy, dz = dpitch, dyaw * cp, ddpitch, ddyaw * cp - dyaw * dpitch * sp
+    y = dpitch
+    z = dyaw * cp
+    dy = ddpitch
+    dz = ddyaw * cp - dyaw * dpitch * sp
     w = [droll - dyaw * sp, y * cr + z * sr, z * cr - y * sr]
     dw = [ddroll - ddyaw * sp - dyaw * dpitch * cp, dy * cr + dz * sr + droll * w[2], dz * cr - dy * sr - droll * w[1]]
     return np.stack(w, axis=1), np.stack(dw, axis=1)
@@ -181,7 +189,8 @@ def _body_rates(angles: Array, rates: Array, accelerations: Array) -> tuple[Arra
 
 def _level_attitude(f: Array) -> Array:
     """Attitude (w, x, y, z) without yaw whose specific force at rest points along f, (3,)."""
-    roll, pitch = np.arctan2(f[1], f[2]), np.arctan2(-f[0], np.hypot(f[1], f[2]))
+    roll = np.arctan2(f[1], f[2])
+    pitch = np.arctan2(-f[0], np.hypot(f[1], f[2]))
     return np.asarray(Rotation.from_euler("xyz", [roll, pitch, 0.0]).as_quat(scalar_first=True))
 
 
@@ -189,7 +198,8 @@ def integrate_attitude(w: Array, dt: float, start: Array) -> Array:
     """Attitude (w, x, y, z), (N, 4), that starts at `start` and turns by the mean of two samples' rates in between."""
     turn = dt * (w[1:] + w[:-1]) / 2
     angle = np.linalg.norm(turn, axis=1)
-    real, imaginary = np.cos(angle / 2), turn * (0.5 * np.sinc(angle / (2 * np.pi)))[:, None]
+    real = np.cos(angle / 2)
+    imaginary = turn * (0.5 * np.sinc(angle / (2 * np.pi)))[:, None]
     a, b, c, d = start.tolist()
     out = [(a, b, c, d)]
     for p, (q, r, s) in zip(real.tolist(), imaginary.tolist()):

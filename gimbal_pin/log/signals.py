@@ -65,7 +65,8 @@ def resample(t: Array, signal: Array, grid: Array) -> Array:
     slope = np.gradient(signal, t, axis=0)
     width = (t[left + 1] - t[left])[:, None]
     s = np.clip((grid - t[left])[:, None] / width, 0.0, 1.0)
-    start, end = signal[left], signal[left + 1]
+    start = signal[left]
+    end = signal[left + 1]
     rise = (3 - 2 * s) * s * s
     return start + rise * (end - start) + width * s * (1 - s) * ((1 - s) * slope[left] - s * slope[left + 1])
 

@@ -27,7 +27,8 @@ from gimbal_pin.rig.rig import Rig
 
 WANTED = attitude(radians(20.0), radians(25.0))
 """R_d = Rz(20°) Ry(25°)."""
-OFF, WAY = 0.005, (0.6, -0.4, 0.69)
+OFF = 0.005
+WAY = (0.6, -0.4, 0.69)
 """The payload's centre of mass, m from the tilt axis, and in which direction: forward, left, up."""
 LEARNED = 1000
 """Seed of the log that the model comes from: no motion of the benchmark has it."""
@@ -72,7 +73,8 @@ def simulate_shaken_log(plant: Model, drive: Sequence[Signal] = (), seconds: flo
         drive: What stands between its command and the torque that acts.
         seconds: Length, s.
     """
-    rig, rng = plant.rig, np.random.default_rng(LEARNED)
+    rig = plant.rig
+    rng = np.random.default_rng(LEARNED)
     ground = draw_profile(rig, seconds, LEARNED, size=HALF)
     return bench_run(plant, rng=rng, seconds=seconds, platform=ground, imus=rig.config.imus, drive=drive, name="shaken")
 
@@ -91,11 +93,13 @@ def learn_recipe(
         delay: Samples of 1 ms from a measurement to its torque.
     """
     if log is None:
-        (t, imu), name = rehearse_platform(rig), "profile S"
+        (t, imu) = rehearse_platform(rig)
+        name = "profile S"
     else:
         log = log.ordered(rig)
         t, imu = (log.t - log.t[0], log.imus[rig.base]) if rig.base in log.imus else rehearse_platform(rig)
-        model, name = model or identify(rig, [log], holdout="none", examined="never").model, log.name
+        model = model or identify(rig, [log], holdout="none", examined="never").model
+        name = log.name
     assert model is not None, "without a log the model is given"
     spectrum = Spectrum.of(imu, float(np.median(np.diff(t))), name)
     trusted = find_trusted_joints(model, wanted, Platform.measured(t, imu, name))

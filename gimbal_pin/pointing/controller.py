@@ -65,7 +65,8 @@ class Controller:
         Raises:
             UsageError: The rig cannot hold its camera so, or the gains are of a PID, or of another interval.
         """
-        rig, law = recipe.model.rig, recipe.law
+        rig = recipe.model.rig
+        law = recipe.law
         if isinstance(law, JointPid):
             raise UsageError(
                 "controller", "is a PID", "tune one of computed torque: gimbal-pin tune --kind computed-torque"
@@ -80,7 +81,9 @@ class Controller:
         self.pointer = replace(made, navigator=replace(made.navigator, level=Level(made.dt)))
         self.recipe, self.keeps = recipe, keeps
         self.memory: Held | None = None
-        zero, up, links = np.zeros(3), np.array([0.0, 0.0, 9.81]), len(self.pointer.navigator.sight.moved)
+        zero = np.zeros(3)
+        up = np.array([0.0, 0.0, 9.81])
+        links = len(self.pointer.navigator.sight.moved)
         self.shapes = ((rig.n,), (3,), (3,), (3,), (3 * links,))
         for k in range(WARM_UP):
             self.step(Measurement(k * self.dt, recipe.looking, zero, zero, up, np.zeros(3 * links)))
@@ -142,7 +145,8 @@ class Controller:
         base = leveled(measurement.f) if platform is None else rotation(platform, "platform", UsageError)
         q = measurement.q if np.isfinite(measurement.q).all() else np.zeros(len(measurement.q))
         camera = base @ self.pointer.navigator.sight.attitude(q)
-        begun, upright = self.pointer.start(measurement, camera, base), Level(self.dt).start(sure=platform is not None)
+        begun = self.pointer.start(measurement, camera, base)
+        upright = Level(self.dt).start(sure=platform is not None)
         self.memory = begun._replace(known=begun.known._replace(upright=upright))
         if self.keeps:
             return self.hold()
@@ -172,7 +176,9 @@ class Controller:
         Raises:
             UsageError: There was no measurement yet, it is no rotation matrix, or the joints' limits are before it.
         """
-        memory, camera, navigator = self.begun(), self.attitude(), self.pointer.navigator
+        memory = self.begun()
+        camera = self.attitude()
+        navigator = self.pointer.navigator
         goal = camera if wanted is None else rotation(wanted, "wanted", UsageError)
         q = memory.watch.good.q
         base = camera @ navigator.sight.attitude(q).T
@@ -213,7 +219,8 @@ class Controller:
 
     def save(self, path: str | Path) -> None:
         """Write model, gains, wanted attitude, sensors and the spectrum, of the flight if there was one, as JSON."""
-        own, law = self.recipe, self.recipe.law
+        own = self.recipe
+        law = self.recipe.law
         assert not isinstance(law, JointPid)  # none is made with one
         forecast = self.pointer.navigator.forecast
         spectrum = own.spectrum if self.memory is None else forecast.known(self.memory.known.past)
@@ -260,9 +267,11 @@ class Controller:
                 raise ModelError(place, what, f"learn one for {rig.title}")
             if len(stored.trusted) not in (0, rig.n):
                 raise ModelError(f"{place}: trusted", "is not one value per joint", "write it with Controller.save")
-            sight, wanted = Sight(rig), stored.wanted
+            sight = Sight(rig)
+            wanted = stored.wanted
             kept = sight.attitude(sight.home) if wanted is None else rotation(wanted, f"{place}: wanted", ModelError)
-            model, law = read_model_data(stored.model, rig, f"{place}: model"), None
+            model = read_model_data(stored.model, rig, f"{place}: model")
+            law = None
             if stored.gains is not None:
                 gains = tuple(Pid(*each) for each in stored.gains)
                 if len(gains) != rig.n:

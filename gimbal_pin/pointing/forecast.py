@@ -92,7 +92,8 @@ def assumed(f: Array) -> Array:
 def smeared(f: Array, powers: Array) -> Array:
     """Mean of spectra, (…, K), over `SMEARED` of each frequency to both sides."""
     total = np.insert(np.cumsum(powers, axis=-1), 0, 0.0, axis=-1)
-    low, high = np.searchsorted(f, f * (1 - SMEARED), side="left"), np.searchsorted(f, f * (1 + SMEARED), side="right")
+    low = np.searchsorted(f, f * (1 - SMEARED), side="left")
+    high = np.searchsorted(f, f * (1 + SMEARED), side="right")
     return np.asarray((total.take(high, axis=-1) - total.take(low, axis=-1)) / (high - low))
 
 
@@ -214,7 +215,8 @@ class Forecast:
         """Row i of the filters for a spectrum up to half the sampling rate, (TAPS,)."""
         lead, which = divmod(i, 3)
         power, noise = (known.force, known.force_noise) if which == 2 else (known.rate, known.rate_noise)
-        weight, s = passing(self.gains[lead], known.f), 2j * np.pi * known.f
+        weight = passing(self.gains[lead], known.f)
+        s = 2j * np.pi * known.f
         column = waves(weight * (power + noise))
         column[0] *= 1 + 1e-9
         ahead = np.exp(s * self.leads[lead]) * (s if which == 1 else 1.0)
@@ -222,8 +224,10 @@ class Forecast:
 
     def held(self, taps: Array) -> Array:
         """What was measured last, half a sample ago: rate, angular acceleration, force, (9,)."""
-        now, before = taps[0], taps[1]
-        mean, change = (now + before) / 2, (now[:3] - before[:3]) / self.dt
+        now = taps[0]
+        before = taps[1]
+        mean = (now + before) / 2
+        change = (now[:3] - before[:3]) / self.dt
         return np.concatenate([mean[:3], change, mean[3:]])
 
     @cached_property
@@ -243,7 +247,8 @@ class Forecast:
     def start(self, w: Array, f: Array) -> Past:
         """Memory for a platform that has always moved as in the first sample."""
         taps = np.tile(np.concatenate([w, f]), (TAPS, 1))
-        none, weights = self.held(taps), self.weights if self.foresees else ()
+        none = self.held(taps)
+        weights = self.weights if self.foresees else ()
         due = (np.stack([none[3:], none[3:]]),) * self.due
         return Past(taps, weights, (none,) * len(self.leads), due, np.zeros((2, 6)), np.zeros((2, 4)))
 
@@ -256,7 +261,8 @@ class Forecast:
         far = [filtered(weights, taps) for weights in past.weights]
         due, smooth, scores, trust = self.compared(past, none[3:], far[-1][3:])
         found = tuple([none + trust * (x - none) for x in far])
-        used, events = past.used, past.events
+        used = past.used
+        events = past.events
         if trust == (0.0 if used else 1.0) and past.samples * self.dt > SETTLED:
             used = not used
             said = (

@@ -13,7 +13,8 @@ import numpy as np
 from gimbal_pin.log.log import Array
 from gimbal_pin.pointing.measurement import Measurement
 
-NONE, KEPT = (0, 0, 0, 0, 0), (None, None, None, None, None)
+NONE = (0, 0, 0, 0, 0)
+KEPT = (None, None, None, None, None)
 """Of the channels, that none fails or repeats, and that none is lost."""
 CHANNELS = ("q", "gyro", "w", "f", "links")
 NAMES = {
@@ -126,7 +127,8 @@ class Guard:
     def start(self, seen: Measurement) -> Watch:
         """Memory at the first sample; readings that fail there count as zero."""
         zero = {name: np.zeros_like(getattr(seen, name)) for name in CHANNELS if not self.plausible(name, seen)}
-        good, still = seen._replace(t=seen.t - self.dt, **zero), np.zeros(len(seen.q))
+        good = seen._replace(t=seen.t - self.dt, **zero)
+        still = np.zeros(len(seen.q))
         return Watch(
             seen, good, good, NONE, NONE, KEPT, still, still, tuple([self.first * most for most in self.least])
         )
@@ -172,7 +174,10 @@ class Guard:
 
         Sizes are looked at instead of entries, which is stricter; whatever is not quite sound is sifted.
         """
-        gyro, w, f, links = seen.gyro, seen.w, seen.f, seen.links
+        gyro = seen.gyro
+        w = seen.w
+        f = seen.f
+        links = seen.links
         slow = hypot(*gyro.tolist(), *w.tolist(), *links.tolist()) < FASTEST
         near = hypot(*seen.q.tolist()) < FARTHEST and hypot(*f.tolist()) < STRONGEST
         if not (slow and near and hypot(*moved.tolist()) < MOVED):
@@ -194,8 +199,11 @@ class Guard:
         """Look at every channel by itself."""
         elapsed = t - watch.good.t
         replaced = {}
-        failing, repeating, healthy = list(watch.failing), list(watch.repeating), list(watch.healthy)
-        bounds, before = self.bounds(watch), watch.before._replace(t=watch.good.t)
+        failing = list(watch.failing)
+        repeating = list(watch.repeating)
+        healthy = list(watch.healthy)
+        bounds = self.bounds(watch)
+        before = watch.before._replace(t=watch.good.t)
         rows = zip(self.changes(t, seen, watch.good), self.changes(t, seen, before), bounds)
         changes = [back if change > most >= back else change for change, back, most in rows]
         for i, name in enumerate(CHANNELS):
@@ -203,7 +211,8 @@ class Guard:
             if name == "q":
                 fine = fine and (any(failing[1:3]) or float(np.abs(moved).max()) < MOVED)
             elif self.noisy:
-                now, old = getattr(seen, name), getattr(watch.raw, name)
+                now = getattr(seen, name)
+                old = getattr(watch.raw, name)
                 same = fine and len(now) > 0 and bool((now == old).reshape(-1, 3).all(axis=1).any())
                 repeating[i] = repeating[i] + 1 if same else 0
                 fine = fine and repeating[i] < REPEATS
@@ -216,7 +225,8 @@ class Guard:
             healthy[i], watch = self.judged(t, name, failing[i], healthy[i], watch)
         good = seen._replace(t=t, **replaced)
         rates = self.smoothed(good, watch)
-        counts, swings = (tuple(failing), tuple(repeating), tuple(healthy)), self.swung(watch.swings, changes)
+        counts = (tuple(failing), tuple(repeating), tuple(healthy))
+        swings = self.swung(watch.swings, changes)
         return good, Watch(seen, good, watch.good, *counts, moved, rates, swings, watch.clock, watch.events)
 
     def timed(self, stamp: float, watch: Watch) -> tuple[float, Watch]:

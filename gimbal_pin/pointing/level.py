@@ -59,7 +59,8 @@ class Level:
         means = memory.means + gains * (f - memory.means)
         x, y, z = (10 * means[0] - 15 * means[1] + 6 * means[2]).tolist()
         part = min(count * self.dt / memory.eased, 1.0)
-        tilt, aside = (part * part * (3 - 2 * part)) ** 2 * atan2(hypot(x, y), z), max(hypot(x, y), 1e-12)
+        tilt = (part * part * (3 - 2 * part)) ** 2 * atan2(hypot(x, y), z)
+        aside = max(hypot(x, y), 1e-12)
         return Upright(count, means, pin.exp3(tilt * np.array([y / aside, -x / aside, 0.0])), memory.eased)
 
 

@@ -21,7 +21,8 @@ from gimbal_pin.pointing.sight import Sight, View
 from gimbal_pin.pointing.turn import Gaze, Pace, Turn
 from gimbal_pin.rig.brief import brief
 
-exp3, log3 = pin.exp3, pin.log3
+exp3 = pin.exp3
+log3 = pin.log3
 SPAN = 1 / (2 * pi * SLOW)
 """Time over which gaps are looked at, s: what changes them slower than `SLOW` is drift."""
 GAP_DEVIATIONS = 5.0
@@ -55,7 +56,8 @@ class Fused(NamedTuple):
     @staticmethod
     def begun(attitudes: Sequence[Array], rates: Array) -> Fused:
         """Memory for attitudes that are known, where the gyros read `rates`, rad/s, (L, 3)."""
-        still, zero = np.zeros_like(rates), np.zeros(3)
+        still = np.zeros_like(rates)
+        zero = np.zeros(3)
         return Fused(tuple(attitudes), rates, still, zero, zero, still)
 
     def on(self, rates: Array, elapsed: float) -> Fused:
@@ -87,7 +89,8 @@ class Fusion:
     @cached_property
     def gain(self) -> float:
         """k: of a walk whose steps are two gyros' noise over a sample, seen with an encoder's rounding."""
-        walk, white = self.gyro**2 * self.dt, max(self.step, 1e-9) ** 2 / 12
+        walk = self.gyro**2 * self.dt
+        white = max(self.step, 1e-9) ** 2 / 12
         ratio = walk / white
         return float((sqrt(ratio**2 + 4 * ratio) - ratio) / 2)
 
@@ -219,9 +222,11 @@ class Navigator:
 
         q are the angles at the last sample, rad, (n,), and base the base link's attitude in the world, (3, 3).
         """
-        turns, t = tuple([turn.stopped(known.t) for turn in known.turns if turn.begun <= known.t < turn.end]), known.t
+        turns = tuple([turn.stopped(known.t) for turn in known.turns if turn.begun <= known.t < turn.end])
+        t = known.t
         for turn in turns:
-            q, t = self.sight.reached(base, turn.base @ self.sight.attitude(turn.goal), q), turn.end
+            q = self.sight.reached(base, turn.base @ self.sight.attitude(turn.goal), q)
+            t = turn.end
         way = self.pace.turn(self.sight, base, q, wanted, t)
         return known._replace(wanted=wanted, turns=turns if way is None else (*turns, way))
 
@@ -234,10 +239,12 @@ class Navigator:
 
         The Jacobian is that of the first moment ahead, which errors do not mind: it is worked out but once.
         """
-        elapsed, lead = seen.t - known.t, self.forecast.leads[0]
+        elapsed = seen.t - known.t
+        lead = self.forecast.leads[0]
         R = known.R.dot(exp3((known.turning + seen.gyro) * (elapsed / 2)))
         view = self.sight.view(seen.q + lead * known.v if lead else seen.q)
-        against, carries = view.against, seen.w.dot(view.R)
+        against = view.against
+        carries = seen.w.dot(view.R)
         v = against.dot(carries - seen.gyro)
         R, actual, rate, fused = self.attitude(R, seen, known.fused, elapsed, doubtful)
         upright = known.upright
@@ -263,11 +270,13 @@ class Navigator:
         """
         if self.fusion is None or fused is None:
             return R, R, 0.0, None
-        fused, between = fused.on(gyros(seen), elapsed), self.sight.between(seen.q)
+        fused = fused.on(gyros(seen), elapsed)
+        between = self.sight.between(seen.q)
         if not doubtful:
             fused = self.fusion.compared(fused, R, between)
             return R, R.dot(exp3(fused.turn)), fused.rate, fused
-        R, base = R.dot(exp3(fused.turn)), fused.attitudes[0]
+        R = R.dot(exp3(fused.turn))
+        base = fused.attitudes[0]
         if "gyro" in doubtful and not doubtful & {"w", "q"}:
             R = base @ between[0]
         elif "w" in doubtful and "q" not in doubtful:
@@ -276,7 +285,8 @@ class Navigator:
 
     def ahead(self, seen: Measurement, view: View, known: Known) -> tuple[Ahead, ...]:
         """Return rates and accelerations of the joints that are asked for at every lead; `view`: at the first."""
-        bases, v = self.forecast.ahead(known.past), known.v
+        bases = self.forecast.ahead(known.past)
+        v = known.v
         out = []
         for k, (lead, base) in enumerate(zip(self.forecast.leads, bases)):
             q = seen.q + lead * v

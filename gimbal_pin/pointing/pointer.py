@@ -106,7 +106,8 @@ class Pointer:
         With neither encoders nor the camera's gyro it is zero.
         """
         seen, watch = self.guard.step(seen, memory.watch, memory.known.v, memory.steep)
-        lost, doubtful = watch.lost, watch.doubtful
+        lost = watch.lost
+        doubtful = watch.doubtful
         if "gyro" in lost:
             base = np.zeros(3) if "w" in lost else seen.w  # without the platform's gyro it counts as standing
             seen = seen._replace(gyro=self.navigator.sight.rate(seen.q, watch.rates, base))
@@ -119,7 +120,8 @@ class Pointer:
         tau, own = law.torque(seen.t, fix.q, fix.v, fix.aim, own)
         if {"q", "gyro"} <= lost:
             tau = np.zeros_like(tau)
-        steep, limited = memory.steep, memory.limited
+        steep = memory.steep
+        limited = memory.limited
         after = Held(known, own, back, tau, watch, limited, steep, noted=memory.noted)
         return self.checked(seen.t, tau, fix, memory, after)
 
@@ -154,7 +156,9 @@ class Pointer:
 
     def restarted(self, held: Held) -> Held:
         """Begin anew at the last sample, holding what the camera sees: the attitude that was known is no number."""
-        wanted, watch, last = self.navigator.wanted, held.watch, held.watch.good
+        wanted = self.navigator.wanted
+        watch = held.watch
+        last = held.watch.good
         base = wanted @ self.navigator.sight.attitude(last.q).T
         begun = self.start(last._replace(t=last.t + self.dt), wanted, base)  # of the sample to come, as a start is
         noted = (*held.noted, f"{last.t:.3f} s: everything begins anew, the camera is held where it looks")
@@ -170,6 +174,7 @@ class Pointer:
 
 def taken_over(law: JointPid, fix: Fix, tau: Array) -> LawMemory:
     """Return the memory with which a PID goes on with the torque that acted: its integral holds what the model gave."""
-    error, rate = fix.aim.q - fix.q, fix.aim.v - fix.v
+    error = fix.aim.q - fix.q
+    rate = fix.aim.v - fix.v
     rows = zip(law.gains, law.inertia, error.tolist(), rate.tolist(), tau.tolist())
     return LawMemory(tuple((u / m - g.kp * e - g.kd * r) / g.ki if g.integrates else 0.0 for g, m, e, r, u in rows))

@@ -126,7 +126,8 @@ class Recipe:
     def pid(self, gains: tuple[Pid, ...]) -> JointPid:
         """Return a PID on the inertias that the joints have where the camera looks as wanted."""
         seen = np.diagonal(compute_inertia(self.model, self.looking[None])[0]).tolist()
-        limits, endless = tuple(self.model.tau_max.tolist()), self.model.rig.continuous
+        limits = tuple(self.model.tau_max.tolist())
+        endless = self.model.rig.continuous
         return JointPid(gains, tuple(seen), limits, self.dt, continuous=endless)
 
     @cached_property

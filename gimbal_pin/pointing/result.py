@@ -97,7 +97,8 @@ class Pointing:
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check their shapes."""
-        samples, n = len(self.t), len(self.joints)
+        samples = len(self.t)
+        n = len(self.joints)
         for name, shape in (("t", ()), ("error", (3,)), ("q", (n,)), ("tau", (n,)), ("base", (4,))):
             object.__setattr__(self, name, freeze(getattr(self, name), (samples, *shape), f"pointing: {name}"))
 
@@ -109,7 +110,8 @@ class Pointing:
     @property
     def counted(self) -> slice:
         """Samples that count: all but the first `SETTLING` s, or the first quarter of a run too short for jitter."""
-        samples, start = len(self.t), round(SETTLING / self.dt)
+        samples = len(self.t)
+        start = round(SETTLING / self.dt)
         return slice(start if (samples - start) * self.dt > SHORTEST_JITTER else samples // 4, None)
 
     @property

@@ -35,7 +35,9 @@ class Sensed:
 
     def __init__(self, plant: Model, platform: Platform, station: Station, t: Array, rng: np.random.Generator) -> None:
         """Draw the noise of a whole run; `platform` is sampled at t and halfway between."""
-        self.sight, self.station, self.t = Sight(plant.rig), station, t.tolist()
+        self.sight = Sight(plant.rig)
+        self.station = station
+        self.t = t.tolist()
         noise = station.draws(len(t), len(self.sight.moved), float(t[1] - t[0]), rng)
         self.w = np.asarray(platform.w[::2])
         self.platform_imu = np.stack([platform.w[::2], platform.f[::2]], axis=1) + noise[:, 1:3]
@@ -58,7 +60,8 @@ class SensedHolder:
     def __init__(self, holder: Holder, sensed: Sensed, attitudes: Array) -> None:
         """Hold the camera with the platform's attitude in the world at every sample, (N, 3, 3)."""
         self.holder, self.sensed, self.attitudes = holder, sensed, attitudes
-        self.dt, self.events = holder.dt, ()
+        self.dt = holder.dt
+        self.events = ()
 
     def start(self) -> None:
         """Remember nothing: the holder starts with the first measurement."""

@@ -18,13 +18,12 @@ from gimbal_pin.rig.rig import Rig
 
 # Looked up once, as they run several times a sample.
 LOCAL = pin.LOCAL
-joint_jacobians, frame_jacobian, moved, placed = (
-    pin.computeJointJacobians,
-    pin.getFrameJacobian,
-    pin.forwardKinematics,
-    pin.updateFramePlacement,
-)
-frame_velocity, frame_acceleration = pin.getFrameVelocity, pin.getFrameAcceleration
+joint_jacobians = pin.computeJointJacobians
+frame_jacobian = pin.getFrameJacobian
+moved = pin.forwardKinematics
+placed = pin.updateFramePlacement
+frame_velocity = pin.getFrameVelocity
+frame_acceleration = pin.getFrameAcceleration
 STEEP = 4.0
 """Largest entry of the Jacobian's inverse that is believed: beyond it (roll past 75° with three axes) it is damped."""
 DAMPING = 1 / (2 * STEEP)
@@ -57,17 +56,26 @@ class Sight:
 
     def __init__(self, rig: Rig) -> None:
         """Take the rig's floating model; a rig of two axes commands the line of sight alone, not the roll about it."""
-        self.rig, self.model, n, self.home = rig, rig.floating, rig.n, home(rig)
+        self.rig = rig
+        self.model = rig.floating
+        n = rig.n
+        self.home = home(rig)
         self.data = self.model.createData()
-        self.fixed, self.own = rig.model, rig.model.createData()
+        self.fixed = rig.model
+        self.own = rig.model.createData()
         self.frame, self.there = (m.getFrameId(rig.camera_frame, pin.FrameType.BODY) for m in (self.model, self.fixed))
         links = gyros_between(rig)
         self.moved, self.betweens = ([m.getFrameId(link) for link in links] for m in (self.model, self.fixed))
         self.rows, self.commanded = (slice(0, 3), slice(3, 6)) if n > 2 else (slice(1, 3), slice(4, 6))
-        self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
+        self.q = np.zeros(7 + n)
+        self.v = np.zeros(6 + n)
+        self.a = np.zeros(6 + n)
         self.q[6] = 1.0
         # Views of what changes in them: to fill these costs less than to make new arrays.
-        self.angles, self.joints, self.turning, self.swing = self.q[7:], self.v[6:], self.v[3:6], self.a[3:6]
+        self.angles = self.q[7:]
+        self.joints = self.v[6:]
+        self.turning = self.v[3:6]
+        self.swing = self.a[3:6]
 
     def view(self, q: Array) -> View:
         """Return the camera at the angles q, rad, (n,)."""
@@ -128,7 +136,8 @@ class Sight:
 
     def obstacle(self, q: Array, base: Array, wanted: Array) -> str | None:
         """Return what keeps the camera from looking as wanted, (3, 3), at the angles that `reached` found, or None."""
-        view, camera = self.view(q), self.rig.camera_frame
+        view = self.view(q)
+        camera = self.rig.camera_frame
         if np.abs(self.error(base @ view.R, wanted)).max() > 1e-6:
             return f"its joints cannot turn {camera} to where it should look"
         if view.steep:
@@ -188,7 +197,9 @@ def inverted(J: Array) -> tuple[Array, bool]:
 def cofactors(J: list[list[float]]) -> Array | None:
     """Inverse of a 3 by 3 matrix, on floats as that is faster; None where there is none, or a `STEEP` one."""
     (a, b, c), (d, e, f), (g, h, i) = J
-    x, y, z = e * i - f * h, f * g - d * i, d * h - e * g
+    x = e * i - f * h
+    y = f * g - d * i
+    z = d * h - e * g
     size = a * x + b * y + c * z
     flat = [x, c * h - b * i, b * f - c * e, y, a * i - c * g, c * d - a * f, z, b * g - a * h, a * e - b * d]
     if max(max(flat), -min(flat)) >= STEEP * abs(size) or abs(size) < 1e-9:
@@ -198,7 +209,9 @@ def cofactors(J: list[list[float]]) -> Array | None:
 
 def invert_two_rows(x: list[float], y: list[float]) -> Array | None:
     """``Jᵀ(J Jᵀ)⁻¹`` of J with the rows x and y, on floats as that is faster; None where it is a `STEEP` one."""
-    a, b, d = sum([p * p for p in x]), sum([p * q for p, q in zip(x, y)]), sum([q * q for q in y])
+    a = sum([p * p for p in x])
+    b = sum([p * q for p, q in zip(x, y)])
+    d = sum([q * q for q in y])
     size = a * d - b * b
     if size <= STEEP**-4:
         return None
@@ -248,7 +261,8 @@ def holding(sight: Sight, wanted: Array, platform: Platform) -> Motion:
     """Return the joints' motion that keeps the camera's attitude, exactly, sample by sample."""
     if platform.quat is None:
         return holding(sight, wanted, Platform.still(platform.t))
-    q, rows = sight.home, []
+    q = sight.home
+    rows = []
     for R, w, dw in zip(
         Rotation.from_quat(np.asarray(platform.quat), scalar_first=True).as_matrix(), platform.w, platform.dw
     ):

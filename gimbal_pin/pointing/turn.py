@@ -65,11 +65,13 @@ class Turn:
 
     def progress(self, t: float) -> tuple[float, float, float]:
         """σ - 1, σ̇ and σ̈ at a time."""
-        since, left = max(t - self.begun, 0.0), max(self.end - t, 0.0)
+        since = max(t - self.begun, 0.0)
+        left = max(self.end - t, 0.0)
         near = min(since, left)
         x = min(near / self.ramp, 1.0)
         way = self.rate * (self.ramp * x**3 * (1 - x / 2) + max(near - self.ramp, 0.0))
-        speed, swing = self.rate * x**2 * (3 - 2 * x), self.rate / self.ramp * 6 * x * (1 - x)
+        speed = self.rate * x**2 * (3 - 2 * x)
+        swing = self.rate / self.ramp * 6 * x * (1 - x)
         return (way - 1, speed, swing) if since < left else (-way, speed, -swing)
 
     def stopped(self, t: float) -> Turn:
@@ -81,8 +83,11 @@ class Turn:
     def gaze(self, t: float, sight: Sight) -> Gaze:
         """Return where the camera should look at a time."""
         left, speed, swing = self.progress(t)
-        q, v, still = self.goal + left * self.way, speed * self.way, np.zeros(3)
-        drift, driven = sight.drift(q, v, still, still), sight.rate(q, swing * self.way, still)
+        q = self.goal + left * self.way
+        v = speed * self.way
+        still = np.zeros(3)
+        drift = sight.drift(q, v, still, still)
+        driven = sight.rate(q, swing * self.way, still)
         return Gaze(self.base.dot(sight.attitude(q)), sight.rate(q, v, still), drift + driven)
 
 
@@ -135,6 +140,7 @@ class Pace:
         size = np.abs(way)
         if not size.max() > self.near:
             return None
-        quickest, hardest = (self.rates / size).min(), (self.torques / self.inertias.dot(size)).min()
+        quickest = (self.rates / size).min()
+        hardest = (self.torques / self.inertias.dot(size)).min()
         rate = min(quickest, sqrt(hardest / 1.5), 1 / self.ramp)
         return Turn(base, goal, way, t, float(rate), float(max(1.5 * rate / hardest, self.ramp)))

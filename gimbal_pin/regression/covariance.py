@@ -55,7 +55,8 @@ def fit_residual_noise(
         gain: ``(Σ ZᵀWA)⁻¹``, (k, k), zero where a direction is not seen.
         weight: W, (n,).
     """
-    whole, errors = join_blocks(blocks), []
+    whole = join_blocks(blocks)
+    errors = []
     for block, z in zip(whole, join_columns(blocks, columns)):
         leverage = weight * np.einsum("mjk,mjk->mj", block.A @ gain, z)
         errors.append((block.b - block.A @ theta) / (1.0 - np.clip(leverage, 0.0, MOST_LEVERAGE)))
@@ -86,10 +87,12 @@ def compute_coloured_covariance(
     """
     noise = fit_residual_noise(blocks, columns, theta, gain, weight)
     lent = [z @ gain.T for z in join_columns(blocks, columns)]
-    out, uncertain = np.zeros_like(gain), np.zeros(len(gain))
+    out = np.zeros_like(gain)
+    uncertain = np.zeros(len(gain))
     for j, (process, rows) in enumerate(zip(noise.processes, noise.rows.tolist())):
         order = len(process.polynomial) - 1
-        own, slopes = np.zeros_like(gain), np.zeros((order, len(gain)))
+        own = np.zeros_like(gain)
+        slopes = np.zeros((order, len(gain)))
         for z in lent:
             y = process.colour(weight[j] * z[::-1, j])
             own += process.power * (y.T @ y)

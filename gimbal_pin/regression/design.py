@@ -229,7 +229,8 @@ class Design:
 
     def to_terms(self, theta: Array) -> tuple[Term, ...]:
         """Return the effects with their coefficients out of theta, (k,)."""
-        out, at = [], len(self.reduction.independent)
+        out = []
+        at = len(self.reduction.independent)
         for effect in self.effects:
             size = len(effect.coefficients)
             out.append(Term(effect, tuple(float(x) for x in theta[at : at + size])))
@@ -260,10 +261,12 @@ class Design:
         """
         pad = int(np.ceil(compute_settling_time(self.filtering) / segment.dt))
         thin = compute_decimation(self.filtering, segment.dt)
-        step, chunk = compute_row_step(self.filtering, segment.dt), thin * CHUNK_SAMPLES
+        step = compute_row_step(self.filtering, segment.dt)
+        chunk = thin * CHUNK_SAMPLES
         for begin in range(pad, segment.length - pad, chunk):
             end = min(begin + chunk, segment.length - pad)
-            first, last = begin - pad, end + pad
+            first = begin - pad
+            last = end + pad
             channels = smooth_samples(segment, self.filtering, first, last, carrier)
             keep = slice(pad + -begin % step, pad + end - begin, step)
             moved = None if motion is None else smooth_samples(motion, self.filtering, first, last, carrier)
@@ -297,13 +300,15 @@ class Design:
             rate: Samples per second.
             moved: Another reading of the same motion, of which the columns are; None: these.
         """
-        way, moved = self.build_row_filter(channels, keep, rate), channels if moved is None else moved
+        way = self.build_row_filter(channels, keep, rate)
+        moved = channels if moved is None else moved
         # The torque has been smoothed with the channels; columns that jump where a joint turns must be, too.
         sections = signals.lowpass(self.filtering.cutoff * self.filtering.smoothing, rate)
         smoother = partial(filter_rows, sections=sections)
         slope = way.filter_torque(signals.differentiate(channels.tau, 1.0 / rate)[way.few])
         jumping = _filter_columns(self.compute_effect_columns(moved), smoother, way.few)
-        channels, moved = channels.select(way.few), moved.select(way.few)
+        channels = channels.select(way.few)
+        moved = moved.select(way.few)
         rigid = self.compute_rigid_columns(moved)
         known = self.compute_known_torque(moved, rigid)
         A = _filter_columns(np.concatenate([rigid, jumping], axis=2), way.low_pass, way.rows, way.moving)

@@ -130,7 +130,9 @@ def fit_misfit(A: Array, X: Array, b: Array, count: float) -> Misfit:
         size = len(turned)
         R = triangularise(np.column_stack([R[:, : A.shape[1]] @ turned.T, R[:, A.shape[1] :]]))
     end = min(len(R), size + X.shape[1])
-    left, z, rest = R[size:end, size:-1], R[size:end, -1], float(np.sum(R[end:, -1] ** 2))
+    left = R[size:end, size:-1]
+    z = R[size:end, -1]
+    rest = float(np.sum(R[end:, -1] ** 2))
     free = max(count - size, 1.0)
     power = (float(z @ z) + rest) / free
     if not len(z) or power <= 0:
@@ -191,8 +193,10 @@ def add_misfit(blocks: Sequence[Block], estimate: Estimate, cameras: int = 1) ->
         estimate: What was estimated from them.
         cameras: Of how many cameras the joints are, one's after another's.
     """
-    found, through = list[Misfit](), list[Array]()
-    pure, used = measure_pure_error(blocks, estimate.theta), count_effective_rows(blocks)
+    found = list[Misfit]()
+    through = list[Array]()
+    pure = measure_pure_error(blocks, estimate.theta)
+    used = count_effective_rows(blocks)
     for (A, X, b), count, bound in zip(_iterate_joints(blocks), used.tolist(), pure.tolist()):
         one = fit_misfit(A[:, A.any(axis=0)], X, b, count)
         found.append(one._replace(pure_error=min(one.noise, bound)))
@@ -215,13 +219,15 @@ def measure_pure_error(blocks: Sequence[Block], theta: Array) -> Array:
     error = np.concatenate([compute_residuals(block, theta) for block in blocks])
     state = np.hstack([q, v])
     state = (state - state.mean(axis=0)) / np.maximum(state.std(axis=0), 1e-12)
-    order, place = np.arange(len(state)), np.concatenate([np.arange(len(block.t)) for block in blocks])
+    order = np.arange(len(state))
+    place = np.concatenate([np.arange(len(block.t)) for block in blocks])
     block = np.repeat(np.arange(len(blocks)), [len(block.t) for block in blocks])
     near = cKDTree(state).query(state, min(2 * NEIGHBOURS + 2, len(state)))[1].reshape(len(state), -1)
     apart = (np.abs(place[near] - place[:, None]) > NEIGHBOURS) | (block[near] != block[:, None])
     partner = near[order, np.argmax(apart, axis=1)]
     counts = np.where(apart.any(axis=1)[:, None], share * share[partner], 0.0)
-    squares, total = (counts * (error - error[partner]) ** 2 / 2).sum(axis=0), counts.sum(axis=0)
+    squares = (counts * (error - error[partner]) ** 2 / 2).sum(axis=0)
+    total = counts.sum(axis=0)
     return np.sqrt(np.divide(squares, total, out=np.full(len(total), np.inf), where=total > 0))
 
 

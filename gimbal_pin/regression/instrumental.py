@@ -93,7 +93,8 @@ def compare_instruments(A: Array, Z: Array, b: Array, block: Array, figures: Arr
         block: Block of time of each row, ascending from 0, (N,).
         figures: F, (n, k).
     """
-    both, right = np.concatenate([A, Z], axis=1), np.column_stack([A, b])
+    both = np.concatenate([A, Z], axis=1)
+    right = np.column_stack([A, b])
     ends = np.flatnonzero(np.diff(block, prepend=-1, append=-1))
     sums = np.stack([both[low:high].T @ right[low:high] for low, high in itertools.pairwise(ends)])
     k = A.shape[1]
@@ -151,7 +152,8 @@ def _solve_instrumental(blocks: Sequence[Block], pairs: Pairs, noise: Sequence[A
 
     `pairs`: per block (Z, A); `noise`: per block D, whose power is taken off. Residuals are the blocks' own.
     """
-    rows, width = count_effective_rows(blocks), blocks[0].A.shape[2]
+    rows = count_effective_rows(blocks)
+    width = blocks[0].A.shape[2]
     weight: Array = np.ones(blocks[0].b.shape[1])
     for _ in range(REWEIGHTINGS):
         moment = compute_moments(pairs, weight) - compute_moments([(D, D) for D in noise], weight, width)

@@ -57,10 +57,12 @@ def fit_lags(
         taken: These, s, (n,).
         hedge: What adds to an estimate's deviations what the model misses.
     """
-    n, wide = len(taken), _append_slopes(blocks, len(taken))
+    n = len(taken)
+    wide = _append_slopes(blocks, len(taken))
     prior = np.full((n, n), LAG_DEVIATION**2) + LAG_SPREAD**2 * np.eye(n)
     alone = hedge(wide, fit_weighted(wide))
-    late, spread = taken + alone.theta[-n:], alone.covariance[-n:, -n:]
+    late = taken + alone.theta[-n:]
+    spread = alone.covariance[-n:, -n:]
     seen = np.isfinite(np.diag(spread))
     K = prior[:, seen] @ np.linalg.inv((prior + spread)[np.ix_(seen, seen)])
     return K @ late[seen], prior - K @ prior[seen]
@@ -86,7 +88,8 @@ def align_rows(
     for _ in range(LAG_ROUNDS):
         late, spread = fit_lags(join(each), taken)
         late = np.clip(late, -LARGEST_LAG, LARGEST_LAG)
-        step, taken = late - taken, late
+        step = late - taken
+        taken = late
         filtering = replace(filtering, lags=tuple(taken.tolist()))
         each = [compute_blocks(replace(blocks.design, filtering=filtering)) for blocks in each]
         # A step that db/dt stands for leaves (2 π f step)²/2 of the torque, one that is off by dl leaves 2 π f dl.
@@ -103,7 +106,8 @@ def add_lag_spread(blocks: Sequence[Block], estimate: Estimate, spread: Array) -
         estimate: What was estimated from them.
         spread: C, covariance of the lags, s², (n, n).
     """
-    (gain, scale), through = compute_gain(blocks, estimate), np.zeros((len(estimate.theta), len(spread)))
+    (gain, scale) = compute_gain(blocks, estimate)
+    through = np.zeros((len(estimate.theta), len(spread)))
     for block in blocks:
         each = np.einsum("mjk,mj->kj", block.A, block.slope * scale**2)
         through += each.reshape(len(through), -1, len(spread)).sum(axis=1)

@@ -62,13 +62,15 @@ def fill_gaps(log: Log, cutoff: float) -> Filled:
     found = holes(log, cutoff)
     if not len(found):
         return Filled(log, np.zeros((0, 2)))
-    edges, fine = np.concatenate([[-1], found, [len(log) - 1]]).tolist(), resolution(log)
+    edges = np.concatenate([[-1], found, [len(log) - 1]]).tolist()
+    fine = resolution(log)
     closed: list[tuple[int, Side, Side]] = []
     for first, k, last in zip(edges, edges[1:], edges[2:]):
         length = float(log.t[k + 1] - log.t[k])
         near = log.t[k] - GAP_SIDE * length, log.t[k + 1] + GAP_SIDE * length
         begin, end = np.searchsorted(log.t, near, side="right").tolist()
-        before, after = slice(max(begin, first + 1), k + 1), slice(k + 1, min(end, last + 1))
+        before = slice(max(begin, first + 1), k + 1)
+        after = slice(k + 1, min(end, last + 1))
         if (
             min(before.stop - before.start, after.stop - after.start) < FEWEST_SIDE_SAMPLES
             or length * cutoff > LONGEST_GAP
@@ -101,7 +103,8 @@ def resolution(log: Log) -> Array:
         return np.zeros(len(log.joints))
     near = [log.t[i : i + n] for i in range(4)]
     weights = [1.0 / np.prod([own - other for other in near if other is not own], axis=0) for own in near]
-    size, least = np.sum([w**2 for w in weights], axis=0), max(1, int(RESOLUTION_SHARE * n))
+    size = np.sum([w**2 for w in weights], axis=0)
+    least = max(1, int(RESOLUTION_SHARE * n))
     # One joint at a time: of a million samples, all joints' would be the most that an identification holds.
     squares = (sum(w * x[i : i + n] for i, w in enumerate(weights)) ** 2 / size for x in log.q.T)
     return np.array([np.sqrt(np.partition(x, least - 1)[:least].mean()) for x in squares])
@@ -109,12 +112,15 @@ def resolution(log: Log) -> Array:
 
 def inserted(log: Log, closed: list[tuple[int, Side, Side]]) -> Log:
     """Return the log with the angle's cubic in these gaps, its slope for the rate, and straight lines else."""
-    t, q, slopes = [log.t], [log.q], [log.q[:0] if log.v is None else log.v]
+    t = [log.t]
+    q = [log.q]
+    slopes = [log.q[:0] if log.v is None else log.v]
     for k, (start, v, _), (end, w, _) in closed:
         length = float(log.t[k + 1] - log.t[k])
         s = np.arange(1, round(length / log.dt))[:, None] * (log.dt / length)
         s = s[s[:, 0] < 1.0 - 1e-9]
-        rise, drop = end - start, s * (1 - s)
+        rise = end - start
+        drop = s * (1 - s)
         t.append(log.t[k] + length * s[:, 0])
         q.append(start + (3 - 2 * s) * s * s * rise + length * drop * ((1 - s) * v - s * w))
         slopes.append(6 * drop * rise / length + (1 - s) * (1 - 3 * s) * v + s * (3 * s - 2) * w)
@@ -139,5 +145,6 @@ def straight(times: Array, t: Array, values: Array) -> Array:
 
 def inside(closed: Array, t: Array) -> NDArray[np.bool_]:
     """Whether times lie in one of the gaps (k, 2), in order and apart from each other, ends left out."""
-    begun, ended = np.searchsorted(closed[:, 0], t, side="left"), np.searchsorted(closed[:, 1], t, side="right")
+    begun = np.searchsorted(closed[:, 0], t, side="left")
+    ended = np.searchsorted(closed[:, 1], t, side="right")
     return np.asarray(begun > ended)

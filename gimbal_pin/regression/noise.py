@@ -63,15 +63,18 @@ def fit_autoregression(gamma: Array, rows: float) -> Autoregression:
     (Hurvich and Tsai 1989): plain, it takes twelve coefficients of fifty rows for granted, and intervals are too
     narrow. The power is that of N - p rows: so many are left.
     """
-    polynomial, power = np.ones(1), max(float(gamma[0]), 0.0)
-    best, least = Autoregression(polynomial, power), np.inf
+    polynomial = np.ones(1)
+    power = max(float(gamma[0]), 0.0)
+    best = Autoregression(polynomial, power)
+    least = np.inf
     for order in range(len(gamma)):
         left = rows - order - 2
         if power <= 1e-12 * gamma[0] or gamma[0] <= 0 or (order and left <= 0):
             break
         score = rows * np.log(power) + 2 * (order + 1) * rows / max(left, 1.0)
         if score < least:
-            best, least = Autoregression(polynomial, power * rows / max(rows - order, 1.0)), score
+            best = Autoregression(polynomial, power * rows / max(rows - order, 1.0))
+            least = score
         if order == len(gamma) - 1:
             break
         reflection = -float(polynomial @ gamma[order + 1 : 0 : -1]) / power

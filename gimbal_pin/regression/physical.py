@@ -50,7 +50,8 @@ def fit_physical(blocks: Sequence[Block]) -> Estimate:
     to β: so it is never farther from the truth than β is, in the torque of log and limits together.
     """
     rows = get_design(blocks)
-    factors, count = factor_rows(blocks), count_effective_rows(blocks)
+    factors = factor_rows(blocks)
+    count = count_effective_rows(blocks)
     wide = factor_wide_states(rows, factors.shape[2] - 1)
     theta = solve_factors(factors, np.ones(len(factors))).theta
     for _ in range(PHYSICAL_PASSES):
@@ -148,7 +149,8 @@ def anchor(data: Array, wide: Array) -> Array:
     unit = np.where(norms > 0, norms, 1.0)
     left, values, right = np.linalg.svd(R[:-1, :-1] / unit)
     seen = values > RANK * values[0]
-    forth, back = values[seen, None] * right[seen] * unit, right[seen].T / values[seen] / unit[:, None]
+    forth = values[seen, None] * right[seen] * unit
+    back = right[seen].T / values[seen] / unit[:, None]
     _, size, turned = np.linalg.svd(wide @ back, full_matrices=False)
     rows = np.minimum(size, np.sqrt(LARGEST_PRIOR_WEIGHT))[:, None] * (turned @ forth)
     return np.column_stack([rows, rows @ (back @ (left[:, seen].T @ R[:-1, -1]))])
@@ -164,7 +166,8 @@ def fit_bounded_bodies(rows: Design, stacked: Array, weights: Sequence[float] = 
     fixed_values = np.full(len(limits), np.nan)
     while True:
         phi, others = _fit_bodies(rows.rig.phi, rows.mixing, stacked, fixed_values, weights)
-        low, high = others < lower, others > upper
+        low = others < lower
+        high = others > upper
         if not (low | high).any():
             return phi, others
         fixed_values[low], fixed_values[high] = lower[low], upper[high]
@@ -182,7 +185,8 @@ def _fit_bodies(
     The others are not constrained, so they are eliminated: with their columns first, what stands under their part of
     the triangle is free of them. Those that are fixed at a value, not NaN, go over to the torque.
     """
-    width, total = len(mixing), stacked.shape[1] - 1
+    width = len(mixing)
+    total = stacked.shape[1] - 1
     rows = stacked.copy()
     fixed = np.isfinite(fixed_values)
     rows[:, total] -= rows[:, width:total][:, fixed] @ fixed_values[fixed]

@@ -155,7 +155,8 @@ def split_segments(log: Log, cutoff: float, across: float = 0.0) -> Iterator[Seg
     if len(log) < SHORTEST_SEGMENT:
         return
     log, closed = fill_gaps(log, cutoff)
-    dt, gaps = log.dt, holes(log, cutoff)
+    dt = log.dt
+    gaps = holes(log, cutoff)
     ends = np.stack([log.t[gaps], log.t[gaps + 1]], axis=1)
     passed = ends[:, 1] - ends[:, 0] <= across
     closed = np.sort(np.concatenate([closed, ends[passed]]), axis=0)
@@ -210,7 +211,8 @@ def smooth_samples(
         last: The one after the last.
         base_link: Link whose IMU says how the base moves, its rate and specific force passing the same filter.
     """
-    log, dt = segment.log, segment.dt
+    log = segment.log
+    dt = segment.dt
     if log.tau is None:
         raise UsageError(log.name, "holds no torque (tau_<joint>)", "give a log, not a bare trajectory")
     grid = np.asarray(segment.start + dt * np.arange(first, last), dtype=np.float64)
@@ -255,9 +257,11 @@ def _find_log_rows(segment: Segment, filtering: Filtering, grid: Array) -> slice
 
 def resample_torque(segment: Segment, filtering: Filtering, grid: Array) -> Array:
     """The measured torque as it acts at the times of a grid, N m, (m, n), not smoothed."""
-    log, near = segment.log, _find_log_rows(segment, filtering, grid)
+    log = segment.log
+    near = _find_log_rows(segment, filtering, grid)
     assert log.tau is not None
-    t, tau = log.t[near] + _compute_torque_delay(filtering, segment.dt), log.tau[near]
+    t = log.t[near] + _compute_torque_delay(filtering, segment.dt)
+    tau = log.tau[near]
     if not any(filtering.lags):
         return signals.resample(t, tau, grid)
     return np.column_stack([signals.resample(t + lag, x[:, None], grid) for lag, x in zip(filtering.lags, tau.T)])
@@ -289,7 +293,8 @@ class UnfilteredTorque(NamedTuple):
     @staticmethod
     def of(segment: Segment, filtering: Filtering, grid: Array, step: int) -> UnfilteredTorque:
         """What `smooth_samples` was given to come to every `step`-th sample of a grid."""
-        log, near = segment.log, _find_log_rows(segment, filtering, grid)
+        log = segment.log
+        near = _find_log_rows(segment, filtering, grid)
         assert log.tau is not None
         cutoff = filtering.cutoff * filtering.smoothing
         sections = signals.lowpass(cutoff, 1 / segment.dt)
@@ -312,7 +317,8 @@ def compute_lost_impulse(segment: Segment, filtering: Filtering, grid: Array) ->
 
 def _resample_base_motion(log: Log, base_link: str, near: slice, grid: Array, sections: Array) -> Platform:
     """Return the base's motion on a uniform grid, smoothed like the other channels."""
-    imu, t = log.imus[base_link], log.t[near]
+    imu = log.imus[base_link]
+    t = log.t[near]
     if imu.gyro is None or imu.accel is None:
         raise UsageError(log.name, f"lacks the gyro or the accelerometer of {base_link}", "give both, or neither")
     w, f = (signals.zero_phase(signals.resample(t, x[near], grid), sections) for x in (imu.gyro, imu.accel))
@@ -328,7 +334,8 @@ def _fuse_rates(derived: Array, raw_q: Array, raw_v: Array, cutoff: float, dt: f
     the joint is held, the angle says so, too.
     """
     sections = signals.lowpass(cutoff, 1 / dt)
-    angle_noise, rate_noise = signals.noise_std(raw_q), signals.noise_std(raw_v)
+    angle_noise = signals.noise_std(raw_q)
+    rate_noise = signals.noise_std(raw_v)
     rate = signals.zero_phase(raw_v, sections)
     rate_std = rate_noise * signals.compute_noise_gain(sections, 1 / dt, 0)
     out = rate.copy()

@@ -139,7 +139,8 @@ def choose_columns(factors: Array, places: Sequence[int]) -> Array:
 def triangularise(matrix: Array) -> Array:
     """The triangular factor R of ``matrix = Q R``, (k, k) or shorter, leaf by leaf (TSQR)."""
     width = matrix.shape[1]
-    leaf, R = max(LEAF // width, 2 * width), np.zeros((0, width))
+    leaf = max(LEAF // width, 2 * width)
+    R = np.zeros((0, width))
     for begin in range(0, max(len(matrix), 1), leaf):
         rows = matrix[begin : begin + leaf]
         R = np.triu(dgeqrf(np.vstack([R, rows]) if begin else rows, lwork=32 * width)[0][:width])
@@ -183,7 +184,8 @@ def solve_factors(factors: Array, scale: Array, prior: Array | None = None) -> S
     """
     rows = (factors * scale[:, None, None]).reshape(-1, factors.shape[2])
     stacked = triangularise(rows if prior is None else np.concatenate([prior, rows]))
-    R, y = stacked[:-1, :-1], stacked[:-1, -1]
+    R = stacked[:-1, :-1]
+    y = stacked[:-1, -1]
     norms = np.linalg.norm(R, axis=0)
     unit = np.where(norms > 0, norms, 1.0)
     left, values, right = np.linalg.svd(R / unit)
@@ -227,7 +229,8 @@ def weigh_joints(power: Array) -> Array:
 
 def compute_gain(blocks: Sequence[Block], estimate: Estimate) -> tuple[Array, Array]:
     """Return ``G = (AᵀWA)⁻¹`` of an estimate's rows, (k, k), and the root of W, ``1 / σ_j`` or one, (n,)."""
-    ordinary, spread = estimate.method is Method.ORDINARY, estimate.residual_std
+    ordinary = estimate.method is Method.ORDINARY
+    spread = estimate.residual_std
     scale = np.ones(len(spread)) if ordinary else weigh_joints(spread**2)
     return solve_factors(factor_rows(blocks), scale).gain, scale
 
@@ -293,9 +296,11 @@ def solve(
         method: The estimator.
         past: Rows before these that are not held any longer.
     """
-    factors, count = factor_rows(blocks), count_effective_rows(blocks)
+    factors = factor_rows(blocks)
+    count = count_effective_rows(blocks)
     if past is not None:
-        factors, count = merge_factors([past.factors[:, :, :-1], factors]), count + past.count
+        factors = merge_factors([past.factors[:, :, :-1], factors])
+        count = count + past.count
     if scale is None:
         found, power, scale = weigh_and_solve(factors, lambda x: compute_residual_power(factors, x, count), prior)
     else:

@@ -48,7 +48,8 @@ class Recording(NamedTuple):
 
     def count_window(self, filtering: Filtering) -> int:
         """Samples of the grid in a window."""
-        step, pad = compute_row_step(filtering, self.dt), count_padding(filtering, self.dt)
+        step = compute_row_step(filtering, self.dt)
+        pad = count_padding(filtering, self.dt)
         return step * (-(-pad // step) + WINDOW_ROWS - 1) + 1 + pad
 
     def compute_due(self, filtering: Filtering) -> float:
@@ -84,7 +85,9 @@ def read_window(design: Design, recording: Recording, ended: bool = False) -> tu
         recording: The samples.
         ended: Whether no more will come: the last window ends where they do.
     """
-    filtering, dt, t = design.filtering, recording.dt, recording.log.t
+    filtering = design.filtering
+    dt = recording.dt
+    t = recording.log.t
     until = recording.compute_due(filtering)
     stop = len(t) if ended else _find_end(t, until, compute_gap_length(dt, filtering.cutoff), filtering.cutoff)
     if stop is None:

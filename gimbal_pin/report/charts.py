@@ -88,7 +88,8 @@ class Chart:
         """
         rows = np.arange(len(self.t))
         if len(rows) > most:
-            order, each = rows.astype(float), most // len(self.curves)
+            order = rows.astype(float)
+            each = most // len(self.curves)
             kept = [plots.thinned(order, curve.values, each)[0] for curve in self.curves]
             rows = np.unique(np.concatenate(kept)).astype(int)
         bands = ((x.values - x.half, x.values + x.half) for x in self.curves if x.half is not None)

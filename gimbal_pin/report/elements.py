@@ -145,7 +145,8 @@ class Section:
 
     def to_text(self, detailed: bool = False) -> str:
         """Return the content as lines, tables apart; `detailed`: with what is a detail."""
-        lines, after_table = list[str](), False
+        lines = list[str]()
+        after_table = False
         for one in self.parts:
             text = "" if isinstance(one, Markup) or (getattr(one, "is_detail", False) and not detailed) else str(one)
             if text:

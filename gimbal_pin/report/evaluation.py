@@ -90,12 +90,16 @@ class Evaluated:
 def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
     """Return the held-out rows and the model's prediction of them; the training rows where nothing was held out."""
     train, test, _ = split_logs(logs, found.holdout, found.filtering)
-    effects, rig, theta = tuple(term.effect for term in found.model.terms), found.model.rig, found.estimate.theta
+    effects = tuple(term.effect for term in found.model.terms)
+    rig = found.model.rig
+    theta = found.estimate.theta
     rows = Design(rig, found.reduction, effects, test or train, found.filtering)
-    parts, every = list[EvaluatedPart](), list[Block]()
+    parts = list[EvaluatedPart]()
+    every = list[Block]()
     for log in rows.logs:
         one = replace(rows, logs=(log,))
-        judged, whole = compute_blocks(one), compute_blocks(replace(one, masked=False))
+        judged = compute_blocks(one)
+        whole = compute_blocks(replace(one, masked=False))
         every += judged
         if judged:
             t, q, v = (np.concatenate([getattr(block, name) for block in whole]) for name in "tqv")
@@ -112,7 +116,8 @@ def evaluate(found: Identified, logs: Sequence[Log]) -> Evaluated:
 
 def find_worst(t: Array, squares: Array, longest: float) -> tuple[float, slice]:
     """Return the mean of squares, (N,), in those `longest` s where it is largest, and these rows; of less, in all."""
-    power, ends = np.concatenate([[0.0], np.cumsum(squares)]), np.searchsorted(t, t + longest)
+    power = np.concatenate([[0.0], np.cumsum(squares)])
+    ends = np.searchsorted(t, t + longest)
     score = (power[ends] - power[:-1]) / np.maximum(ends - np.arange(len(ends)), 1)
     first = int(np.argmax(np.where(t <= max(t[-1] - longest, t[0]), score, -np.inf)))
     return float(score[first]), slice(first, int(ends[first]))
@@ -184,7 +189,8 @@ def list_shown(found: Identified) -> list[int]:
 
 def known(found: Identified, evaluated: Evaluated | None = None) -> list[KnownParameter]:
     """Return every parameter, base parameters first, and what each moves on the rows in `evaluated`."""
-    count, rig = len(found.names), found.model.rig
+    count = len(found.names)
+    rig = found.model.rig
     reach = [0.0] * count if evaluated is None else evaluated.reach.tolist()
     share = [None] * count if evaluated is None else evaluated.share.tolist()
     joints = list_shown_joints(rig)

@@ -68,7 +68,8 @@ def interval(value: float, half: float) -> tuple[str, str]:
     if top >= -4 and power >= -8:
         decimals = max(0, 1 - power)
         return signed(value, decimals), f"± {half:.{decimals}f}"
-    unit, decimals = 10.0**top, max(0, top - power + 1)
+    unit = 10.0**top
+    decimals = max(0, top - power + 1)
     tail = f"·10{str(top).translate(SUPERSCRIPT)}"
     return signed(value / unit, decimals) + tail, f"± {half / unit:.{decimals}f}{tail}"
 
@@ -78,7 +79,8 @@ def format_range(values: Iterable[float], digits: int = 2) -> str:
     known = sorted(value for value in values if not isnan(value))
     if not known:
         return DASH
-    low, high = figures(known[0], digits), figures(known[-1], digits)
+    low = figures(known[0], digits)
+    high = figures(known[-1], digits)
     return low if low == high else f"{low} to {high}"
 
 

@@ -41,7 +41,8 @@ class LoopPicture:
             f"The loops of {self.of}, sampled and delayed as they will run: gain and phase at the motor, home pose, "
             "and the answer to a disturbance."
         )
-        alt, charts = f"Bode diagrams and disturbance answers of {joints}", self.make_charts()
+        alt = f"Bode diagrams and disturbance answers of {joints}"
+        charts = self.make_charts()
         drawn = plots.Drawing(charts.draw, alt, caption, charts=self.make_charts)
         near = (
             "The further the curves stay from −1, the safer: all keep clear of the disk, the worst draws (thin), too."
@@ -69,7 +70,8 @@ class LoopPicture:
 
     def make_charts(self) -> Charts:
         """Return a row: gain and phase over all frequencies, and the angle after a step of 1 rad/s² over time."""
-        dashes, row = plots.nest_dashes(len(self.curves)), list[Chart]()
+        dashes = plots.nest_dashes(len(self.curves))
+        row = list[Chart]()
         for label, over, log, drawn in (
             (
                 "loop gain, dB",
@@ -103,8 +105,11 @@ class LoopPicture:
     def add_nyquist(self, axes: Axes) -> None:
         """Draw Nyquist's diagram into axes."""
         for one, dashes in zip(self.curves, plots.nest_dashes(len(self.curves))):
-            real, imaginary, colour = one.response.real, one.response.imag, self.colours[one.joints[0]]
-            found, names = one.margins, ", ".join(one.joints)
+            real = one.response.real
+            imaginary = one.response.imag
+            colour = self.colours[one.joints[0]]
+            found = one.margins
+            names = ", ".join(one.joints)
             label = f"{names}: {found.phase_margin_deg:.0f}°, disk {found.disk_margin:.2f}"
             axes.plot(real, imaginary, color=colour, dashes=dashes, label=label)
             for ratio in {*one.ratios} - {1.0}:

@@ -249,14 +249,16 @@ class PlayedResidual:
     @cached_property
     def parts(self) -> tuple[PlayedPage, plots.Drawing, str]:
         """What plays, what is drawn, and which log that is."""
-        rig, (log, part) = self.found.before.rig, find_worst_stretch(self.found)
+        rig = self.found.before.rig
+        (log, part) = find_worst_stretch(self.found)
         name = file_name(log.name)
 
         def render() -> str:
             shown = motion(rig, part, 30.0, 1.0, True)
             return render_scene(rig, name, shown, scene(rig, shown))
 
-        count, ends = len(self.found.data), f"{figures(float(part.t[0]))} to {figures(float(part.t[-1]))} s"
+        count = len(self.found.data)
+        ends = f"{figures(float(part.t[0]))} to {figures(float(part.t[-1]))} s"
         of = f"of {count} logs that of which the model leaves most" if count > 1 else "all of the log"
         said = of if len(part) == len(log) else f"{ends}, where the model leaves most"
         return PlayedPage(render, log.name), picture_torques(self.found, log), f"Shown is {name}: {said}."

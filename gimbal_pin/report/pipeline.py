@@ -158,7 +158,9 @@ class Auto(Record):
 @describe_record.register
 def describe_auto(found: Auto) -> Document:
     """Return what every step of a run found, from logs to a tuned controller."""
-    wrong, held, identified = found.diagnosis, found.held, found.identified
+    wrong = found.diagnosis
+    held = found.held
+    identified = found.identified
     evaluated = evaluate(identified, identified.data) if identified.data else None
     if wrong is not None and not wrong.spoiling:  # the diagnosis states what is left at each joint
         identified = replace(identified, missed={})
@@ -253,8 +255,10 @@ def auto(
     extended = wrong is not None and finds_more(wrong, known)
     model = wrong.after if wrong is not None and extended else identified.model
     asked = wish(model)
-    first, late = tune(model, **vars(asked)), asked.samples
-    laws, law = pair_rivals(first.stored), first.controller
+    first = tune(model, **vars(asked))
+    late = asked.samples
+    laws = pair_rivals(first.stored)
+    law = first.controller
     tracking = track(plant or model, laws, rng=generator, delay=late)
     judged = judge_controllers(model, laws, rng=generator, plants=plants, delay=asked.delay)
     animated = simulate(model, law, tour(model, law.dt), rng=generator, name="all axes to and fro", delay=late)
@@ -305,7 +309,8 @@ def write_results(rig: Rig, found: Auto, folder: Path, run: Mapping[str, object]
 
     `origin`: what the report's head says of the call.
     """
-    identified, wrong = found.identified, found.diagnosis
+    identified = found.identified
+    wrong = found.diagnosis
     names = {"urdf": f"{rig.name}.urdf", **FILES}
     diagnosed = {} if wrong is None or wrong.held is None else list_writers(wrong)
     absent = {"extended model", "next experiment", "camera"} - diagnosed.keys()

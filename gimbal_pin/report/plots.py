@@ -235,9 +235,12 @@ def thinned(t: Array, values: Array, most: int = MOST_DRAWN_POINTS) -> tuple[Arr
         return t, values
     import pandas as pd
 
-    series, stretch = pd.Series(values), np.arange(len(t)) * (most // 3) // len(t)
-    drawn, gaps = series.dropna(), np.flatnonzero(series.isna())
-    each, (_, first) = drawn.groupby(stretch[drawn.index]), np.unique(stretch[gaps], return_index=True)
+    series = pd.Series(values)
+    stretch = np.arange(len(t)) * (most // 3) // len(t)
+    drawn = series.dropna()
+    gaps = np.flatnonzero(series.isna())
+    each = drawn.groupby(stretch[drawn.index])
+    (_, first) = np.unique(stretch[gaps], return_index=True)
     places = np.unique(np.concatenate([gaps[first], each.idxmin(), each.idxmax()]).astype(int))
     return t[places], values[places]
 

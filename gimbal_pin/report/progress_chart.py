@@ -34,20 +34,23 @@ def draw_progress_chart(history: Sequence[Progress]) -> Figure:
 
 def _draw_progress(history: Sequence[Progress], last: Progress) -> Figure:
     """Draw a panel for each of the last estimate's most telling parameters, and one for the torque error."""
-    shown, joints = last.telling[:DRAWN_PARAMETERS], list(last.torque_error)
+    shown = last.telling[:DRAWN_PARAMETERS]
+    joints = list(last.torque_error)
     count = len(shown) + 1
     figure, panels = plots.panels(count, 1, 0.9 + 1.4 * count, right=0.85, gaps=(0, 0.4), share=(True, False))
     *above, below = panels[:, 0]
     t = np.array([one.t for one in history])
     value, std = (np.array([getattr(one, name) for one in history]) for name in ("value", "std"))
     for axes, k in zip(above, shown):
-        x, half = value[:, k], NORMAL_95 * std[:, k]
+        x = value[:, k]
+        half = NORMAL_95 * std[:, k]
         axes.fill_between(t, x - half, x + half, alpha=0.25)
         axes.plot(t, x)
         # The axis shows the values, however wide the first bands are.
         known = np.isfinite(x)
         settled = known & (half <= 4 * np.median(half[known]))
-        low, high = (x - half)[settled].min(), (x + half)[settled].max()
+        low = (x - half)[settled].min()
+        high = (x + half)[settled].max()
         room = 0.15 * (high - low) + 1e-12
         axes.set_ylim(low - room, high + room)
         # A payload moves a parameter by so much more than its band that this would not be seen.

@@ -122,11 +122,14 @@ def summary(
     why no camera was held on a platform.
     """
     spoilt = wrong is not None and wrong.verdict == "data"
-    model, missing, tested = rate_model(rig, found), missed(wrong), found.held_out or found.train
+    model = rate_model(rig, found)
+    missing = missed(wrong)
+    tested = found.held_out or found.train
     fit = min(tested.fit_percent.values())
     tone = "poor" if spoilt else "fair" if missing else grade(fit)
     if wrong is not None and wrong.held is not None and not spoilt:
-        where, fits = f"to {wrong.held.band:g} Hz, held out", wrong.baseline["fit_percent"]
+        where = f"to {wrong.held.band:g} Hz, held out"
+        fits = wrong.baseline["fit_percent"]
         worst, stated = min(wrong.stated["fit_percent"].items(), key=lambda pair: pair[1])
         model[0] = rate_fit("Fit of the torque", fits, f"{where}; the URDF's {percent(stated)}, at {worst}")
         if wrong.is_extended:
@@ -151,14 +154,18 @@ def summary(
 
 def rate_model(rig: Rig, found: Identified) -> list[Card]:
     """Return how well the model predicts the torque, at the joint where it does so worst, and how well it is known."""
-    tested, band = found.held_out or found.train, f"to {found.filtering.cutoff:g} Hz"
+    tested = found.held_out or found.train
+    band = f"to {found.filtering.cutoff:g} Hz"
     worst, rmse = max(tested.torque_rmse.items(), key=lambda pair: pair[1])
     force = next(one.force for one in list_shown_joints(rig) if one.name == worst)
-    theta, std = np.abs(found.estimate.theta), found.estimate.std
-    told, deviation = int(np.sum(theta > NORMAL_95 * std)), 100 * float(np.median(std / np.maximum(theta, 1e-300)))
+    theta = np.abs(found.estimate.theta)
+    std = found.estimate.std
+    told = int(np.sum(theta > NORMAL_95 * std))
+    deviation = 100 * float(np.median(std / np.maximum(theta, 1e-300)))
     known = f"{told} of {len(theta)} differ{'s' * (told == 1)} significantly from zero"
     how = f"{band}, {'held out' if found.held_out else 'training data'}"
-    error, note = torque_text(rmse, force=force), f"rms {band}, largest: {worst}, {tested.how}"
+    error = torque_text(rmse, force=force)
+    note = f"rms {band}, largest: {worst}, {tested.how}"
     return [
         rate_fit("Fit of the torque", tested.fit_percent, how),
         Card("Torque error", error, note, is_headline=False),
@@ -179,7 +186,8 @@ def rate_controller(tuning: Tuning | None, judged: Judgement | None, held: Verif
     if tuning is not None:
         margins = tuning.margins
         phase, disk = (min(getattr(one, name) for one in margins) for name in ("phase_margin_deg", "disk_margin"))
-        delay, crossover = min(one.delay_margin for one in margins), format_range(one.crossover_hz for one in margins)
+        delay = min(one.delay_margin for one in margins)
+        crossover = format_range(one.crossover_hz for one in margins)
         law = f"{controller_name(tuning.wish.kind)}; crossover {crossover} Hz"
         least = f"disk margin {figures(disk, 2)}, delay margin {figures(1e3 * delay, 2)} ms, worst joint"
         found.append(Card("Bandwidth", f"{format_range(tuning.bandwidth_hz)} Hz", law))
@@ -236,7 +244,8 @@ def to_do(wrong: Diagnosis | None, tuning: Tuning | None, payload: PayloadStatem
     """Return what to do about what was found, the most urgent first."""
     if wrong is not None and wrong.spoiling:
         return tuple(to_sentence(fault.next_experiment) for fault in wrong.spoiling)
-    open_, known = [], []
+    open_ = []
+    known = []
     slid = () if payload is None else tuple(to_sentence(one) for one in payload.advice[:1])
     compensated = [] if tuning is None else list_compensated(tuning.model, tuning.wish.kind)
     for finding in [] if wrong is None else wrong.lacking:

@@ -74,7 +74,8 @@ def parameters(
     `bound`: least standard deviations that any unbiased estimate has, of each row; None: not known.
     `force`: unit of the torque, see `forces`.
     """
-    reach, most = any(one.reach for one in rows), max((one.moved for one in rows), default=0.0)
+    reach = any(one.reach for one in rows)
+    most = max((one.moved for one in rows), default=0.0)
     head = ["Parameter", "Unit", "Value", "± 95 %", "± % of it", "URDF", "Off by, σ"]
     head += ["± at best"] * (bound is not None) + [f"Moves, {force} rms"] * reach
     body: list[list[Content]] = []
@@ -103,7 +104,8 @@ def tabulate_bodies(several: Sequence[Body]) -> Table:
     """Mass, centre of mass and inertia of the nearest bodies with 95 % intervals; marked what the log does not show."""
 
     def state(one: Figure, factor: float = 1.0) -> str:
-        value, half = factor * one.value, factor * NORMAL_95 * one.std
+        value = factor * one.value
+        half = factor * NORMAL_95 * one.std
         return " ".join(interval(value, half)) if one.shown else f"{figures(value)} *"
 
     axes = [f"Centre of mass, {axis}, mm" for axis in "xyz"]
@@ -116,9 +118,11 @@ def list_tables(found: Identified) -> list[str]:
     """Say of each table of torque among the parameters how large it is, and where."""
     from gimbal_pin.report.evaluation import find_tables
 
-    joints, lines = {joint.name: joint for joint in list_shown_joints(found.model.rig)}, []
+    joints = {joint.name: joint for joint in list_shown_joints(found.model.rig)}
+    lines = []
     for effect, place in find_tables(found).items():
-        joint, values = joints[effect.joint], found.estimate.theta[list(place)]
+        joint = joints[effect.joint]
+        values = found.estimate.theta[list(place)]
         k = int(np.argmax(np.abs(values)))
         most = " ".join(interval(values[k], NORMAL_95 * found.estimate.std[place[k]]))
         lines.append(
@@ -148,22 +152,28 @@ def regrouping(name: str) -> Markup:
 
 def torque_errors(found: Identified, evaluated: Evaluated | None = None) -> Table:
     """How well the model predicts each joint's torque; with `evaluated`, the rows themselves, beside what it was."""
-    held, train, joints = found.held_out or found.train, found.train, list_shown_joints(found.model.rig)
-    force, opinions = forces(joints), found.opinions
+    held = found.held_out or found.train
+    train = found.train
+    joints = list_shown_joints(found.model.rig)
+    force = forces(joints)
+    opinions = found.opinions
     scale, name = torque_unit(max(held.torque_rmse.values()), force)
     head = ["Joint", f"Error, {name} rms", "Fit", *["What is left"] * bool(opinions), "Samples judged"]
     head += [f"Training error, {name} rms", "Training fit"] * (held is not train)
     head += [f"Torque, {force} rms", "Error of it", f"Largest error, {name}", "URDF's fit"] * (evaluated is not None)
     rows: list[list[Content]] = []
     for j, joint in enumerate(joints):
-        rmse, fit, opinion = held.torque_rmse[joint.name], held.fit_percent[joint.name], opinions.get(joint.name)
+        rmse = held.torque_rmse[joint.name]
+        fit = held.fit_percent[joint.name]
+        opinion = opinions.get(joint.name)
         row: list[Content] = [joint.label, figures(scale * rmse), toned(percent(fit), grade(fit))]
         row += [] if opinion is None else [toned(opinion.value, OPINION_TONES.get(opinion.value, ""))]
         row.append(f"{100 * held.used[joint.name]:.0f} %")
         if held is not train:
             row += [figures(scale * train.torque_rmse[joint.name]), percent(train.fit_percent[joint.name])]
         if evaluated is not None:
-            torque, largest = float(evaluated.torque_rms[j]), float(np.abs(evaluated.stacked("error")[:, j]).max())
+            torque = float(evaluated.torque_rms[j])
+            largest = float(np.abs(evaluated.stacked("error")[:, j]).max())
             share = f"{figures(100 * rmse / torque, 2)} %" if torque else DASH  # nothing drove this joint
             stated = nan if not found.simpler else found.simpler[0].fit_percent[joint.name]
             row += [figures(torque), share, figures(scale * largest), percent(stated)]
@@ -189,7 +199,8 @@ def residual(found: Diagnosis) -> Table:
     joints = {} if found.held is None else {joint.name: joint for joint in list_shown_joints(found.held.rig)}
     rows: list[list[Content | None]] = []
     for name, left in found.residual.items():
-        limit, force = found.detection_limit.get(name), joints[name].force if joints else "N m"
+        limit = found.detection_limit.get(name)
+        force = joints[name].force if joints else "N m"
         said = found.opinions[name].value if found.opinions else left.state
         row: list[Content | None] = [joints[name].label if joints else name]
         row.append(toned(f"{said} {left.where}".strip(), OPINION_TONES.get(said, "")))
@@ -332,7 +343,8 @@ def bandwidths(found: Tuning) -> list[Content]:
 
 def loops(found: Tuning) -> Table:
     """Bandwidth, margins and gains of each joint; where models were drawn from the covariance, their worst margin."""
-    wish, drawn = found.wish, f"Disk margin, worst of {found.draws} draws"
+    wish = found.wish
+    drawn = f"Disk margin, worst of {found.draws} draws"
     head: list[Content] = ["Joint", "Bandwidth", *MARGINS, *([drawn] if found.draws else [])]
     head += [Markup("K<sub>{}</sub>, {}").format(*pair) for pair in (("P", "1/s²"), ("I", "1/s³"), ("D", "1/s"))]
     rows: list[list[Content]] = []
@@ -345,7 +357,8 @@ def loops(found: Tuning) -> Table:
 
 def drive_gains(found: Tuning) -> Table:
     """Gains in the units that drives take, a line per gain that the constants of any joint's motor allow."""
-    joints, rows = list_shown_joints(found.model.rig), list[list[Content]]()
+    joints = list_shown_joints(found.model.rig)
+    rows = list[list[Content]]()
     for system, force, turn in (("torque", "N m", "rad"), ("current", "A", "rad"), ("count", "A", "count")):
         every = [getattr(own, system) for own in found.drive_gains]
         for k, form in enumerate((f"{force}/{turn}", f"{force}/({turn} s)", f"{force} s/{turn}")):
@@ -362,7 +375,9 @@ def drive_gains(found: Tuning) -> Table:
 
 def judgement(found: Judgement, joints: Sequence[ShownJoint]) -> Table:
     """Errors on the perturbed plants, median (worst), and how many times the PID's are larger, by joint and of all."""
-    data, names, rows = found.to_dict(), list(found.errors), list[list[Content]]()
+    data = found.to_dict()
+    names = list(found.errors)
+    rows = list[list[Content]]()
 
     def cell(one: Mapping[str, Mapping[str, float | None]], place: str, text: Callable[[float], str]) -> str:
         median, worst = ("lost" if (x := own[place]) is None else text(x) for own in one.values())

@@ -36,7 +36,8 @@ def check_arguments(function: Callable[P, R]) -> Callable[P, R]:
     Lists are checked element by element. Arrays, the values of mappings, and annotations that name types for the type
     checker alone are not checked.
     """
-    signature, place = inspect.signature(function), function.__qualname__
+    signature = inspect.signature(function)
+    place = function.__qualname__
 
     @wraps(function)
     def checked(*given: P.args, **named: P.kwargs) -> R:
@@ -80,7 +81,8 @@ def to_rows(place: str, value: object, width: int) -> Array:
 
 def _matches(value: object, hint: Any) -> bool:
     """Return whether a value is of an annotated type, as far as the annotation says."""
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin in (Union, UnionType):
         return any(_matches(value, one) for one in inner)
     if origin is Literal:
@@ -100,7 +102,8 @@ def _matches(value: object, hint: Any) -> bool:
 
 def _describe(hint: Any) -> str:
     """Return the name of an annotated type in an error's text."""
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if origin in (Union, UnionType):
         return " or ".join(map(_describe, inner))
     if origin is Literal:

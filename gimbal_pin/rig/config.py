@@ -117,7 +117,8 @@ def is_written(path: Path) -> bool:
 
 def load_config(path: Path) -> Config:
     """Read a rig's YAML; `RigError` names the unknown key or the value of the wrong kind."""
-    data, place = read_yaml(path, RigError), str(path)
+    data = read_yaml(path, RigError)
+    place = str(path)
     if isinstance(data, dict) and "schema" in data:
         what = "is a model or a controller that gimbal_pin wrote, not a rig's YAML"
         raise RigError(place, what, "give the rig's URDF, or a YAML that names it")
@@ -144,7 +145,8 @@ def read_limits(texts: Sequence[str], joints: Sequence[str], limits: Sequence[Li
     for given in texts:
         name, _, number = given.partition("=")
         joint, _, quantity = name.rpartition(".")
-        place, mend = f"--limit {given}", f"write JOINT.velocity=NUMBER with a joint out of {', '.join(joints)}"
+        place = f"--limit {given}"
+        mend = f"write JOINT.velocity=NUMBER with a joint out of {', '.join(joints)}"
         if joint not in named:
             raise UsageError(place, f"the rig has no joint '{joint}'", mend)
         try:

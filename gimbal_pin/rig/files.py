@@ -112,7 +112,8 @@ def find_target(path: Path, config: Config) -> Path:
 
 def list_configs(rig: str) -> list[Path]:
     """Return the YAML files that the name of a rig that is there leads through."""
-    path, found = bundled() / f"{rig}.urdf" if rig in bundled_rigs() else Path(rig), []
+    path = bundled() / f"{rig}.urdf" if rig in bundled_rigs() else Path(rig)
+    found = []
     while path.suffix in YAML_SUFFIXES:
         found.append(path)
         path = find_target(path, load_config(path))

@@ -88,9 +88,11 @@ def remove_unfelt_inertials(robot: etree._Element, place: str, carried: bool = F
     """
     starts = [j.find("child").get("link") for j in robot.findall("joint") if j.get("type") in MOVABLE]
     moving = {link for start in starts for link in urdf.find_reached_links(robot, start)}
-    empty, idle = list[str](), list[str]()
+    empty = list[str]()
+    idle = list[str]()
     for link in robot.xpath("link[inertial]"):
-        name, inertial = link.get("name"), link.find("inertial")
+        name = link.get("name")
+        inertial = link.find("inertial")
         if is_weightless(inertial, is_fixed=name not in starts):
             empty.append(name)
         elif carried or name in moving:
@@ -126,10 +128,14 @@ def mend_inertias(text: str, model: pin.Model, place: str, every: bool) -> tuple
     """
     stated = urdf.parse_robot(text, place).xpath("link/inertial/inertia")
     rules = {one.getparent().getparent().get("name"): describe_broken_rule(read_inertia(one)) for one in stated}
-    bodies, mended, said = urdf.read_inertials(text), dict[str, urdf.LinkInertia](), list[str]()
+    bodies = urdf.read_inertials(text)
+    mended = dict[str, urdf.LinkInertia]()
+    said = list[str]()
     for link, rule in rules.items():
         frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
-        joint, share, mend = int(frame.parentJoint), 1.0, ": now the nearest one"
+        joint = int(frame.parentJoint)
+        share = 1.0
+        mend = ": now the nearest one"
         if rule is None or not (joint or every):
             continue
         mass, center, inertia = bodies[link]

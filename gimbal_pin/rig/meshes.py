@@ -20,7 +20,8 @@ _MESH_FORMATS = (".stl", ".obj", ".ply", ".off", ".dae", ".glb")
 _LARGEST_FILE = 32 * 2**20
 """Largest file, bytes: 670 000 triangles in a binary STL, more than a browser turns smoothly."""
 
-READER_MEMORY, READER_SECONDS = 2 * 2**30, 5
+READER_MEMORY = 2 * 2**30
+READER_SECONDS = 5
 """Address space, bytes, and processor time, s, of the reading of one file. One of `_LARGEST_FILE` bytes takes 1.1 GiB
 and 5 s in the slowest format, OFF; 1 GiB and 1.5 to 2 s as STL, OBJ or COLLADA."""
 

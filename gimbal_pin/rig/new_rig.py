@@ -82,7 +82,8 @@ def propose_config(rig: Rig, folder: Path) -> str:
             (link for link in _select_by_words(links, _MOUNT_WORDS) if _count_joints_above(rig, link) >= high),
             rig.links[-1],
         )
-    motors, limits = [], []
+    motors = []
+    limits = []
     for joint, motor, limit in zip(rig.joints, rig.motors, rig.limits):
         stated = {key: repr(value) for key, value in vars(motor).items() if value != getattr(Motor(), key)}
         motors.append(_format_joint(joint, stated, _MOTOR_EXAMPLE))

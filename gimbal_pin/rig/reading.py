@@ -31,7 +31,8 @@ _WORD_PATTERN = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+|[^\W\d_]+")
 _PREFIX = "tag:yaml.org,2002:"
 _TEXT_TAG = f"{_PREFIX}str"
 _COLLECTION_TAGS = (None, "!", f"{_PREFIX}seq", f"{_PREFIX}map")
-_CONSTRUCTOR, _RESOLVER = yaml.constructor.SafeConstructor(), yaml.resolver.Resolver()
+_CONSTRUCTOR = yaml.constructor.SafeConstructor()
+_RESOLVER = yaml.resolver.Resolver()
 _SCALARS = {
     f"{_PREFIX}{kind}": getattr(yaml.constructor.SafeConstructor, f"construct_yaml_{kind}")
     for kind in ("null", "bool", "int", "float", "str")
@@ -103,7 +104,9 @@ def read_yaml(path: str | Path, kind: type[GimbalPinError] = UsageError) -> Any:
 
 def _build_value(events: Iterable[yaml.Event]) -> Any:
     """Return what a stream of YAML events spells; `yaml.MarkedYAMLError` where that is no plain value, or too much."""
-    ahead, anchors, count = iter(events), dict[str, tuple[Any, int]](), 0
+    ahead = iter(events)
+    anchors = dict[str, tuple[Any, int]]()
+    count = 0
 
     def built(event: Any, depth: int) -> Any:
         nonlocal count
@@ -156,7 +159,8 @@ def _build_scalar(event: yaml.ScalarEvent) -> Any:
     """Return a text, number, boolean or null; what YAML 1.1 takes for a date or a merge is a text."""
     if "\0" in event.value:  # no path, name or unit has one, and the system refuses it
         raise _refuse("a NUL character", event.start_mark)
-    tag, short = event.tag, len(event.value) <= LONGEST_NUMBER
+    tag = event.tag
+    short = len(event.value) <= LONGEST_NUMBER
     if tag in (None, "!"):
         tag = _RESOLVER.resolve(yaml.ScalarNode, event.value, event.implicit) if short else _TEXT_TAG
         tag = tag if tag in _SCALARS else _TEXT_TAG

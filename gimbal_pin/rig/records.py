@@ -71,7 +71,8 @@ def read_fields(kind: Any, data: Any, place: str, error: type[GimbalPinError], o
 
 def convert_value(kind: Any, x: Any, place: str, error: type[GimbalPinError], bounds: Bounds = _ANY) -> Any:
     """Return a plain value converted to its annotation."""
-    form, inner = get_origin(kind), get_args(kind)
+    form = get_origin(kind)
+    inner = get_args(kind)
     if kind is Any:
         return x
     if form in (Union, UnionType):

@@ -247,7 +247,8 @@ def build_rig(
     model = to_pinocchio(text, place)
     sound, notes = mend_inertias(text, model, place, mend)
     element = urdf.parse_robot(sound, place)
-    joints, links = tuple(model.names[1:]), urdf.list_element_names(element, "link")
+    joints = tuple(model.names[1:])
+    links = urdf.list_element_names(element, "link")
     for key in (*config.motors, *config.limits):
         if key not in joints and key not in config.fixed:
             raise RigError(stated, f"speaks of joint '{key}', which the rig has not", f"joints: {', '.join(joints)}")
@@ -259,12 +260,14 @@ def build_rig(
         if link not in links:
             raise RigError(stated, f"speaks of link '{link}', which the rig has not", f"links: {', '.join(links)}")
     if config.optical_axis != "x":
-        turned, at = f"{camera}_sight", pin.SE3(_SIGHT_ROTATIONS[config.optical_axis], np.zeros(3))
+        turned = f"{camera}_sight"
+        at = pin.SE3(_SIGHT_ROTATIONS[config.optical_axis], np.zeros(3))
         while turned in links:
             turned += "_"
         etree.SubElement(element, "link", name=turned)
         urdf.add_joint(element, f"{turned}_joint", "fixed", camera, turned, at)
-        camera, sound = turned, urdf.to_text(element)
+        camera = turned
+        sound = urdf.to_text(element)
     if sound != text:
         model = to_pinocchio(sound, place)
     config = replace(config, motors=overlay_config(Config(motors=_read_transmissions(element, joints)), config).motors)
@@ -316,7 +319,8 @@ def _read_transmissions(robot: etree._Element, joints: tuple[str, ...]) -> dict[
         moved = [joint.get("name") for joint in transmission.findall("joint")]
         if len(moved) != 1 or moved[0] not in joints or len(transmission.findall("actuator")) != 1:
             continue
-        ratio, found = 1.0, dict[str, float]()
+        ratio = 1.0
+        found = dict[str, float]()
         for element in transmission.iterdescendants(etree.Element):
             value = abs(parse_decimal((element.get("value") or element.text or "").strip()) or 0.0)
             tag = etree.QName(element).localname.replace("_", "").lower()
@@ -375,7 +379,8 @@ def _read_limits(joint: etree._Element, override: Mapping[str, float], place: st
     An effort or velocity of 0 counts as not stated: it is what exporters write who do not know it. One of 1e16 or more,
     SDF's word for no limit, is infinite.
     """
-    limit, every = joint.find("limit"), dict[str, float]()
+    limit = joint.find("limit")
+    every = dict[str, float]()
     for key in ("effort", "velocity", "lower", "upper") if limit is not None else ():
         value = limit.get(key)
         is_end = key in ("lower", "upper")

@@ -50,7 +50,8 @@ def parse_xml(text: str, place: str) -> etree._Element:
     except etree.XMLSyntaxError as error:
         raise RigError(f"{place}:{error.lineno}", f"is not XML: {error.msg}", "mend the file there") from error
     if (crowded := next((one for one in root.iter() if len(one.attrib) > _MOST_ATTRIBUTES), None)) is not None:
-        where, what = f"{place}:{crowded.sourceline}", f"<{crowded.tag}> has more than {_MOST_ATTRIBUTES} attributes"
+        where = f"{place}:{crowded.sourceline}"
+        what = f"<{crowded.tag}> has more than {_MOST_ATTRIBUTES} attributes"
         raise RigError(where, what, "take out what describes no rig")
     if root.getroottree().docinfo.doctype:
         raise RigError(place, "declares a document type, whose entities readers take differently", "take it out")
@@ -121,7 +122,8 @@ def find_reached_links(robot: etree._Element, root: str) -> set[str]:
     below: dict[str, list[str]] = {}
     for joint in robot.findall("joint"):
         below.setdefault(joint.find("parent").get("link"), []).append(joint.find("child").get("link"))
-    links, fresh = {root}, [root]
+    links = {root}
+    fresh = [root]
     while fresh:
         fresh = [child for parent in fresh for child in below.get(parent, ()) if child not in links]
         links.update(fresh)

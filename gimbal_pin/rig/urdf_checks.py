@@ -61,7 +61,8 @@ def check_names(robot: etree._Element, place: str, fixed: Collection[str] = ()) 
 
     `fixed`: joints that the YAML fixes; those that mimic others are fixed, too.
     """
-    links, joints = robot.findall("link"), robot.findall("joint")
+    links = robot.findall("link")
+    joints = robot.findall("joint")
     for element in (robot, *links, *joints):
         name = element.get("name", "")
         where = f"{place}:{element.sourceline}"
@@ -151,7 +152,8 @@ def check_joints(robot: etree._Element, place: str) -> None:
     """Raise `RigError` unless a joint moves, each with a usable axis, ordered limits and real friction."""
     joints = robot.findall("joint")
     for joint in joints:
-        where, kind = f"{place}: joint '{joint.get('name')}'", joint.get("type")
+        where = f"{place}: joint '{joint.get('name')}'"
+        kind = joint.get("type")
         if kind == "fixed":
             continue
         if kind not in MOVABLE:
@@ -182,7 +184,8 @@ def is_weightless(inertial: etree._Element, is_fixed: bool) -> bool:
     Exporters write such a mass for frames, often with a token inertia. The inertia of a link that is fixed to another
     (`is_fixed`) is therefore not looked at.
     """
-    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    mass = inertial.find("mass")
+    inertia = inertial.find("inertia")
     if mass is None or not 0 <= float(mass.get("value")) < _LIGHTEST:
         return mass is None and inertia is None
     return is_fixed or inertia is None or bool(np.abs(read_inertia(inertia)).max() < _LIGHTEST)
@@ -194,7 +197,8 @@ def check_inertial(link: etree._Element, place: str) -> None:
     if inertial is None:
         return
     where = f"{place}:{inertial.sourceline}: link '{link.get('name')}'"
-    mass, inertia = inertial.find("mass"), inertial.find("inertia")
+    mass = inertial.find("mass")
+    inertia = inertial.find("inertia")
     if mass is None or not float(mass.get("value")) > 0:
         stated = "no mass" if mass is None else f"mass {mass.get('value')}"
         raise RigError(where, f"has {stated}", "give a positive mass in kg, or leave <inertial> out")

@@ -60,7 +60,8 @@ class Desk:
 
         What depends on the model alone is worked out once for all wishes; the residual is then the same object.
         """
-        subject, gimbal = self.find_subject(state), self.gimbal
+        subject = self.find_subject(state)
+        gimbal = self.gimbal
         unwished = replace(state, bandwidth_hz=None, disk_margin=None, delay=None)
         if gimbal is None or gimbal[0] != unwished:
             basis = TuningBasis(build_model(subject, state))

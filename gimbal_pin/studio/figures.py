@@ -72,7 +72,8 @@ def simulate_pointing(subject: Subject, state: StudioState, tuning: Tuning) -> P
     delay = tuning.wish.holding_samples
     recipe = replace(subject.recipe, model=tuning.model, law=tuning.controller, delay=delay)
     rng = np.random.default_rng([subject.seed, 1])
-    holder, plant = recipe.pointer(BASELINE if tuning.wish.kind == "pid" else OURS), build_plant(subject, state)
+    holder = recipe.pointer(BASELINE if tuning.wish.kind == "pid" else OURS)
+    plant = build_plant(subject, state)
     seconds = float(subject.platform.t[-1])
     run = simulate_holding(plant, holder, subject.platform, rng=rng, seconds=seconds, delay=delay)
     return PointingFigure(run, run.jitter[0])

@@ -80,12 +80,15 @@ def list_colours(rig: Rig) -> dict[str, str]:
 
 def build_nyquist_options(tuning: Tuning) -> Options:
     """Return Nyquist's diagram of every loop, with the disk that all keep clear of."""
-    colours, lines = list_colours(tuning.model.rig), []
+    colours = list_colours(tuning.model.rig)
+    lines = []
     for curve, dashes in zip(tuning.loop_curves, nest_dashes(len(tuning.loop_curves))):
         near = np.abs(curve.response) < 30
-        name, colour = ", ".join(curve.joints), colours[curve.joints[0]]
+        name = ", ".join(curve.joints)
+        colour = colours[curve.joints[0]]
         for ratio in sorted({*curve.ratios}):
-            real, imaginary = ratio * curve.response.real[near], ratio * curve.response.imag[near]
+            real = ratio * curve.response.real[near]
+            imaginary = ratio * curve.response.imag[near]
             thin = ratio != 1.0
             look: Options = {"width": 0.6} if thin else {"dashes": dashes}
             lines.append(build_line("" if thin else name, real, imaginary, colour, **look))
@@ -135,9 +138,11 @@ def build_residual_options(found: ResidualFigure, rig: Rig) -> Options:
 
 def build_log_options(logs: Sequence[Log], rig: Rig, judged: tuple[float, float] | None) -> Options:
     """Return the angles of logs over time, s, one after another; what judges stands on a darker ground."""
-    joints, lines = list_shown_joints(rig), []
+    joints = list_shown_joints(rig)
+    lines = []
     for log, start in zip(logs, list_ends(logs)):
-        t, points = log.t - log.t[0] + start, max(600 // len(logs), 100)
+        t = log.t - log.t[0] + start
+        points = max(600 // len(logs), 100)
         for joint, column in zip(joints, log.q[:, log.columns(rig)].T):
             lines.append(build_line(joint.name, t, joint.scale * column, joint.colour, points))
     ends = [] if judged is None else [[{"xAxis": judged[0]}, {"xAxis": judged[1]}]]
@@ -150,8 +155,10 @@ def build_log_options(logs: Sequence[Log], rig: Rig, judged: tuple[float, float]
 
 def build_table(tuning: Tuning, residual: ResidualFigure | None) -> Table:
     """Return the bandwidth and margins of every joint, and its residual where there is a log."""
-    rig, shown = tuning.model.rig, [name for name in tables.MARGINS if name not in ("Crossover", "Gain margin")]
-    head, rows = ["Joint", "Bandwidth", *shown], list[list[Content]]()
+    rig = tuning.model.rig
+    shown = [name for name in tables.MARGINS if name not in ("Crossover", "Gain margin")]
+    head = ["Joint", "Bandwidth", *shown]
+    rows = list[list[Content]]()
     for joint, bandwidth, least in zip(rig.joints, tables.bandwidths(tuning), tuning.worst):
         margins = dict(zip(tables.MARGINS, tables.margins(least, tuning.wish.disk)))
         rows.append([joint, bandwidth, *(margins[name] for name in shown)])

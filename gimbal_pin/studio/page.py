@@ -75,7 +75,8 @@ class Window:
 
     def __init__(self, desk: Desk) -> None:
         """Build the elements, without values."""
-        self.desk, self.wanted = desk, desk.history.present
+        self.desk = desk
+        self.wanted = desk.history.present
         self.subject = desk.find_subject(StudioState())
         self.tuning: Tuning | None = None
         self.drawn: StudioState | None = None
@@ -147,7 +148,8 @@ class Window:
 
     def build_choice(self, name: str) -> None:
         """Build one slider, its number, and the button that gives the choice back."""
-        handle, choice = self.handles[name], self.choices[name]
+        handle = self.handles[name]
+        choice = self.choices[name]
         with ui.element("div").classes("choice"):
             self.labels[name] = ui.label(", ".join(filter(None, (choice.label, choice.unit))))
             number = ui.number(format="%.4g")
@@ -270,7 +272,8 @@ class Window:
         self.say(f"writing {name} …")
         while self.is_drawing:
             await asyncio.sleep(0.05)
-        tuning, desk = self.tuning, self.desk
+        tuning = self.tuning
+        desk = self.desk
         if tuning is None:
             self.say("what is chosen has no controller: choose something else, or undo", is_bad=True)
             return
@@ -295,7 +298,8 @@ class Window:
         """Draw the wanted state; one that cannot be leaves the history, and the one before it is chosen again."""
         if self.is_drawing:
             return
-        self.is_drawing, refused = True, {}
+        self.is_drawing = True
+        refused = {}
         try:
             while self.drawn != self.wanted:
                 state = self.wanted
@@ -342,7 +346,8 @@ class Window:
             shown = {"series": []} if pointing is None else options.build_pointing_options(pointing)
             said = "" if pointing is None else options.describe_jitter(pointing)
         except GimbalPinError as error:
-            shown, said = {"series": []}, str(error)
+            shown = {"series": []}
+            said = str(error)
         self.put("pointing", shown)
         self.jitter.set_content(Markup('<p>jitter <b data-figure="jitter">{}</b></p>').format(said) if said else "")
         self.say("")
@@ -351,7 +356,8 @@ class Window:
 
     def draw_loops(self, state: StudioState, tuning: Tuning, residual: ResidualFigure | None) -> None:
         """Show the loops, the residual, and what is chosen."""
-        rig, source = self.subject.rig, self.desk.source
+        rig = self.subject.rig
+        source = self.desk.source
         self.title.set_content(Markup("{}").format(rig.title))
         self.put("nyquist", options.build_nyquist_options(tuning))
         self.put("step", options.build_step_options(tuning))
@@ -359,7 +365,8 @@ class Window:
             if residual is not self.residual:
                 self.put("residual", options.build_residual_options(residual, rig))
             self.residual = residual
-            is_new, marked = "series" not in self.charts["log"].options, options.find_judged(source, state)
+            is_new = "series" not in self.charts["log"].options
+            marked = options.find_judged(source, state)
             if is_new or marked != self.marked:
                 self.put("log", options.build_log_options(source.logs, rig, marked))
                 self.marked = marked
@@ -425,7 +432,8 @@ class Window:
         """Return the value that holds, which may be less than was chosen; None: nothing is drawn yet."""
         value = getattr(self.wanted, name)
         if self.tuning is not None and name not in ("x", "y", "z", "mass"):
-            wish, hertz = self.tuning.wish, max(self.tuning.bandwidth_hz)
+            wish = self.tuning.wish
+            hertz = max(self.tuning.bandwidth_hz)
             value = {"bandwidth_hz": hertz, "disk_margin": wish.disk, "delay": wish.delay}[name]
         elif name == "mass" and value is None:
             value = weigh_payload(self.subject)

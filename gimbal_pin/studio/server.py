@@ -66,7 +66,8 @@ def log_in_one_line() -> None:
     handler.setFormatter(OneLineFormatter())
     for name in ("nicegui", "asyncio", "socketio", "engineio"):
         logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [handler], False
+        logger.handlers = [handler]
+        logger.propagate = False
 
 
 def check_nicegui() -> None:
@@ -93,7 +94,8 @@ def serve_desk(desk: Desk, announce: Callable[[str], object]) -> None:
 
     from gimbal_pin.studio.page import open_window
 
-    token, app = secrets.token_urlsafe(), FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    token = secrets.token_urlsafe()
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
 
     def draw_scene(payload: str | None = None) -> HTMLResponse:
         """Answer with the scene, or 404 for a payload that cannot be mounted."""

@@ -78,7 +78,8 @@ class StudioState:
         Raises:
             UsageError: There is no such choice, or its value is out of bounds.
         """
-        known, sliders = {one.name: one.default for one in fields(self)}, list_sliders()
+        known = {one.name: one.default for one in fields(self)}
+        sliders = list_sliders()
         if name not in known:
             raise UsageError("studio", f"has no '{name}'", f"move {', '.join(known)}")
         if name in sliders:

@@ -93,7 +93,10 @@ def prepare_subject(
     Raises:
         GimbalPinError: A payload cannot be mounted, or the logs do not show the parameters.
     """
-    rig, logs, model, filters = source.rig, source.logs, source.model, source.filtering
+    rig = source.rig
+    logs = source.logs
+    model = source.model
+    filters = source.filtering
     parts = logs if judged is None or not logs else split_at(logs, *judged)
     how = None if parts is logs else f"log:{len(parts)}"
     if model is None:
@@ -105,10 +108,12 @@ def prepare_subject(
     if payload is not None:
         other = mount_payload(rig, payload)
         is_stated = source.model is None and not logs
-        model, rig = nominal(other) if is_stated else transfer_bodies(model, rig, other), other
+        model = nominal(other) if is_stated else transfer_bodies(model, rig, other)
+        rig = other
     if reason := unable(rig, WANTED):
         return Subject(rig, model, evidence, None, None, reason)
-    recipe, platform = learn_recipe(rig, None, Station.of(rig), model), draw_profile(rig, source.seconds, source.seed)
+    recipe = learn_recipe(rig, None, Station.of(rig), model)
+    platform = draw_profile(rig, source.seconds, source.seed)
     return Subject(rig, model, evidence, recipe, platform, seed=source.seed)
 
 
@@ -130,7 +135,8 @@ def find_marked_log(logs: Sequence[Log], first: float, last: float) -> int:
 def split_at(logs: Sequence[Log], first: float, last: float) -> tuple[Log, ...]:
     """Return what trains, and as the last the part of one log between two times on the axis of `list_ends`."""
     k = find_marked_log(logs, first, last)
-    log, others = logs[k], (*logs[:k], *logs[k + 1 :])
+    log = logs[k]
+    others = (*logs[:k], *logs[k + 1 :])
     begin, end = np.searchsorted(log.t - log.t[0] + list_ends(logs)[k], [first, last]).tolist()
     around = [log.part(part) for part in (slice(0, begin), slice(end, None)) if len(log.t[part]) > 1]
     if end - begin < 2 or not (around or others):
@@ -201,7 +207,9 @@ def tune_state(subject: Subject, state: StudioState, basis: TuningBasis | None =
     `basis`: what is known of the state's model; None: it is worked out.
     """
     basis = basis or TuningBasis(build_model(subject, state))
-    hertz, margin, delay = state.bandwidth_hz, state.disk_margin, state.delay
+    hertz = state.bandwidth_hz
+    margin = state.disk_margin
+    delay = state.delay
     return tune(basis.model, bandwidth_hz=hertz, disk_margin=margin, delay=delay, basis=basis)
 
 

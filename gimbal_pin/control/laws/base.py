@@ -220,7 +220,8 @@ class JointPid:
 
     def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
-        error, rate = self.outer.compute_error(reference.q, q), (reference.v - v).tolist()
+        error = self.outer.compute_error(reference.q, q)
+        rate = (reference.v - v).tolist()
         integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
         wanted = [inertia * y for inertia, y in zip(self.inertia, self.outer.feedback(error, integral, rate))]
         kept = self.outer.integrated(memory.integral, integral, error, wanted)

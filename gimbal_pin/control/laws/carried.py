@@ -97,7 +97,8 @@ class CarriedTorque:
 
     def torque(self, t: float, q: Array, v: Array, reference: Aim, memory: Any) -> tuple[Array, CarriedMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
-        error, rate = self.outer.compute_error(reference.q, q), (reference.v - v).tolist()
+        error = self.outer.compute_error(reference.q, q)
+        rate = (reference.v - v).tolist()
         integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
         feedback = self.outer.feedback(error, integral, rate)
         if self.robust is not None:
@@ -137,7 +138,8 @@ class CarriedTorque:
         wanted = there.a.tolist()
         y = [a + f for a, f in zip(wanted, feedback)]
         tau = self.workspace.rnea(there, y)
-        friction, v = self.friction, there.v.tolist()
+        friction = self.friction
+        v = there.v.tolist()
         slide = compute_direction(there.v, there.a, self.dt).tolist()
         rows = zip(tau, friction.constant, slide, friction.per_slide, v, friction.per_rate)
         tau = [rigid + c + s * dry + rate * viscous for rigid, c, s, dry, rate, viscous in rows]
@@ -157,14 +159,21 @@ class Workspace:
     def __init__(self, model: Model) -> None:
         """Take the model's rig; what its terms add per acceleration stays with the terms."""
         self.pin, self.n = model.rig.floating, model.rig.n
-        self.data, self.own = self.pin.createData(), model.rig.model
+        self.data = self.pin.createData()
+        self.own = model.rig.model
         self.fixed = self.own.createData()
         n = self.n
-        self.q, self.v, self.a = np.zeros(7 + n), np.zeros(6 + n), np.zeros(6 + n)
+        self.q = np.zeros(7 + n)
+        self.v = np.zeros(6 + n)
+        self.a = np.zeros(6 + n)
         self.q[6] = 1.0
         # Views of what changes in them: to fill these costs less than to make new arrays.
-        self.angles, self.turning, self.joints = self.q[7:], self.v[3:6], self.v[6:]
-        self.force, self.swing, self.driven = self.a[:3], self.a[3:6], self.a[6:]
+        self.angles = self.q[7:]
+        self.turning = self.v[3:6]
+        self.joints = self.v[6:]
+        self.force = self.a[:3]
+        self.swing = self.a[3:6]
+        self.driven = self.a[6:]
 
     def rnea(self, there: Ahead, y: Sequence[float]) -> list[float]:
         """Rigid torque with the joints accelerating by y, rad/s², N m."""

@@ -92,6 +92,7 @@ def compute_disk(margin: float) -> Array:
     """Points on the edge of the disk around -1 that the loop gain may not enter, for a balanced disk margin, (m, 2)."""
     if not 0 < margin < 2:
         return np.zeros((0, 2))
-    near, far = (1 - margin / 2) / (1 + margin / 2), (1 + margin / 2) / (1 - margin / 2)
+    near = (1 - margin / 2) / (1 + margin / 2)
+    far = (1 + margin / 2) / (1 - margin / 2)
     angle = np.linspace(0, 2 * pi, 200)
     return np.column_stack([np.cos(angle), np.sin(angle)]) * (far - near) / 2 - [(near + far) / 2, 0.0]

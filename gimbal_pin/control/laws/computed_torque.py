@@ -75,7 +75,8 @@ class Robust:
     ) -> list[float]:
         """Return w per joint, rad/s²."""
         z = [a * s + b * e + c * r for (a, b, c), s, e, r in zip(self.rows, integral, error, rate)]
-        size, length = self.size(ahead, feedback), hypot(*z)
+        size = self.size(ahead, feedback)
+        length = hypot(*z)
         share = self.gain if self.gain * length <= size else size / length
         return [share * x for x in z]
 
@@ -97,7 +98,8 @@ def lyapunov(gains: Sequence[Pid]) -> Array:
     out = np.zeros((len(gains), 3, 3))
     for P, pid in zip(out, gains):
         part = slice(0 if pid.integrates else 1, 3)
-        A, Q = error_system(pid)[part, part], weight(pid)[part, part]
+        A = error_system(pid)[part, part]
+        Q = weight(pid)[part, part]
         P[part, part] = solve_continuous_lyapunov(A.T, -Q)
     return out
 
@@ -158,7 +160,8 @@ class ComputedTorque:
 
     def torque(self, t: float, q: Array, v: Array, reference: Reference, memory: LawMemory) -> tuple[Array, LawMemory]:
         """Return the torque, N m, (n,), within the limits, and the next memory."""
-        error, rate = self.outer.compute_error(reference.q, q), (reference.v - v).tolist()
+        error = self.outer.compute_error(reference.q, q)
+        rate = (reference.v - v).tolist()
         integral = [s + self.dt * e for s, e in zip(memory.integral, error)]
         feedback = self.outer.feedback(error, integral, rate)
         now = reference.a.tolist()
@@ -178,8 +181,10 @@ class ComputedTorque:
     def inverse(self, t: float, q: Array, v: Array, y: Sequence[float], sliding: Sequence[float]) -> list[float]:
         """Torque of the model at measured q, v, with accelerations y and terms at the rates `sliding`, N m."""
         rigid = self.rigid(q, v, y)
-        still, out = self.still, []
-        weight, own = rigid, self.model.rig.model
+        still = self.still
+        out = []
+        weight = rigid
+        own = self.model.rig.model
         if self.model.weighed:
             weight = pin.computeGeneralizedGravity(own, self.workspace, q).tolist()
         for terms, angle, a, rate, tau, pull in zip(self.model.by_joint, q.tolist(), y, sliding, rigid, weight):

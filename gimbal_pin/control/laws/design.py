@@ -268,7 +268,8 @@ def refused(wish: Wish, rows: Sequence[JointWish]) -> tuple[str, str]:
     unsure = min(every) < max(every)
     what += f" and {digits(min(every), 2)} to {digits(max(every), 2)} times the believed gain" if unsure else ""
     other = replace(wish, damping=max(DAMPED, wish.damping), integral=0.0)
-    here, there = most(wish), most(other)
+    here = most(wish)
+    there = most(other)
     mend = f"ask for that, or with damping={other.damping:g}, integral=0 for up to {floor(100 * there) / 100:g}"
     mend += ", or identify the inertias better" if unsure else ""
     return f"{what} is {floor(100 * here) / 100:g}", mend if there > here else "ask for that"

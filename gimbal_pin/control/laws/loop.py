@@ -55,7 +55,8 @@ def sampled_plant(dt: float, delay: float) -> tuple[Array, Array]:
     if late:  # the older input still acts during the first `rest` s of the interval
         taps.append(np.array([rest**2 / 2 + rest * first, rest]))
     m = len(taps) - 1
-    A, B = np.zeros((2 + m, 2 + m)), np.zeros((2 + m, 1))
+    A = np.zeros((2 + m, 2 + m))
+    B = np.zeros((2 + m, 1))
     A[:2, :2] = [[1.0, dt], [0.0, 1.0]]
     B[:2, 0] = taps[0]
     for k, tap in enumerate(taps[1:]):
@@ -71,10 +72,12 @@ def driven(plant: tuple[Array, Array], drive: Sequence[Signal], dt: float) -> tu
     A, B = plant
     for signal in reversed([s for s in drive if s.linear]):
         own, into, out, through = signal.matrices(dt)
-        n, m = len(A), len(own)
+        n = len(A)
+        m = len(own)
         grown = np.zeros((n + m, n + m))
         grown[:n, :n], grown[n:, n:], grown[:n, n:] = A, own, B * out
-        A, B = grown, np.vstack([through * B, into[:, None]])
+        A = grown
+        B = np.vstack([through * B, into[:, None]])
     return A, B
 
 
@@ -103,7 +106,8 @@ def sampled_loop(
     C[0, :2] = gains.kp + gains.ki * dt, gains.kd
     C[0, -1] = gains.ki
     if not gains.integrates:  # an integrator that nothing reads would count as an unstable mode
-        A, C = A[:-1, :-1], C[:, :-1]
+        A = A[:-1, :-1]
+        C = C[:, :-1]
         return control.ss(A, B, gain * C, 0.0, dt)
     return control.ss(A, np.vstack([B, [[0.0]]]), gain * C, 0.0, dt)
 
@@ -126,7 +130,8 @@ def responses(loop: control.StateSpace, omega: Array) -> Array:
     """
     T, U = schur(loop.A, output="complex")
     z = np.exp(1j * omega * loop.dt)
-    into, out = U.conj().T @ loop.B[:, 0], loop.C[0] @ U
+    into = U.conj().T @ loop.B[:, 0]
+    out = loop.C[0] @ U
     states = np.zeros((len(T), len(z)), dtype=complex)
     for k in reversed(range(len(T))):
         states[k] = (into[k] + T[k, k + 1 :] @ states[k + 1 :]) / (z - T[k, k])

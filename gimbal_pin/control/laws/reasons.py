@@ -59,7 +59,8 @@ def about_loops(
     model: Model, wish: Wish, granted: Sequence[float], found: Sequence[Margins], least: Sequence[Margins] | None
 ) -> list[GainReason]:
     """Say why the bandwidths and gains are what they are; `least`: the worst margins of all draws, if any."""
-    joints, rows = model.rig.joints, zip(wish.per_joint(model.rig), granted, found, model.drives)
+    joints = model.rig.joints
+    rows = zip(wish.per_joint(model.rig), granted, found, model.drives)
     reasons = group_reasons(
         joints, [about_bandwidth(asked, hz, margins, wish, drive) for asked, hz, margins, drive in rows]
     )
@@ -139,7 +140,8 @@ def warn_of_haste(model: Model, wish: Wish) -> list[str]:
     late = max(known.lags, default=0.0) if known is not None else 0.0
     if known is None or wish.delay + wish.dt / 2 >= late:
         return []
-    joint, stated = model.rig.joints[known.lags.index(late)], f"a delay of {digits(1e3 * wish.delay, 2)} ms was stated"
+    joint = model.rig.joints[known.lags.index(late)]
+    stated = f"a delay of {digits(1e3 * wish.delay, 2)} ms was stated"
     shown = f"the logs show {joint}'s torque to act {digits(1e3 * late, 2)} ms late"
     return [f"{stated}, and {shown}: the loop may have less margin than stands here; leave --delay out, or measure it"]
 
@@ -182,16 +184,19 @@ def list_compensated(model: Model, kind: str) -> list[tuple[str, str | None]]:
 
 def about_compensation(model: Model, kind: str) -> list[GainReason]:
     """Say what of the model, beside its inertias and plain friction, the control law makes up for; one line at most."""
-    found, what = list_compensated(model, kind), "compensated:"
+    found = list_compensated(model, kind)
+    what = "compensated:"
     if kind == "pid":
-        found, what = list(dict.fromkeys((s.name, s.joint) for s in model.drive)), "the margins include"
+        found = list(dict.fromkeys((s.name, s.joint) for s in model.drive))
+        what = "the margins include"
     named = ", ".join(f"{name} at {place}" for name, place in found)
     return [GainReason(f"{what} {named}")] if named else []
 
 
 def about_inertia(nominal: float, ratios: Sequence[float], unit: str) -> GainReason:
     """Say how the inertia changes with the pose under a PID."""
-    low, high = nominal / max(ratios), nominal / min(ratios)
+    low = nominal / max(ratios)
+    high = nominal / min(ratios)
     span = f"from {digits(low)} to {digits(high)} {unit}"
     return GainReason(f"the inertia goes {span} with the pose; the margins are the worst of them")
 

@@ -72,7 +72,8 @@ def home(rig: Rig) -> Array:
 
 def compute_inertia(model: Model, q: Array) -> Array:
     """``D(q)``, (N, n, n), with what the terms add to its diagonal (a rotor's inertia)."""
-    rig, data = model.rig, model.rig.model.createData()
+    rig = model.rig
+    data = model.rig.model.createData()
     out = np.empty((len(q), rig.n, rig.n))
     for row, angles in zip(out, q):
         upper = np.triu(pin.crba(rig.model, data, angles))
@@ -97,7 +98,8 @@ def bounds(model: Model, rng: np.random.Generator) -> ModelErrorBounds:
         shares = f"{100 * STATED_ALPHA:.0f} % of inertia, {100 * STATED_PHI:.0f} % of the rest"
         source = f"no covariance of its parameters: {shares} assumed"
         return ModelErrorBounds(STATED_ALPHA, float(STATED_PHI * load), largest, source)
-    deviation, places = known[0].covariance, known[1]
+    deviation = known[0].covariance
+    places = known[1]
     draws = draw_changes(deviation, SETS, rng)
     alpha, phi = (float(np.quantile(x, 0.95)) for x in bound_drawn_models(model, places, q, v, D, draws))
     source = f"from the estimated covariance, {SETS} parameter sets at {len(q)} poses, 95 %"
@@ -112,13 +114,15 @@ def draw_changes(covariance: Array, count: int, rng: np.random.Generator) -> Arr
     """
     std = np.sqrt(np.diag(covariance))
     unit = np.where(std > 0, std, 1.0)
-    correlation, zero = covariance / np.outer(unit, unit), np.zeros(len(std))
+    correlation = covariance / np.outer(unit, unit)
+    zero = np.zeros(len(std))
     return np.asarray(std * rng.multivariate_normal(zero, correlation, count, method="eigh", check_valid="ignore"))
 
 
 def bound_drawn_models(model: Model, places: Array, q: Array, v: Array, D: Array, draws: Array) -> tuple[Array, Array]:
     """α and Φ of each drawn parameter set, (sets,) each: the largest over the poses."""
-    rest, push = columns(model, places, q, v, np.zeros_like(q)), pushes(model, places, q, v)
+    rest = columns(model, places, q, v, np.zeros_like(q))
+    push = pushes(model, places, q, v)
     eye = np.eye(q.shape[1])
     errors = []
     for draw in draws:
@@ -139,7 +143,8 @@ def pushes(model: Model, places: Array, q: Array, v: Array) -> Array:
 def columns(model: Model, places: Array, q: Array, v: Array, a: Array, platform: Platform | None = None) -> Array:
     """Torque per unit of each estimated parameter, (N, n, k): base columns, then the terms' own bases."""
     rig = model.rig
-    tau, parts = compute_rnea(rig, q, v, a, platform), [compute_regressor(rig, q, v, a, platform)[:, :, places]]
+    tau = compute_rnea(rig, q, v, a, platform)
+    parts = [compute_regressor(rig, q, v, a, platform)[:, :, places]]
     weight = model.weight(q, platform)
     for term in model.terms:
         j = rig.joint_index(term.effect.joint)
@@ -194,7 +199,8 @@ def draw_inertia_ratios(model: Model, kind: str, rng: np.random.Generator) -> Ra
     known = estimate(model)
     if known is None:
         return None
-    covariance, places = known[0].covariance, known[1]
+    covariance = known[0].covariance
+    places = known[1]
     q, _ = sample_poses(model.rig, VARIED if kind == "pid" else EXAMINED_POSES)
     believed = np.diagonal(compute_inertia(model, q), axis1=1, axis2=2)
     sets = draw_changes(covariance, DRAWN_MODELS, rng)
@@ -222,7 +228,8 @@ def draw_model(model: Model, rng: np.random.Generator) -> Model:
     known = estimate(model)
     if known is None:
         return replace(model, estimated=None)
-    covariance, (q, _) = known[0].covariance, sample_poses(model.rig)
+    covariance = known[0].covariance
+    (q, _) = sample_poses(model.rig)
     change = draw_changes(covariance, 1, rng)[0]
     for share in (*0.5 ** np.arange(10), 0.0):
         found = change_parameters(model, share * change)
@@ -236,7 +243,9 @@ def change_parameters(model: Model, change: Array) -> Model:
     known = estimate(model)
     if known is None:
         return replace(model, estimated=None)
-    phi, places, terms = model.rig.phi.copy(), known[1], []
+    phi = model.rig.phi.copy()
+    places = known[1]
+    terms = []
     phi[places] += change[: len(places)]
     rest = change[len(places) :]
     for term in model.terms:

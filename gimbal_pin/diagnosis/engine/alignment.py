@@ -92,5 +92,6 @@ def align_torques(evidence: Evidence, causes: tuple[Cause, ...], modelled: Calla
         to = bound_shifts(late + later_by(state)) * free
         if np.max(np.abs(to - late)) < LAGS_WITHIN:
             break
-        late, state = to, modelled(retimed(evidence, to))
+        late = to
+        state = modelled(retimed(evidence, to))
     return state

@@ -100,7 +100,8 @@ def exceeds_form_error(state: State, other: State) -> bool:
     predicts, T_k what only its cause k explains, unless the model has but other pieces of it. Nature has more forms
     than a library, of the rigid model and of every cause.
     """
-    n, total = len(other.fit.scale), other.problem.evidence.whiten_all(other.torque)
+    n = len(other.fit.scale)
+    total = other.problem.evidence.whiten_all(other.torque)
     before, after = (one.fit.residual.reshape(-1, n) / one.fit.scale for one in (other, state))
     pieced = [one for one in state.causes if one.pieces]
     whole = [one for one in other.causes if not any(same(one, x) and one.pieces != x.pieces for x in pieced)]
@@ -121,7 +122,9 @@ def compare_with_form_error(
         after: R.
         signals: A share each and the torque, (rows, n), of which an error is that share: s is the sum of their powers.
     """
-    gained, allowed, first = np.zeros(before.shape[1]), np.zeros(before.shape[1]), 0
+    gained = np.zeros(before.shape[1])
+    allowed = np.zeros(before.shape[1])
+    first = 0
     for part in evidence.parts:
         rows = slice(first, first + part.rows)
         first += part.rows
@@ -152,8 +155,10 @@ def supported(state: State, cause: Cause) -> bool:
         bounded = [*zip(cause.coefficients, values), *((p, p.value) for p in cause.shown(values))]
         return all(p.lower <= x <= p.upper for p, x in bounded)
     if isinstance(cause, Signal):
-        problem, j = state.problem, state.problem.evidence.rig.joint_index(cause.joint)
-        row, b = problem.motion.inertia[j], len(problem.reduction.independent)
+        problem = state.problem
+        j = state.problem.evidence.rig.joint_index(cause.joint)
+        row = problem.motion.inertia[j]
+        b = len(problem.reduction.independent)
         std = float(np.sqrt(row @ state.fit.information[:b, :b] @ row))
         given = float(row @ given_beta(problem.evidence.rig, problem.reduction))
         return float(row @ state.fit.theta[:b]) + 2 * std > LIGHTEST * given

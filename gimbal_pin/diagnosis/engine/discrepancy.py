@@ -43,7 +43,8 @@ def features(evidence: Evidence, torque: Sequence[Array], joint: int) -> Array:
 
 def split_by_variable(evidence: Evidence, torque: Sequence[Array], joint: int) -> dict[str, Array]:
     """Return the same apart by what they are functions of."""
-    parts, rig = evidence.parts, evidence.rig
+    parts = evidence.parts
+    rig = evidence.rig
     way = [part.slide[:, joint] for part in parts]
     variables = {
         "over its angle": (angles(evidence, joint), ANGLE_BUMPS, True),
@@ -92,14 +93,17 @@ def unseen(
         block: Block of each row, (rows,).
         ridges: λ to choose from.
     """
-    (Q, free_power), X = principal(normalise_columns(free), HARDLY * len(target)), normalise_columns(flexible)
+    (Q, free_power) = principal(normalise_columns(free), HARDLY * len(target))
+    X = normalise_columns(flexible)
     U, power = principal(X - Q @ (Q.T @ X), NEGLIGIBLE * min(ridges) * len(target))
-    fold, found = block % PREDICTION_FOLDS, list[Array]()
+    fold = block % PREDICTION_FOLDS
+    found = list[Array]()
     folds = [np.flatnonzero(fold == k) for k in np.unique(fold)]
     for ridge in ridges:
         held, shrunk = (x / (x + r * len(target)) for x, r in ((free_power, HARDLY), (power, ridge)))
         W = np.concatenate([Q * np.sqrt(held), U * np.sqrt(shrunk)], axis=1)  # the fit's hat matrix is W Wᵀ
-        left, error = target - W @ (W.T @ target), np.empty(len(target))
+        left = target - W @ (W.T @ target)
+        error = np.empty(len(target))
         for rows in folds:
             error[rows] = unleveraged(W[rows], left[rows])
         found.append(error)
@@ -153,7 +157,8 @@ def lack_of_fit(state: State, joint: int) -> Lack:
 
     They move within the same ridge: free, a few blocks would send them far off where those were left out.
     """
-    evidence, rows = state.problem.evidence, state.fit.rows(joint)
+    evidence = state.problem.evidence
+    rows = state.fit.rows(joint)
     used = float(evidence.used[joint])
     if used * evidence.rows < state.fit.stack.shape[1]:  # a joint that stands shows nothing
         return Lack(0.0, 0.0, 0.0)
@@ -161,13 +166,15 @@ def lack_of_fit(state: State, joint: int) -> Lack:
     flexible = np.concatenate([stack, features(evidence, state.torque, joint)], axis=1)
     error = unseen(stack[:, :0], flexible, residual, evidence.block)
     share = 1.0 - float(error @ error) / max(float(residual @ residual), 1e-300)
-    power, torque = max(share, 0.0) * float(np.mean(residual**2)), state.fit.target[rows] / state.fit.scale[joint]
+    power = max(share, 0.0) * float(np.mean(residual**2))
+    torque = state.fit.target[rows] / state.fit.scale[joint]
     return Lack(share, power / used, float(np.sqrt(power / max(float(np.mean(torque**2)), 1e-300))))
 
 
 def place(state: State, joint: int) -> str:
     """Return which variable δ predicts most of a joint's residual by: "over its angle", say."""
-    evidence, rows = state.problem.evidence, state.fit.rows(joint)
+    evidence = state.problem.evidence
+    rows = state.fit.rows(joint)
     residual = state.fit.residual[rows] / state.fit.scale[joint]
     free = state.fit.stack[rows] / state.fit.scale[joint]
     error = {

@@ -90,7 +90,8 @@ class Explained:
 
     def left(self, joint: int) -> float:
         """Structured power that is left at a joint over what there was before: one, where nothing was explained."""
-        was, now = self.before[joint].power, self.after[joint].power
+        was = self.before[joint].power
+        now = self.after[joint].power
         return now / was if was > 0 else float(now > 0)
 
     def rivals_of(self, cause: Cause) -> tuple[FittedRival, ...]:
@@ -185,7 +186,8 @@ def misses(state: State, drive: Signal) -> bool:
     function of the state, and δ does not see it: a knock is clipped by a limit, too.
     """
     j = state.problem.evidence.rig.joint_index(drive.joint)
-    taken, base = compute_cause_torque(state, drive)[:, j] ** 2, leave_cause_out(state, drive)
+    taken = compute_cause_torque(state, drive)[:, j] ** 2
+    base = leave_cause_out(state, drive)
     before, after = (
         float(taken @ (one.fit.residual[one.fit.rows(j)] / one.fit.scale[j]) ** 2 / max(float(taken.sum()), 1e-300))
         for one in (base, state)

@@ -58,7 +58,8 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
         candidates: Columns of all candidates in the flat problem, built from the model's torque: none of the measured
             one's noise is in them.
     """
-    evidence, now = problem.evidence, problem
+    evidence = problem.evidence
+    now = problem
     n = evidence.rig.n
     every = [[c.at(j).own for c in candidates if c.joint in (None, j)] for j in range(n)]
     flexible = [np.concatenate([*own, features(evidence, state.torque, j)], axis=1) for j, own in enumerate(every)]
@@ -66,7 +67,8 @@ def coloured(problem: Problem, state: State, candidates: Sequence[Columns]) -> P
         fitted = solve_causes(now, state.causes, state)
         power: list[list[Array]] = []
         for j in range(n):
-            rows, used = fitted.fit.rows(j), float(now.evidence.used[j])
+            rows = fitted.fit.rows(j)
+            used = float(now.evidence.used[j])
             stack, target = (x[rows] / fitted.fit.scale[j] for x in (fitted.fit.stack, fitted.fit.target))
             error = unseen(stack, now.evidence.rewhiten(flexible[j], evidence, j), target, now.evidence.block)
             noise = spectra(error, now.evidence, j, exponential)
@@ -81,7 +83,8 @@ def spectra(signal: Array, evidence: Evidence, joint: int, average: Callable[[Ar
 
     Where the band's edge takes off more than half the noise is as where it begins to: of the rest little is left.
     """
-    out, first = [], 0
+    out = []
+    first = 0
     for part in evidence.parts:
         rows = signal[first : first + part.rows]
         first += part.rows

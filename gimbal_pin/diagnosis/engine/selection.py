@@ -119,7 +119,8 @@ def promising(state: State, search: Search, tried: Collection[Names] = ()) -> li
         tried: Models that others have grown into already: those are not made again.
     """
     columns = search.library.columns(state)
-    net, least = falls(state, columns, state.fit), PROMISE * search.threshold
+    net = falls(state, columns, state.fit)
+    least = PROMISE * search.threshold
     for k in np.flatnonzero(net > least).tolist():  # what takes the torque away takes the noise with it
         if isinstance(signal := columns[k].cause, Signal):
             j = state.problem.evidence.rig.joint_index(signal.place)
@@ -142,7 +143,8 @@ def falls(state: State, candidates: Sequence[Columns], fit: Fit) -> Array:
     for kind in (True, False):
         places = np.flatnonzero(drives == kind)
         gains[places] = [one.gain for one in all_gained(fit, [candidates[k] for k in places.tolist()], kind)]
-    count, power = rows(state), [float(x @ x) for x in (fit.residual[fit.rows(j)] for j in range(len(fit.scale)))]
+    count = rows(state)
+    power = [float(x @ x) for x in (fit.residual[fit.rows(j)] for j in range(len(fit.scale)))]
     cost = np.array([sum(power) if one.joint is None else power[one.joint] for one in candidates])
     many = np.array([count.sum() if one.joint is None else count[one.joint] for one in candidates])
     left = np.maximum(1.0 - gains / np.maximum(cost, 1e-300), 1e-12)
@@ -167,7 +169,8 @@ def completed(state: State, cause: Cause, search: Search) -> Cause:
     step of the search each.
     """
     like = [one for one in search.library.columns(state) if same(one.cause, cause)]
-    used, found = state.problem.evidence.used, search.library.of(cause, state)
+    used = state.problem.evidence.used
+    found = search.library.of(cause, state)
     assert found.joint is not None
     fit = refit(state.fit, found.own, found.joint, used)
     while len(cause.pieces) < MOST_PIECES:
@@ -188,7 +191,8 @@ def together(causes: Sequence[Cause], new: Cause) -> tuple[Cause, ...]:
 
 def selected(state: State, search: Search) -> State:
     """Add causes to a model, and drop those that others make needless, as long as the criterion falls by enough."""
-    best, front = state, [state]
+    best = state
+    front = [state]
     for _ in range(MOST_CAUSES):
         tried: set[Names] = set()
         grown: list[tuple[State, State]] = []
@@ -248,7 +252,9 @@ def lesser(state: State) -> Iterator[State]:
 
 def worth(state: State, cause: Cause) -> Array:
     """Return by how much the sum of squares would rise without each piece of a cause: ``θ_iᵀ (H⁻¹)_ii⁻¹ θ_i``."""
-    at, theta, spread = state.places(cause).start, state.fit.theta, state.fit.information
+    at = state.places(cause).start
+    theta = state.fit.theta
+    spread = state.fit.information
     size = width(cause) // len(cause.pieces)
     places = [slice(at + k * size, at + (k + 1) * size) for k in range(len(cause.pieces))]
     return np.array([theta[i] @ np.linalg.lstsq(spread[i, i], theta[i], rcond=1e-10)[0] for i in places])

@@ -57,7 +57,8 @@ def log_in(
     table: ColumnTable, rig: Rig, mapping: Entries = (), payload: str | None = None, need_tau: bool = True
 ) -> Log:
     """Return the log in a file that is open, see `read_log`."""
-    links, notes = list_links(rig), list[str]()
+    links = list_links(rig)
+    notes = list[str]()
     groups = make_log_groups(rig.joints, links, need_tau)
     sources = resolve_mapping(rig, groups, mapping)
     try:
@@ -134,7 +135,10 @@ def read_motion(path: str | Path, rig: Rig, mapping: Entries = ()) -> Motion:
     groups = {"t": Group(("t",), True), "q": make_joint_group("q", rig.joints, True)}
     groups |= {"v": make_joint_group("dq", rig.joints), "a": make_joint_group("ddq", rig.joints)}
     data = read_groups(open_table(Path(path)), groups, resolve_mapping(rig, groups, mapping))
-    t, q, v, a = data["t"][:, 0], data["q"], data.get("v"), data.get("a")
+    t = data["t"][:, 0]
+    q = data["q"]
+    v = data.get("v")
+    a = data.get("a")
     if len(t) < 2 and (v is None or a is None):
         raise LogError(str(path), "has one row and no rates", "give two rows, or the columns dq_ and ddq_")
     if v is None or a is None:

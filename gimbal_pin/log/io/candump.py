@@ -47,12 +47,17 @@ _REPLY, _NOP, _NUMBER_FORMS = 0x20, 0x50, "bhif"
 def open_candump(path: Path) -> ColumnTable:
     """Read a capture: one stream per drive and kind of frame, all by the bus's clock; `LogError` if there is none."""
     found: dict[tuple[tuple[str, ...], str, int], list[tuple[float, ...]]] = {}
-    others, lines = set[str](), 0
+    others = set[str]()
+    lines = 0
     for time, bus, identifier, data in (frame.groups() for frame in _CAN_FRAME.finditer(read_bytes(path, LogError))):
-        content, lines, at = bytes.fromhex(data.decode()), lines + 1, int(identifier, 16)
-        node, signals = at >> 5, _decode_odrive(at & 31, content) if len(identifier) == 3 else {}
+        content = bytes.fromhex(data.decode())
+        lines = lines + 1
+        at = int(identifier, 16)
+        node = at >> 5
+        signals = _decode_odrive(at & 31, content) if len(identifier) == 3 else {}
         if not signals and at < 0x8000:  # beyond, a host asks for a reply
-            node, signals = at >> 8, _decode_moteus(content)
+            node = at >> 8
+            signals = _decode_moteus(content)
         if signals:
             found.setdefault((tuple(signals), bus.decode(), node), []).append((float(time), *signals.values()))
         else:
@@ -61,7 +66,8 @@ def open_candump(path: Path) -> ColumnTable:
         what = f"holds no estimates of an ODrive or a moteus in its {lines} frames"
         raise LogError(str(path), what, "decode it by the device's DBC (python -m cantools decode), and write CSV")
     many = len({bus for _, bus, _ in found}) > 1
-    streams, notes = [], []
+    streams = []
+    notes = []
     order = [names[0] for names in _ODRIVE_SIGNALS.values()]
     for names, bus, node in sorted(found, key=lambda key: (order.index(key[0][0]) if key[0][0] in order else 0, key)):
         table = np.array(found[names, bus, node])
@@ -84,16 +90,20 @@ def _decode_odrive(command: int, data: bytes) -> dict[str, float]:
 
 def _decode_moteus(data: bytes) -> dict[str, float]:
     """Return signal → value of a moteus's reply, nan where it knows none; empty for another frame."""
-    out, at = dict[str, float](), 0
+    out = dict[str, float]()
+    at = 0
     while at + 1 < len(data):
-        kind, at = data[at], at + 1
+        kind = data[at]
+        at = at + 1
         if kind == _NOP:
             continue
         if kind & 0xF0 != _REPLY:
             return {}
-        count, resolution = kind & 3, kind >> 2 & 3
+        count = kind & 3
+        resolution = kind >> 2 & 3
         if not count:
-            count, at = data[at], at + 1
+            count = data[at]
+            at = at + 1
         values = struct.Struct(f"<{count}{_NUMBER_FORMS[resolution]}")
         if at + 1 + values.size > len(data):
             return {}

@@ -209,7 +209,8 @@ def _select_whole_rows(
     said = [] if notes is None else notes
     if len(full) < count:
         column, row = min(((c, int(np.argmax(x))) for c, x in missing.items() if x.any()), key=lambda one: one[1])
-        place, lack = table.place(row, column), f"{count - len(full)} of {count} rows lack a value"
+        place = table.place(row, column)
+        lack = f"{count - len(full)} of {count} rows lack a value"
         if count - len(full) > most:
             mend = "fill it in or delete the row; put columns of another rate into a.csv+b.csv"
             raise LogError(place, f"is empty or nan, and {lack}", mend)

@@ -82,7 +82,9 @@ class CsvTable:
         from tqdm import tqdm
 
         index = {column: self.columns.index(column) for column in columns}
-        arrays, line, start = [], self.first, 0
+        arrays = []
+        line = self.first
+        start = 0
         size = len(self.body) if b'"' in self.body else BLOCK
         bar = tqdm(desc=visible(self.name), total=len(self.body), unit="B", unit_scale=True, delay=2, disable=None)
         with bar:
@@ -96,7 +98,8 @@ class CsvTable:
                 if part.body.strip():
                     arrays.append(part._numbers(index))
                 bar.update(end - start)
-                start, line = end, line + body.count(b"\n")
+                start = end
+                line = line + body.count(b"\n")
         if not arrays:
             raise LogError(f"{self.name}:{self.first}", "has a header but no rows", "give a file with samples")
         whole = {column: np.concatenate([array[place] for array in arrays]) for column, place in index.items()}
@@ -218,7 +221,8 @@ def open_csv(path: Path) -> CsvTable:
 
 def unzip(data: bytes, name: str, most: int = LARGEST_LOG) -> bytes:
     """Return what gzip packed; `LogError` where it is damaged or unfolds to more than `most` bytes."""
-    parts, size = list[bytes](), 0
+    parts = list[bytes]()
+    size = 0
     try:
         with gzip.open(io.BytesIO(data)) as file:
             while part := file.read(BLOCK):
@@ -246,20 +250,25 @@ def read_header(name: str, data: bytes) -> CsvTable | None:
         return None
     rows = [_split_line(line.text) for line in lines]
     k = _find_header(rows)
-    line, (separator, fields) = lines[k], rows[k]
+    line = lines[k]
+    (separator, fields) = rows[k]
     if len(fields) < 2:
         place = f"{name}:{line.number}"
         raise LogError(place, "has one column only", "separate columns by commas, semicolons or tabs")
     spaced = separator == " "
-    first, start, names = line.number, line.start, fields
+    first = line.number
+    start = line.start
+    names = fields
     sample = rows[k][1]
     if echoed := _list_echoed_columns(fields):
         names = echoed
     elif any(not _is_value(field) for field in fields):
-        first, start = line.number + 1, line.end
+        first = line.number + 1
+        start = line.end
         below = lines[k + 1 : k + 2]
         if units := _read_units_line(below[0].text, separator, len(fields)) if below else []:
-            first, start = below[0].number + 1, below[0].end
+            first = below[0].number + 1
+            start = below[0].end
             names = [_add_unit(field, unit) for field, unit in zip(fields, units)]
         after = next((row for line, row in zip(lines, rows) if line.start >= start), None)
         sample = after[1] if after is not None else []
@@ -299,7 +308,8 @@ def _list_lines(name: str, data: bytes) -> Iterator[_Line]:
     """Yield the lines of a table's text, up to the first, if any, that is longer than a row may be."""
     remark, end, number = "", 0, 0
     while end < len(data):
-        start, number = end, number + 1
+        start = end
+        number = number + 1
         end = data.find(b"\n", start) + 1 or len(data)
         if end - start > LONGEST_LINE and number > 1:
             return
@@ -351,7 +361,8 @@ def _list_echoed_columns(fields: Sequence[str]) -> list[str]:
     Seconds, nanoseconds and frame, then the names of the joints, and a position, velocity and effort of each, or fewer.
     """
     count = sum(not _is_value(field) for field in fields[3:])
-    known, numbers = fields[3 : 3 + count], fields[3 + count :]
+    known = fields[3 : 3 + count]
+    numbers = fields[3 + count :]
     stamped = all(field.isdecimal() for field in fields[:2])
     if not (count and stamped and all(map(_is_value, numbers)) and len(numbers) in (count, 2 * count, 3 * count)):
         return []

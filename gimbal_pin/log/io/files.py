@@ -162,7 +162,8 @@ def check_folder(folder: Path, place: str) -> None:
 def check_run(folder: Path, files: Iterable[Path], place: str) -> None:
     """Raise `UsageError` if a run cannot be put into a folder, or would replace one of `files` that is no run's."""
     check_folder(folder, place)
-    ours, mend = read_run(folder), "name another folder, or move it"
+    ours = read_run(folder)
+    mend = "name another folder, or move it"
     for file in files:
         if file.name == RUN_FILE or not os.path.lexists(file):
             continue

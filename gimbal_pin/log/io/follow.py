@@ -66,8 +66,11 @@ def _read_usable(
     try:
         return read_groups(table, groups, sources), None
     except LogError as error:
-        rows, found, flaw = table.body.splitlines(keepends=True), None, error
-    fine, end = 0, len(rows)
+        rows = table.body.splitlines(keepends=True)
+        found = None
+        flaw = error
+    fine = 0
+    end = len(rows)
     while end - fine > 1:
         middle = (fine + end) // 2
         try:
@@ -117,7 +120,8 @@ def join_whole_lines(parts: Iterator[bytes]) -> Iterator[bytes]:
 def _read_growing(path: Path, idle: float) -> Iterator[bytes]:
     """Yield what is in a file or pipe, and what is written to it, until it ends or does not grow for `idle` seconds."""
     with _open_growing(path, idle) as file:
-        grows, waited = path.is_file(), 0.0
+        grows = path.is_file()
+        waited = 0.0
         unwritten = idle < inf and path.is_fifo()  # nobody may have opened it to write yet
         while True:
             part = os.read(file.fileno(), BLOCK)

@@ -135,7 +135,8 @@ def inspect_table(table: ColumnTable, rig: Rig | None = None) -> Inspected:
     pairs = [_inspect_stream(part, rig, notes) for part in parts]
     # The stream with the most joints' angles, or channels, gives the times; the others' channels are joined to it.
     pairs.sort(key=lambda pair: (-sum(name.startswith("q_") for name in pair[1].mapping), -len(pair[1].mapping)))
-    first, proposed = pairs[0][1], dict(pairs[0][1].mapping)
+    first = pairs[0][1]
+    proposed = dict(pairs[0][1].mapping)
     if rig is not None and len(pairs) > 1:
         every = {channel.column: channel for _, found in reversed(pairs) for channel in found.channels[1:]}
         proposed = {target: first.mapping[target] for target in ("t",) if target in first.mapping}

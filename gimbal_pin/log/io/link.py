@@ -105,7 +105,8 @@ def _stuff(plain: bytes) -> bytes:
 
 def _unstuff(data: bytes) -> bytes | None:
     """Return what was stuffed; None where a length leads beyond the end."""
-    out, at = bytearray(), 0
+    out = bytearray()
+    at = 0
     while at < len(data):
         run = data[at]
         if run == 0 or at + run > len(data):
@@ -130,7 +131,8 @@ def open_link(address: str) -> Iterator[LinkChannel]:
         raise UsageError(address, "is no address of a gimbal", _ADDRESS_FORM)
     try:
         if found["device"] is None:
-            host, port = found["host"].strip("[]"), int(found["port"])
+            host = found["host"].strip("[]")
+            port = int(found["port"])
             family, kind, _, _, at = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             with socket.socket(family, kind) as udp:
                 udp.connect(at)
@@ -164,13 +166,19 @@ def _receive(udp: socket.socket) -> bytes:
 
 def receive_frames(channel: LinkChannel, idle: float = inf) -> Iterator[Frame | None]:
     """Yield the frames that come, and None every `_READ_TIMEOUT`, until none came for `idle` seconds."""
-    rest, count, heard, greeted, paused = b"", 0, time.monotonic(), -inf, -inf
+    rest = b""
+    count = 0
+    heard = time.monotonic()
+    greeted = -inf
+    paused = -inf
     while True:
-        now, before = time.monotonic(), heard
+        now = time.monotonic()
+        before = heard
         if now - greeted >= _HELLO_INTERVAL:
             with suppress(ConnectionRefusedError):  # where nobody listens yet it is lost, as on a line
                 channel.write(encode_frame(Frame(_HELLO, count, b"")))
-            greeted, count = now, count + 1
+            greeted = now
+            count = count + 1
         *parts, rest = (rest + channel.read()).split(b"\0")
         rest = rest[-_LONGEST_FRAME:]
         for part in parts:
@@ -228,7 +236,8 @@ class SampleQueue:
         Raises:
             LogError: The gimbal has given up its encoders from the start.
         """
-        gap, newest = round(1e6 * _REORDERING), self._newest
+        gap = round(1e6 * _REORDERING)
+        newest = self._newest
         sample = sample._replace(time_us=sample.time_us + self._shift)
         if newest is not None:
             passed = 1e6 * (sample.came - newest.came)
@@ -236,7 +245,8 @@ class SampleQueue:
                 self._jumped = None
                 self._keep(sample)
                 return
-        before, self._jumped = self._jumped, sample
+        before = self._jumped
+        self._jumped = sample
         if before is None or not 0 < abs(sample.time_us - before.time_us) <= gap:
             return
         self._jumped, shift = None, 0
@@ -270,11 +280,13 @@ class SampleQueue:
         ready = {**self._waiting, **self._arrived}
         end = max((*self._waiting, *(self._arrived if is_last else ())), default=-1)
         rows = [ready[t] for t in sorted(ready) if t <= end]
-        self._waiting, self._arrived = {t: line for t, line in ready.items() if t > end}, {}
+        self._waiting = {t: line for t, line in ready.items() if t > end}
+        self._arrived = {}
         if not rows:
             return []
         self._released = end
-        rows, self._comments = [*self._comments, *rows], []
+        rows = [*self._comments, *rows]
+        self._comments = []
         return rows
 
 
@@ -293,7 +305,8 @@ def follow_link(address: str, joints: Sequence[str], idle: float = inf) -> Itera
         UsageError: As `open_link`.
         LogError: As `open_link`; or a sample is one of another number of joints, or none came.
     """
-    n, queue = len(joints), SampleQueue(address)
+    n = len(joints)
+    queue = SampleQueue(address)
     head = [",".join(["t", *(f"{kind}_{joint}" for kind in ("q", "dq", "tau") for joint in joints)])]
     with open_link(address) as channel:
         for frame in receive_frames(channel, idle):

@@ -28,7 +28,10 @@ def read_tlog(path: Path) -> tuple[list[Stream], list[str]]:
 
     factors = {"deg": pi / 180, "cdeg": pi / 18000, "deg/s": pi / 180, "ms": 1e-3, "us": 1e-6}
     factors |= {"mrad/s": 1e-3, "mG": 9.80665e-3, "cm/s": 1e-2, "mm": 1e-3, "cm": 1e-2, "degE7": pi / 180e7}
-    content, link, at, damaged = read_bytes(path, LogError), MAVLink(None), 0, False
+    content = read_bytes(path, LogError)
+    link = MAVLink(None)
+    at = 0
+    damaged = False
     found: dict[tuple[Any, ...], dict[str, array[float]]] = {}
     for start in (match.start() for match in re.finditer(rb"[\xfd\xfe]", content)):
         if start < at or len(content) < start + 3:
@@ -42,7 +45,8 @@ def read_tlog(path: Path) -> tuple[list[Stream], list[str]]:
             continue
         if message.get_type().startswith("UNKNOWN"):  # its check sum is not known either
             continue
-        damaged, at = damaged or start != at + 8, end
+        damaged = damaged or start != at + 8
+        at = end
         clock = next((key for key in ("time_boot_ms", "time_usec") if key in fields), None)
         if clock is None or (seconds := fields[clock] * (1e-3 if clock == "time_boot_ms" else 1e-6)) > 1e9:
             continue  # by the calendar: no clock that the others have
@@ -57,7 +61,8 @@ def read_tlog(path: Path) -> tuple[list[Stream], list[str]]:
                 if isinstance(number, (int, float)) and field != clock:
                     name = f"{field}[{k}]" if isinstance(value, list) else field
                     row.setdefault(name, array("d")).append(factor * number)
-    streams, seen = list[Stream](), Counter[str]()
+    streams = list[Stream]()
+    seen = Counter[str]()
     for (kind, *_), columns in sorted(found.items(), key=lambda item: -len(item[1]["t"])):
         seen[kind] += 1
         label = kind if seen[kind] == 1 else f"{kind}#{seen[kind]}"

@@ -131,7 +131,9 @@ def _open_npy(path: Path) -> ColumnTable:
 
 def _open_npz(path: Path) -> ColumnTable:
     """Read an archive of named arrays; `LogError` if it is none, or unfolds to more than memory allows."""
-    packed, arrays, size = read_bytes(path, LogError), dict[str, Any](), 0
+    packed = read_bytes(path, LogError)
+    arrays = dict[str, Any]()
+    size = 0
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
             for entry in archive.infolist():
@@ -261,7 +263,8 @@ def _open_lerobot(path: Path) -> ColumnTable:
         LogError: It is damaged, or states no features and frames a second.
         UsageError: pyarrow is not installed.
     """
-    files, info = sorted((path / "data").glob("*/*.parquet")), read_yaml(path / "meta" / "info.json", LogError)
+    files = sorted((path / "data").glob("*/*.parquet"))
+    info = read_yaml(path / "meta" / "info.json", LogError)
     features, fps = (info.get(key) if isinstance(info, dict) else None for key in ("features", "fps"))
     if not (files and isinstance(features, dict) and isinstance(fps, (int, float)) and 0 < fps < np.inf):
         what = "is no LeRobot data set: no features or fps in meta/info.json, or no data/*/*.parquet"
@@ -274,7 +277,8 @@ def _open_lerobot(path: Path) -> ColumnTable:
     stamp, frame, episode = (read[key][order, 0] for key in ("timestamp", "frame_index", "episode_index"))
     # LeRobot's own tolerance, and the rounding of its stamps.
     regular = np.all(np.abs(frame / fps - stamp) <= 1e-4 + np.finfo(np.float32).eps * np.abs(stamp))
-    t, first = frame / fps if regular else stamp, np.flatnonzero(np.diff(episode)) + 1
+    t = frame / fps if regular else stamp
+    first = np.flatnonzero(np.diff(episode)) + 1
     jumps = np.zeros_like(t)
     jumps[first] = t[first - 1] - t[first] + PAUSE + 1 / fps
     columns = {"t": t + np.cumsum(jumps), "episode_index": episode}
@@ -291,7 +295,8 @@ def _read_features(
     path: Path, features: Mapping[str, Any], tables: Sequence[_ParquetColumns]
 ) -> tuple[dict[str, Array], list[str]]:
     """Return feature → numbers of all files, (N, k), and which features have too many: neither pictures nor words."""
-    read, wide = dict[str, Array](), list[str]()
+    read = dict[str, Array]()
+    wide = list[str]()
     held = set(tables[0]).intersection(*tables[1:])
     for key, feature in features.items():
         shape, kind = (feature.get(name) if isinstance(feature, dict) else None for name in ("shape", "dtype"))
@@ -413,7 +418,8 @@ def _read_ulog(path: Path) -> Streams:
     """Return a stream per topic and instance, ``topic_1.field`` for the second; pyulog's errors of damage."""
     from pyulog import ULog
 
-    log, found = ULog(str(path)), list[Stream]()
+    log = ULog(str(path))
+    found = list[Stream]()
     for topic in log.data_list:
         name = f"{topic.name}_{topic.multi_id}" if topic.multi_id else topic.name
         columns = {f"{name}.{field}": values for field, values in topic.data.items()}
@@ -483,7 +489,8 @@ def _message_values(message: Any, kind: str, topic: str) -> Iterator[tuple[str, 
     elif kind == "sensor_msgs/msg/Imu" and message.header.frame_id:
         for field, prefix in _IMU_MESSAGE_COLUMNS.items():
             if getattr(message, f"{field}_covariance")[0] != -1:  # by its definition: no estimate of this one
-                of, axes = getattr(message, field), "wxyz" if prefix == "quat" else "xyz"
+                of = getattr(message, field)
+                axes = "wxyz" if prefix == "quat" else "xyz"
                 yield from ((f"{prefix}_{message.header.frame_id}_{axis}", getattr(of, axis)) for axis in axes)
     else:
         yield from _flat_values(message, topic)

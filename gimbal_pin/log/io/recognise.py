@@ -202,8 +202,11 @@ def recognise(time: str, data: Mapping[str, Array], rig: Rig | None = None) -> R
     ties = _find_ties(t, [one for one in channels.values() if not one.still and one.quantity in kinds])
     _pair_rates(ties, channels)
     if time == ROW_COLUMN and (step := _find_interval(ties, channels)) is not None:
-        scale, factor, why = step, f"{step:.4g}", "the rates add up to the angles with so many seconds a sample"
-        t, ties = t * scale, [tie._replace(ratio=tie.ratio / scale) for tie in ties]
+        scale = step
+        factor = f"{step:.4g}"
+        why = "the rates add up to the angles with so many seconds a sample"
+        t = t * scale
+        ties = [tie._replace(ratio=tie.ratio / scale) for tie in ties]
     rooms = [] if rig is None else np.subtract(*rig.stops[::-1]).tolist()
     _set_units(ties, channels, max(filter(isfinite, rooms), default=inf), bool(rooms))
     mapping: dict[str, tuple[str, str, str]] = {}
@@ -224,7 +227,8 @@ def required_columns(rig: Rig, mapping: Iterable[str]) -> list[str]:
 def _find_interval(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> float | None:
     """Return the seconds from row to row by which rates add up to angles; units that no name gives are the same."""
     for tie in ties:
-        x, v = channels[tie.x], channels[tie.v]
+        x = channels[tie.x]
+        v = channels[tie.v]
         if v.rate_of == tie.x:
             return abs(tie.ratio) * _VALUES.get(x.unit, 1.0) / _VALUES.get(v.unit, _VALUES.get(x.unit, 1.0))
     return None
@@ -251,7 +255,9 @@ def find_time_unit(name: str, t: Array) -> tuple[str, float, str, str]:
 def _read_name(column: str, values: Array, joints: Sequence[str] = ()) -> Channel:
     """Return what a name says of a column: by a word of its kind, by its unit, or as the name of one of the joints."""
     text = column.replace("°C", " celsius ").replace("°", " deg ").replace("µ", "u")
-    channel, split, written = Channel(column, values), split_words(text), _read_units(text)
+    channel = Channel(column, values)
+    split = split_words(text)
+    written = _read_units(text)
     kind = next((kind for kind, known in _KINDS.items() if known & set(split)), None)
     if {"angular", "velocity"} <= set(split):
         kind = "gyro"
@@ -350,7 +356,9 @@ def find_ratio(moved: Array, sums: Array) -> tuple[float, float]:
     They are an angle and its rate from a correlation of 0.9 on; in the measured logs of the tests it is over 0.97. One
     jump, as where a device begins anew, may make it alone: most increments have to agree in its sign.
     """
-    size, other, both = float(moved @ moved) ** 0.5, float(sums @ sums) ** 0.5, float(moved @ sums)
+    size = float(moved @ moved) ** 0.5
+    other = float(sums @ sums) ** 0.5
+    both = float(moved @ sums)
     if size * other == 0.0:  # a channel at rest, or one so small that its squares are zero
         return 0.0, 0.0
     if not abs(both) > 0.9 * size * other or both * np.sum(np.sign(moved * sums)) <= 0:
@@ -366,7 +374,8 @@ def _pair_rates(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> None:
     for strict in (True, False):
         strip = _KINDS["position"] | _KINDS["rate"] | (frozenset() if strict else _RANK.keys())
         for tie in ties:
-            x, v = channels[tie.x], channels[tie.v]
+            x = channels[tie.x]
+            v = channels[tie.v]
             taken = x.rate_of or v.rate_of or x.column in {channel.rate_of for channel in channels.values()}
             if taken or x.quantity not in ("position", "unknown") or v.quantity not in ("rate", "unknown"):
                 continue
@@ -375,7 +384,9 @@ def _pair_rates(ties: Sequence[_Tie], channels: Mapping[str, Channel]) -> None:
             else:
                 fits = x.wanted == v.wanted and {*split_words(x.column)} - strip == {*split_words(v.column)} - strip
             if fits:
-                x.quantity, v.quantity, v.rate_of = "position", "rate", x.column
+                x.quantity = "position"
+                v.quantity = "rate"
+                v.rate_of = x.column
 
 
 def _find_unit_pair(ratio: float) -> tuple[str, str] | None:
@@ -453,8 +464,11 @@ def _describe_tie(tie: _Tie) -> str:
 
 def _set_angle_unit(channel: Channel, room: float, with_rig: bool) -> None:
     """Set the unit of an angle: by its name, a quantum that divides a turn, its range, and the rig's `room`, rad."""
-    x, say = channel.values, channel.reasons.append
-    travel, most, step = float(np.ptp(x)), float(np.abs(x).max()), channel.step
+    x = channel.values
+    say = channel.reasons.append
+    travel = float(np.ptp(x))
+    most = float(np.abs(x).max())
+    step = channel.step
     if channel.unit == "counts" or (not channel.unit and channel.whole):
         channel.unit = "counts"
         # Of a turn both ends show; half of one may end anywhere.
@@ -490,7 +504,8 @@ def _set_angle_unit(channel: Channel, room: float, with_rig: bool) -> None:
         else:
             channel.unit = "rad"
             say(f"goes {digits(travel, 3)}" + (" and on: it turns" if travel > 4 * pi else ", as radians do"))
-    channel.factor, channel.scale = _FACTORS.get(channel.unit, ""), _VALUES.get(channel.unit, 1.0)
+    channel.factor = _FACTORS.get(channel.unit, "")
+    channel.scale = _VALUES.get(channel.unit, 1.0)
 
 
 def _find_quantum(x: Array) -> float:
@@ -533,11 +548,13 @@ def assign_columns(channels: Mapping[str, Channel], rig: Rig) -> dict[str, tuple
     for prefix, columns in {**kinds, "temp": temperature}.items():
         for joint, column in columns.items():
             channel = channels[column]
-            factor, remark = channel.factor, channel.reasons[-1] if channel.reasons else ""
+            factor = channel.factor
+            remark = channel.reasons[-1] if channel.reasons else ""
             if prefix == "tau" and channel.quantity == "current":
                 constant = rig.motors[rig.joint_index(joint)].torque_constant
                 if constant is not None and _is_in_milliamperes(channel, constant, rig.tau_max[rig.joint_index(joint)]):
-                    channel.unit, factor = "mA", _FACTORS["mA"]
+                    channel.unit = "mA"
+                    factor = _FACTORS["mA"]
                     channel.reasons.append("as A it would exceed the motor's torque limit, as mA it does not")
                 if constant is not None:
                     unit = f", {channel.unit}" if channel.unit else ""

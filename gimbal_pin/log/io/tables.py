@@ -153,11 +153,9 @@ def read_numeric_columns(table: ColumnTable) -> tuple[dict[str, Array], list[str
         LogError: No column holds numbers.
     """
     names = [name for name, count in Counter(table.columns).items() if count == 1]
-    data, flaws, refusal = (
-        dict[str, Array](),
-        list[str](),
-        LogError(table.name, "holds no numbers", "give a file with samples"),
-    )
+    data = dict[str, Array]()
+    flaws = list[str]()
+    refusal = LogError(table.name, "holds no numbers", "give a file with samples")
     try:
         data = table.read(names)
     except LogError as error:
@@ -169,7 +167,8 @@ def read_numeric_columns(table: ColumnTable) -> tuple[dict[str, Array], list[str
                 flaws.append(str(one))
     for name, values in [*data.items()]:
         if (missing := np.isnan(values)).any():
-            place, rows = table.place(int(np.argmax(missing)), name), np.arange(len(values))
+            place = table.place(int(np.argmax(missing)), name)
+            rows = np.arange(len(values))
             flaws.append(f"{place}: {missing.sum()} of {len(values)} values are empty or nan")
             if missing.all():
                 del data[name]

@@ -94,7 +94,8 @@ def _check_rates(name: str, rig: Rig, sources: Mapping[str, Source], t: Array, q
         LogError: Rates have changed places, or an angle plainly follows its rate, but many times faster or slower, or
             the other way.
     """
-    moved, sums = take_increments(t, q), take_increments(t, v, integrated=True)
+    moved = take_increments(t, q)
+    sums = take_increments(t, v, integrated=True)
     pairs = list(zip(rig.joints, moved.T, sums.T))
     ratios = {joint: ratio for joint, *pair in pairs if (ratio := find_ratio(*pair)[1])}
     lost = [pair for pair in pairs if pair[0] not in ratios]
@@ -142,9 +143,11 @@ def describe_torques(rig: Rig, tau: Array | None) -> tuple[str, ...]:
 
     Noise and clipping go a little beyond the limit, and not to three times it.
     """
-    strong, pushed = list[str](), list[str]()
+    strong = list[str]()
+    pushed = list[str]()
     for joint, limit, x in zip(rig.joints, rig.tau_max, () if tau is None else tau.T):
-        most, share = float(np.abs(x).max()), float(compute_share_near_limit(x, limit))
+        most = float(np.abs(x).max())
+        share = float(compute_share_near_limit(x, limit))
         if most > 3.0 * limit:
             mend = f"if it is a current or in other units, map tau_{joint}=COLUMN*(N m per unit)"
             said = f"tau_{joint} reaches {most:.4g} N m where the motor's limit is {limit:.3g}; {mend}"

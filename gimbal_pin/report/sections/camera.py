@@ -31,7 +31,8 @@ def show_camera(found: Verified) -> Section:
     """Return what the camera sees on a platform that moves, the error, torque and margins."""
     shown = gaze.render_gaze(gaze.outlook(found, WANTED), WANTED)
     seen = embed(shown, "What the cameras see", "gaze", name_clock(found))
-    runs, weak = found.rows[0].runs, any(describe_limits(row.at_limit) for row in found.rows)
+    runs = found.rows[0].runs
+    weak = any(describe_limits(row.at_limit) for row in found.rows)
     times = "once" if len(runs) == 1 else f"{len(runs)} times, each with its own motion and noise"
     margins = ", torque limits and margins" if found.is_equal else " and torque limits"
     circumstances = (
@@ -75,8 +76,10 @@ def numbers(found: Verified) -> list[Card]:
     """Return the headline numbers, of computed torque."""
     (ours,) = [row for row in found.rows if row.controller == OURS]
     shares = np.max([np.abs(run.tau[run.counted]).max(axis=0) / run.tau_max for run in ours.runs], axis=0)
-    joint, share = found.joints[int(np.argmax(shares))], float(shares.max())
-    long, least = ours.at_limit[joint], min(own.delay_margin for own in found.loops[OURS])
+    joint = found.joints[int(np.argmax(shares))]
+    share = float(shares.max())
+    long = ours.at_limit[joint]
+    least = min(own.delay_margin for own in found.loops[OURS])
     touched = f", and at it {figures(100 * long, 2)} % of the time" if long > 0 else ""
     cost = f"with {tables.state_torque_rms(ours.torque_rms)}"
     tone = "poor" if long >= LEAST_SHARE_TOLD else "fair" if share >= 1 else ""
@@ -143,7 +146,9 @@ def chart_torques_held(joints: Sequence[ShownJoint], runs: Sequence[Pointing]) -
 
 def chart_spectrum(runs: Sequence[Pointing]) -> Chart:
     """Return the rms of both axes of the line of sight up to each frequency, by Parseval's theorem."""
-    curves, dt, count = list[Trace](), runs[0].dt, len(runs[0].sight)
+    curves = list[Trace]()
+    dt = runs[0].dt
+    count = len(runs[0].sight)
     f = np.fft.rfftfreq(count, dt)
     some = np.unique(np.geomspace(max(1, int(np.searchsorted(f, 0.1))), len(f) - 1, CURVE_POINTS).astype(int))
     for run in runs:

@@ -30,7 +30,8 @@ RIVAL_COLOURS = (plots.PLAIN, plots.MUTED, "#8a4fd0", "#0b96a8")
 
 def show_controller(tuning: Tuning) -> Section:
     """Return the gains and margins of a tuning, why they are not what was asked for, and its loops."""
-    wish, rig = tuning.wish, tuning.model.rig
+    wish = tuning.wish
+    rig = tuning.model.rig
     timing = f"Sampled every {1e3 * wish.dt:g} ms, {digits(1e3 * wish.delay, 3)} ms from measurement to torque"
     usual, other = (
         [one.sentence for one in tuning.reasons if (one.kind is ReasonKind.USUAL) == is_usual]
@@ -68,7 +69,8 @@ def show_judgement(judged: Judgement) -> Section:
 
 def show_tracking(result: Tracking) -> Section:
     """Return the steps of controllers: how large, who is at the torque limit, a picture."""
-    rig, joints = result.rig, list_shown_joints(result.rig)
+    rig = result.rig
+    joints = list_shown_joints(result.rig)
     steps = listed(f"{joint.text(result.steps[joint.name])} of {joint.name}" for joint in joints)
     note = f" The plant is {result.plant}, with the rig's sensors, delay and torque limits." if result.plant else ""
     said = f"Minimum-jerk steps of {steps}.{note} All of it is simulated, not run on the gimbal."
@@ -92,17 +94,21 @@ def show_tracking(result: Tracking) -> Section:
 
 def draw_steps(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
     """Draw angle, error and torque of every joint, one column each; the last controller has the joint's colour."""
-    joints, count = list_shown_joints(rig), len(experiments)
+    joints = list_shown_joints(rig)
+    count = len(experiments)
     alike = len({joint.unit for joint in joints}) == len({*np.isfinite(rig.tau_max).tolist()}) == 1
-    gaps, ratios = (0.35 if alike else 0.85, 0.33), [1.5, 1.2, 1]
+    gaps = (0.35 if alike else 0.85, 0.33)
+    ratios = [1.5, 1.2, 1]
     figure, panels = plots.panels(3, rig.n, 5.4, ratios=ratios, gaps=gaps, share=(True, "row" if alike else False))
     names = [controller_name(one.controller) for one in experiments]
     for j, (joint, (above, middle, below)) in enumerate(zip(joints, panels.T)):
-        limit, t = float(rig.tau_max[j]), experiments[0].log.t
+        limit = float(rig.tau_max[j])
+        t = experiments[0].log.t
         wanted = np.asarray(experiments[0].log.q_ref)[:, j]
         shades = [*(RIVAL_COLOURS[k % len(RIVAL_COLOURS)] for k in range(count - 1)), joint.colour]
         for one, colour in zip(experiments, shades):
-            width, tau = 1.6 if colour == joint.colour else 2.2, np.asarray(one.log.tau)[:, j]
+            width = 1.6 if colour == joint.colour else 2.2
+            tau = np.asarray(one.log.tau)[:, j]
             plots.curve(above, t, joint.scale * one.q[:, j], color=colour, lw=width)
             plots.curve(middle, t, joint.scale * (wanted - one.q[:, j]), color=colour, lw=width)
             plots.curve(below, t, 100 * tau / limit if isfinite(limit) else tau, color=colour, lw=0.8 * width)
@@ -123,9 +129,11 @@ def draw_steps(rig: Rig, experiments: Sequence[Experiment]) -> plots.Figure:
 
 def chart_steps(rig: Rig, experiments: Sequence[Experiment]) -> Charts:
     """Return the same as charts: a row each of angles, errors and torques."""
-    names, rows = [controller_name(one.controller) for one in experiments], list[list[Chart]]([[], [], []])
+    names = [controller_name(one.controller) for one in experiments]
+    rows = list[list[Chart]]([[], [], []])
     for j, joint in enumerate(list_shown_joints(rig)):
-        first, limit = experiments[0].log, float(rig.tau_max[j])
+        first = experiments[0].log
+        limit = float(rig.tau_max[j])
         wanted = joint.scale * np.asarray(first.q_ref)[:, j]
         angles = [joint.scale * one.q[:, j] for one in experiments]
         torques = [np.asarray(one.log.tau)[:, j] * (100 / limit if isfinite(limit) else 1.0) for one in experiments]

@@ -47,9 +47,12 @@ def show_rig(rig: Rig, weighed: float | None = None) -> Section:
 
     `weighed`: mass of the payload, kg, where it was given beside the log.
     """
-    limits, motors = list[list[Content]](), list[list[Content]]()
+    limits = list[list[Content]]()
+    motors = list[list[Content]]()
     for j, joint in enumerate(list_shown_joints(rig)):
-        limit, motor, (dry, viscous) = rig.limits[j], rig.motors[j], rig.friction[j].tolist()
+        limit = rig.limits[j]
+        motor = rig.motors[j]
+        (dry, viscous) = rig.friction[j].tolist()
         bound = isfinite(limit.lower) or isfinite(limit.upper)
         travel = f"{joint.text(limit.lower)} … {joint.text(limit.upper)}" if bound else "unlimited"
         rates = joint.text(limit.velocity, "/s"), joint.text(limit.acceleration, "/s²")
@@ -80,7 +83,8 @@ def show_rig(rig: Rig, weighed: float | None = None) -> Section:
 
 def show_check(found: Checked) -> Section:
     """Return a checked rig: its joints, what its motors bear, and what a log of it must hold."""
-    rig, looks = found.rig, list_shown_joints(found.rig)
+    rig = found.rig
+    looks = list_shown_joints(found.rig)
     loads = (f"{figures(round(found.joints[x.name].gravity_torque, 9))} {x.force} at {x.name}" for x in looks)
     lines = [
         f"gravity       takes up to {listed(loads)}",
@@ -153,10 +157,12 @@ def show_logs(rig: Rig | None, logs: Sequence[Log]) -> Section:
         rows.append([file_name(log.name), log.payload or payload or DASH, length, rate, samples, measured])
     each: list[list[Content]] = []
     for j, joint in enumerate(joints):
-        low, high = min(float(log.q[:, j].min()) for log in logs), max(float(log.q[:, j].max()) for log in logs)
+        low = min(float(log.q[:, j].min()) for log in logs)
+        high = max(float(log.q[:, j].max()) for log in logs)
         rates = (np.gradient(log.q[:, j], log.t) if log.v is None else log.v[:, j] for log in logs)
         tau = np.concatenate([log.tau[:, j] for log in logs if log.tau is not None] or [np.zeros(1)])
-        top, limit = float(np.abs(tau).max()), inf if rig is None else float(rig.tau_max[j])
+        top = float(np.abs(tau).max())
+        limit = inf if rig is None else float(rig.tau_max[j])
         fastest = joint.text(max(float(np.abs(rate).max()) for rate in rates), "/s")
         torques = figures(float(np.sqrt(np.mean(tau**2)))), figures(top)
         share = f"{100 * top / limit:.0f} %" if isfinite(limit) else DASH

@@ -149,7 +149,8 @@ def qualify_payload(found: Diagnosis) -> list[Element]:
 
 def show_finding(finding: Finding, believed: bool = True) -> list[object]:
     """Return a finding's sentence, its figures, and what it could be instead."""
-    chance, sizes = tables.state_probability(finding), tables.state_sizes(finding)
+    chance = tables.state_probability(finding)
+    sizes = tables.state_sizes(finding)
     cap = f"at most {100 * LISTED:.0f} %, for the true form may be one that the library lacks"
     lines: list[Content] = [f"{to_sentence(chance)[:-1]} ({cap})."]
     is_listed = len(finding.sized) > tables.MOST  # the harmonics of a motor's teeth
@@ -191,10 +192,8 @@ def picture_residuals(found: Diagnosis, joints: tuple[ShownJoint, ...], held: Ev
         caption += (
             " Black: what no cause explains and the extended model carries, on paper within two standard deviations."
         )
-    draw, charts = (
-        partial(draw_residuals, found, joints, order, held),
-        partial(chart_residuals, found, shown, order, held),
-    )
+    draw = partial(draw_residuals, found, joints, order, held)
+    charts = partial(chart_residuals, found, shown, order, held)
     return plots.Drawing(draw, alt, caption, charts=charts)
 
 
@@ -203,18 +202,21 @@ def chart_residuals(found: Diagnosis, shown: Sequence[ShownJoint], order: list[i
 
     Of several logs time goes on from one to the next.
     """
-    steps, jumps = [part.channels.t - part.channels.t[0] + part.dt for part in held.parts], len(found.logs) > 1
+    steps = [part.channels.t - part.channels.t[0] + part.dt for part in held.parts]
+    jumps = len(found.logs) > 1
     ends = np.cumsum([0.0, *(step[-1] for step in steps)])
     t = np.concatenate([step + end if jumps else part.channels.t for step, end, part in zip(steps, ends, held.parts)])
     q, v = (np.concatenate([getattr(part.channels, name) for part in held.parts]) for name in "qv")
     judged = np.where(np.concatenate([part.gate for part in held.parts]) > OPEN, 1.0, np.nan)
-    errors, rows = [compute_filtered_error(held, model) for model in (found.before, found.after)], list[list[Chart]]()
+    errors = [compute_filtered_error(held, model) for model in (found.before, found.after)]
+    rows = list[list[Chart]]()
     for joint, j in zip(shown, order):
         scale, unit = torque_unit(float(np.abs(errors[0][:, j]).max()), joint.force)
         looks = (("model", plots.PLAIN), ("extended model", joint.colour))
         left = [Trace(name, judged[:, j] * scale * error[:, j], colour) for (name, colour), error in zip(looks, errors)]
         spectra = [compute_amplitude_density(held, scale * error[:, j]) for error in errors]
-        curve, over = found.residual[joint.name].curve, list_abscissae(joint, q[:, j], v[:, j])
+        curve = found.residual[joint.name].curve
+        over = list_abscissae(joint, q[:, j], v[:, j])
         if curve is not None:
             x = v[:, j] if curve.over == "rate" else q[:, j]
             left.append(Trace("unexplained", scale * np.interp(x, curve.knots, curve.torque), plots.INK))
@@ -241,7 +243,8 @@ def find_worst_stretch(found: Diagnosis, longest: float = 60.0) -> tuple[Log, Lo
     size = np.sqrt(np.mean(np.concatenate([one.measured for _, one in traces]) ** 2, axis=0))
     shares = [np.sum((one.residual / np.maximum(size, 1e-300)) ** 2, axis=1) for _, one in traces]
     worst = [find_worst(one.t, share, longest) for (_, one), share in zip(traces, shares)]
-    (log, trace), (_, rows) = traces[k := int(np.argmax([score for score, _ in worst]))], worst[k]
+    (log, trace) = traces[k := int(np.argmax([score for score, _ in worst]))]
+    (_, rows) = worst[k]
     start = trace.t[rows][0] if log.t[-1] - log.t[0] > longest else log.t[0]
     return log, log.part((log.t >= start) & (log.t <= start + longest))
 
@@ -271,7 +274,8 @@ def picture_torques(found: Diagnosis, log: Log) -> plots.Drawing:
 
 def chart_torques_of_models(joints: Sequence[ShownJoint], before: TorqueTrace, after: TorqueTrace) -> Charts:
     """Return a row per joint: torque, and beside it the residual; curves are broken at gaps of the log."""
-    rows, steps = list[list[Chart]](), np.diff(after.t, prepend=after.t[0])
+    rows = list[list[Chart]]()
+    steps = np.diff(after.t, prepend=after.t[0])
     whole = np.where(steps > 3 * np.median(steps), np.nan, 1.0)
     for j, joint in enumerate(joints):
         scale, unit = torque_unit(float(np.abs(before.residual[:, j]).max()), joint.force)

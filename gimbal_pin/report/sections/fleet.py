@@ -124,7 +124,8 @@ def _draw_distributions(found: MonteCarlo) -> Figure:
     names = [name for name in found.figures.index if name in {*bounds, *STEPS, *PLATFORM}]
     figure, panels = _make_panels(len(names), top=0.1)
     for panel, name in zip(panels, names):
-        scale, values = SCALES[found.units[name]], found.table[name].to_numpy(dtype=float)
+        scale = SCALES[found.units[name]]
+        values = found.table[name].to_numpy(dtype=float)
         there = values[np.isfinite(values)] / scale
         panel.hist(there, min(40, 1 + round(len(there) ** 0.5)), color=PALETTE[0])
         panel.locator_params(axis="x", nbins=6)
@@ -141,14 +142,16 @@ def _draw_distributions(found: MonteCarlo) -> Figure:
 def describe_fleet(found: Fleet) -> Document:
     """Return who passes and why the others do not, the fleet's parameters, what changed, and the causes."""
     looks = {Verdict.FAIL: ("Fail", "poor"), Verdict.RETEST: ("Test again", "fair"), Verdict.PASS: ("Pass", "good")}
-    units, counts = len(found.units), found.counts
+    units = len(found.units)
+    counts = found.counts
     top = [
         Card(title, str(counts[verdict]), f"of {units} units", tone * bool(counts[verdict]))
         for verdict, (title, tone) in looks.items()
     ]
     unusable = f"{found.failed} could not be used" if found.failed else "all could be used"
     top.append(Card("Logs", str(found.logs), unusable, "fair" if found.failed else "good"))
-    odd, passing = units - counts[Verdict.PASS], [one.unit for one in found.units if one.verdict is Verdict.PASS]
+    odd = units - counts[Verdict.PASS]
+    passing = [one.unit for one in found.units if one.verdict is Verdict.PASS]
     verdicts: list[object] = [paragraph(_describe_verdicts(found)), cards(top)]
     verdicts += [_tabulate_units(found)] if odd else []
     verdicts += [paragraph(f"{odd - FIRST} more are in the JSON.")] if odd > FIRST else []
@@ -221,9 +224,11 @@ def _tabulate_units(found: Fleet) -> Table:
 
 def _tabulate_population(found: Fleet) -> Table:
     """The parameters over the fleet that units are judged against."""
-    rows, has_repeats = [], found.reference or any(unit.logs > 1 for unit in found.units)
+    rows = []
+    has_repeats = found.reference or any(unit.logs > 1 for unit in found.units)
     for own in found.population.itertuples():
-        repeat, middle = own.repeat if has_repeats else None, interval(own.mean, NORMAL_95 * own.mean_std)
+        repeat = own.repeat if has_repeats else None
+        middle = interval(own.mean, NORMAL_95 * own.mean_std)
         rows.append(
             (own.Index, own.unit, *middle, *(figures(x, 2) for x in (own.spread, own.p_value, repeat, own.detectable)))
         )

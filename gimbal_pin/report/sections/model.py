@@ -124,8 +124,11 @@ def list_notes(found: Identified) -> list[Folded]:
 
 def list_parameter_parts(found: Identified, evaluated: Evaluated | None = None) -> list[object]:
     """Return base parameters, friction and bodies as parts of a section; on a page the long tables are folded."""
-    rows, width, agreement = known(found, evaluated), len(found.reduction.independent), found.agreement
-    every, force = [rows[k] for k in list_shown(found)], forces(list_shown_joints(found.model.rig))
+    rows = known(found, evaluated)
+    width = len(found.reduction.independent)
+    agreement = found.agreement
+    every = [rows[k] for k in list_shown(found)]
+    force = forces(list_shown_joints(found.model.rig))
     bound = None if found.bound is None else found.bound[list_shown(found)].tolist()
     base, effects = "Base parameters", "Friction and other effects"
     combined = "The combinations of masses, first moments and inertias that joint torques can show"
@@ -192,7 +195,8 @@ def picture_moved(every: Sequence[KnownParameter], force: str) -> plots.Drawing:
 
 def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
     """Return every joint's effects over its rate, ``A theta``, with its 95 % band."""
-    joints, every = list_shown_joints(found.model.rig), [term for term in found.model.terms for _ in term.values]
+    joints = list_shown_joints(found.model.rig)
+    every = [term for term in found.model.terms for _ in term.values]
     first = len(found.reduction.independent)
 
     def make() -> Charts:
@@ -200,15 +204,18 @@ def picture_effects(found: Identified, evaluated: Evaluated) -> plots.Drawing:
         for j, joint in enumerate(joints):
             reach = 1.05 * float(np.abs(evaluated.stacked("v")[:, j]).max()) or STILL_JOINT_RATE
             v = np.concatenate([np.linspace(-reach, 0, 100), np.linspace(0, reach, 100)])
-            zero, slide = np.zeros_like(v), np.repeat([-1.0, 1.0], 100)
+            zero = np.zeros_like(v)
+            slide = np.repeat([-1.0, 1.0], 100)
             at = Sample(zero, zero, v, zero, slide, zero)
             own = dict.fromkeys(term.effect for term in every if term.effect.joint == joint.name)
             A = np.column_stack([column + zero for effect in own for column in effect.basis(at)])
             places = [first + k for k, term in enumerate(every) if term.effect.joint == joint.name]
-            torque, covariance = A @ found.estimate.theta[places], found.estimate.covariance[np.ix_(places, places)]
+            torque = A @ found.estimate.theta[places]
+            covariance = found.estimate.covariance[np.ix_(places, places)]
             variance = np.einsum("mk,kl,ml->m", A, covariance, A)
             half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
-            curves, over = [Trace("torque", torque, joint.colour, half=half)], f"rate, {joint.unit}/s"
+            curves = [Trace("torque", torque, joint.colour, half=half)]
+            over = f"rate, {joint.unit}/s"
             row.append(Chart(joint.name, joint.colour, f"torque, {joint.force}", joint.scale * v, curves, {}, over))
         return Charts("friction", [row])
 
@@ -283,7 +290,8 @@ def show_torque(found: Identified, evaluated: Evaluated | None = None) -> Sectio
     )
     parts: list[object] = [paragraph(filtered, "side"), tables.torque_errors(found, evaluated)]
     if evaluated is not None:
-        joints, names = list_shown_joints(found.model.rig), ", ".join(evaluated.joints)
+        joints = list_shown_joints(found.model.rig)
+        names = ", ".join(evaluated.joints)
         window, whole = worst(evaluated)
         caption = (
             f"Filtered torque {where}: measured (grey), predicted (colour), and the residual, which ends (on paper: is "
@@ -327,7 +335,8 @@ def smooth_curve(t: Array, values: Array) -> tuple[Array, Array]:
     """
     if len(t) < 3:
         return t, values
-    steps, fine = np.diff(t), np.interp(np.arange((len(t) - 1) * BETWEEN + 1) / BETWEEN, np.arange(len(t)), t)
+    steps = np.diff(t)
+    fine = np.interp(np.arange((len(t) - 1) * BETWEEN + 1) / BETWEEN, np.arange(len(t)), t)
     smooth = signals.resample(t, values[:, None], fine)[:, 0]
     smooth[1:][np.repeat((steps > 2.5 * np.median(steps)) | np.isnan(values[1:]), BETWEEN)] = np.nan
     return fine, smooth
@@ -335,7 +344,8 @@ def smooth_curve(t: Array, values: Array) -> tuple[Array, Array]:
 
 def overlays(joints: tuple[ShownJoint, ...], part: EvaluatedPart) -> plots.Figure:
     """Draw each joint's torques, and its residual below."""
-    count, ratios = len(joints), [0.35, 3, 1.7] * len(joints)
+    count = len(joints)
+    ratios = [0.35, 3, 1.7] * len(joints)
     looks: Any = dict(ratios=ratios, gaps=(0, 0.1), share=(True, False), left=1.05)
     figure, grid = plots.panels(3 * count, 1, 0.6 + 1.75 * count, **looks)
     panels = grid[:, 0]
@@ -393,11 +403,9 @@ def clouds(joints: tuple[ShownJoint, ...], evaluated: Evaluated) -> plots.Figure
         rows = np.flatnonzero(shares[:, j] > JUDGED_SHARE)
         if not len(rows):
             continue
-        v, error, every = (
-            joint.scale * rates[rows, j],
-            scale * errors[rows, j] / shares[rows, j],
-            len(rows) // MOST_DOTS,
-        )
+        v = joint.scale * rates[rows, j]
+        error = scale * errors[rows, j] / shares[rows, j]
+        every = len(rows) // MOST_DOTS
         plots.dots(above, v[:: max(1, every)], error[:: max(1, every)], joint.colour)
         order = np.argsort(v)
         for way in (order[v[order] < 0], order[v[order] > 0]):
@@ -408,7 +416,8 @@ def clouds(joints: tuple[ShownJoint, ...], evaluated: Evaluated) -> plots.Figure
             above.fill_between(middle, mean - 2 * sure, mean + 2 * sure, color=plots.INK, alpha=0.18)
             above.plot(middle, mean, color=plots.INK, lw=1.3)
         plots.zero_line(above)
-        bins, normal = int(np.clip(1.5 * len(error) ** 0.5, 8, 40)), norm(error.mean(), error.std())
+        bins = int(np.clip(1.5 * len(error) ** 0.5, 8, 40))
+        normal = norm(error.mean(), error.std())
         below.hist(error, bins=bins, density=True, color=joint.colour, alpha=0.45)
         if normal.std() > 0:
             x = normal.mean() + normal.std() * np.linspace(-4, 4, 120)

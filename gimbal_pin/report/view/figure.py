@@ -14,7 +14,8 @@ from gimbal_pin.report.view.solids import Solid, find_frame
 from gimbal_pin.rig.rig import Rig
 
 """Colour of a link whose `colour` is 1."""
-MEASURED, REFERENCE = (0.93, 0.36, 0.06), (0.16, 0.45, 0.95)
+MEASURED = (0.93, 0.36, 0.06)
+REFERENCE = (0.16, 0.45, 0.95)
 """Colours of the line of sight, and of that of the reference and of its ghost."""
 ALONG_X = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 """Turns a three.js cylinder, which stands on y, onto +x."""
@@ -137,7 +138,8 @@ def beam(rig: Rig, root: str, length: float, colour: tuple[float, ...]) -> list[
     """Return the commands that draw a beam of `length`, m, from the camera's frame along its +x, a dot at its end."""
     fixed = find_frame(rig, rig.camera_frame)
     path = f"{list_scene_paths(rig, root)[fixed.parentJoint]}/line of sight"
-    thin, (middle, end) = 0.004 * length, (three.pose(np.array([x, 0.0, 0.0]), ALONG_X) for x in (length / 2, length))
+    thin = 0.004 * length
+    (middle, end) = (three.pose(np.array([x, 0.0, 0.0]), ALONG_X) for x in (length / 2, length))
     ray, cone = (
         {"type": "CylinderGeometry", "radiusTop": far, "radiusBottom": near, "height": length}
         | {"radialSegments": 32, "openEnded": True}

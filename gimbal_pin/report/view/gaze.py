@@ -154,7 +154,8 @@ def build_pictures(seen: Outlook) -> tuple[Picture, ...]:
     step = radians(min((k * decade for k in (1, 2, 5, 10)), key=lambda step: abs(np.log(2 * step / largest))))
     long = []
     for one in seen.held:
-        title, note = f"{one.called[:1].upper()}{one.called[1:]}, long lens", f"jitter {degrees(one.jitter):.4f}° rms"
+        title = f"{one.called[:1].upper()}{one.called[1:]}, long lens"
+        note = f"jitter {degrees(one.jitter):.4f}° rms"
         shaken = np.column_stack([np.zeros(len(seen.t)), one.shaken])
         long.append(Picture(title, note, 2.6 * step, shaken, (step, 2 * step), True))
     return (*wide, *long)

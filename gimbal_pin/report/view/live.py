@@ -185,7 +185,8 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Send the page or the news."""
-        host, token = self.headers.get("Host", ""), self.server.token
+        host = self.headers.get("Host", "")
+        token = self.server.token
         ours = host.partition(":")[0] in (HOME, "localhost")  # any port: it may be forwarded from another machine
         if not ours or self.headers.get("Origin", f"http://{host}") != f"http://{host}":
             self.send_error(403)
@@ -207,7 +208,8 @@ class Handler(BaseHTTPRequestHandler):
 
     def report(self) -> None:
         """Send the latest news whenever there are any, until the window or the server is closed."""
-        server, told = self.server, ""
+        server = self.server
+        told = ""
         with server.changed:
             server.windows += 1
             server.changed.notify_all()

@@ -117,11 +117,13 @@ def animate(
         raise UsageError("camera", f"is '{camera}'", f"choose one of {', '.join(VIEWS)}")
     shown = motion(rig, log, rate, speed, ghost)
     other = None
-    name, names = Path(log.name).name, tuple[str, ...]()
+    name = Path(log.name).name
+    names = tuple[str, ...]()
     if beside is not None:
         other = motion(rig, beside, rate, speed, ghost)
         both = min(len(shown.t), len(other.t))
-        shown, other = shown.first(both), other.first(both)
+        shown = shown.first(both)
+        other = other.first(both)
         names = (log.name, beside.name) if Path(beside.name).name == name else (name, Path(beside.name).name)
         name = " | ".join(names)
     strip = plot_strip(rig, [shown, other] if other else [shown]) if written and suffix in ENCODERS else None

@@ -90,10 +90,12 @@ def scene(
     solids = tuple(solid.refine(ROUND * size) for solid in solids)
     reach = size * (BEAM if motion.wanted is None else stage.REACH)
     tips = np.vstack([figure.tips(rig, one, reach) for one in moved])
-    marks, around = list[three.Json](), points[:0]
+    marks = list[three.Json]()
+    around = points[:0]
     if motion.wanted is not None:
         marks, around = stage.marks(rig, solids, moved[0], motion.wanted, size)
-    seen, heading = np.vstack([points, tips, around]), figure.compute_heading(rig, moved[0])
+    seen = np.vstack([points, tips, around])
+    heading = figure.compute_heading(rig, moved[0])
     camera = camera or (stage.USUAL if motion.wanted is None else stage.AIMING)
     top = np.append(np.mean([points.min(axis=0), points.max(axis=0)], axis=0)[:2], points[:, 2].max() + 0.1 * size)
     named = np.vstack([seen, top])
@@ -119,7 +121,8 @@ def one_run(
     rig: Rig, solids: Sequence[Solid], motion: Frames, shown: Poses, home: str, reach: float, size: float
 ) -> tuple[list[three.Json], figure.Tracks]:
     """Return what draws the rig, its line of sight and the ghost of its reference under a path, and what moves them."""
-    root, other = f"{home}/rig", f"{home}/ghost"
+    root = f"{home}/rig"
+    other = f"{home}/ghost"
     commands = [
         *figure.build_figure(rig, solids, root),
         *figure.pose_commands(rig, shown, root),
@@ -168,9 +171,11 @@ def onboard(rig: Rig, run: Pointing, seen: gaze.Outlook, wanted: Array) -> str:
     stands what the cameras see. The stretch of `seen` is played; `wanted`: R_d, (3, 3).
     """
     first, last = np.searchsorted(run.t, [seen.t[0], seen.t[-1]])
-    rows, sight = slice(int(first), int(last) + 1), Sight(rig)
+    rows = slice(int(first), int(last) + 1)
+    sight = Sight(rig)
     locked = np.tile(sight.reached(np.eye(3), wanted, sight.home), (rows.stop - rows.start, 1))
-    name, imus = f"held by {seen.held[-1].called} on platform {run.platform}", {rig.base: Imu(quat=run.base[rows])}
+    name = f"held by {seen.held[-1].called} on platform {run.platform}"
+    imus = {rig.base: Imu(quat=run.base[rows])}
     log = Log(name, rig.joints, run.t[rows], run.q[rows], q_ref=locked, imus=imus, payload=rig.payload)
     frames = motion(rig, log, 30.0, 1.0, True)
     moved = replace(frames, pivot=sight.centre, wanted=wanted, ghost_name="joints locked")
@@ -264,7 +269,8 @@ def plot_strip(rig: Rig, runs: Sequence[Frames]) -> three.Json:
     joints = list_shown_joints(rig)
     scales = np.array([joint.scale for joint in joints])
     shown = [scales * (run.q if run.q_ref is None or not tracked else run.q_ref - run.q) for run in runs]
-    low, high = float(np.min(shown)), float(np.max(shown))
+    low = float(np.min(shown))
+    high = float(np.max(shown))
     units = ", ".join(dict.fromkeys(joint.unit for joint in joints))
     dashes = "" if len(runs) == 1 else "; dashed: second"
     return {

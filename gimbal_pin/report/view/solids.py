@@ -81,7 +81,8 @@ class Solid:
         if not radius:
             return self
         count = int(np.ceil(np.pi / np.arccos(max(1 - error / radius, 0.5))))
-        cylinder, sphere = {"radialSegments": count}, {"widthSegments": count, "heightSegments": count // 2 + 1}
+        cylinder = {"radialSegments": count}
+        sphere = {"widthSegments": count, "heightSegments": count // 2 + 1}
         return replace(
             self, shape=replace(self.shape, geometry=geometry | (cylinder if "radiusTop" in geometry else sphere))
         )
@@ -131,9 +132,12 @@ def visuals(rig: Rig) -> tuple[tuple[Solid, ...], tuple[str, ...], frozenset[str
     }
     named = {v.geometry.mesh.filename or "" for _, _, v in every if v.geometry and v.geometry.mesh}
     meshes = find_meshes(named, rig.path.parent)
-    drawn, events, missing = list[Solid](), list[str](), set[str]()
+    drawn = list[Solid]()
+    events = list[str]()
+    missing = set[str]()
     for k, link, visual in every:
-        shape, material = read_shape(visual.geometry, meshes), visual.material
+        shape = read_shape(visual.geometry, meshes)
+        material = visual.material
         rgba: tuple[float, ...] = TONES[k % len(TONES)]
         if isinstance(shape, str):
             events.append(f"link {link}: {shape}")
@@ -164,7 +168,8 @@ def read_shape(shape: yourdfpy.Geometry | None, meshes: Mapping[str, Mesh | str]
     if isinstance(read, str):
         return f"mesh '{name if len(name) <= 100 else f'{name[:99]}…'}' {read}: not drawn"
     vertices = read.vertices * (1.0 if shape.mesh.scale is None else np.asarray(shape.mesh.scale, dtype=float))
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low = vertices.min(axis=0)
+    high = vertices.max(axis=0)
     return Shape(three.buffer(vertices, read.faces), (high - low) / 2, (high + low) / 2)
 
 
@@ -177,7 +182,8 @@ def stand_ins(rig: Rig) -> tuple[Solid, ...]:
     Lengths come from the joints' placements, and from the bodies' centres of mass and radii of gyration where the axes
     meet in one point.
     """
-    model, links = rig.model, (rig.base, *rig.links)
+    model = rig.model
+    links = (rig.base, *rig.links)
     axes = {joint.name: joint.axis for joint in urdf.load_checked(rig.urdf, str(rig.path)).joints}
     chain = sum(float(np.linalg.norm(place.translation)) for place in model.jointPlacements)
     bodies = [np.linalg.norm(x.lever) + np.sqrt(max(np.trace(x.inertia), 0.0) / x.mass) for x in model.inertias[1:]]

@@ -28,7 +28,10 @@ SKY = ("#f4f6fa", "#b3bfcf")
 KEY = (0.6, 0.75, 2.4)
 """Where the light that casts the shadows shines from: toward the viewer, to the viewer's left, up."""
 
-RED, PALE, LEVEL, DECK = (0.85, 0.20, 0.12), (1.0, 0.99, 0.96), (0.09, 0.13, 0.18), (0.36, 0.41, 0.48)
+RED = (0.85, 0.20, 0.12)
+PALE = (1.0, 0.99, 0.96)
+LEVEL = (0.09, 0.13, 0.18)
+DECK = (0.36, 0.41, 0.48)
 DISTANCE, REACH = 0.95, 0.93
 """From the camera to the target, and to where the line of sight ends just before it, in radii of the rig."""
 BOARD = (0.15, 0.105, 0.06, 0.022)
@@ -57,10 +60,12 @@ class Camera:
 
     def find_free_corner(self, points: Array, aspect: float) -> str:
         """Return the first corner of a picture in which the fewest of the points, m, (K, 3), are seen."""
-        back, away = self.offset / np.linalg.norm(self.offset), points - self.target
+        back = self.offset / np.linalg.norm(self.offset)
+        away = points - self.target
         right = np.array([-back[1], back[0], 0.0]) / np.hypot(back[0], back[1])
         reach = (np.linalg.norm(self.offset) - away @ back) * np.tan(np.deg2rad(FOV) / 2)
-        across, up = away @ right / reach / aspect, away @ np.cross(back, right) / reach
+        across = away @ right / reach / aspect
+        up = away @ np.cross(back, right) / reach
         sides = [
             (f"{high} {wide}", y, x)
             for high, y in (("upper", 1), ("lower", -1))
@@ -85,12 +90,15 @@ def camera(
     `heading`: where the line of sight points, rad; `aspect`: the picture's width over its height; `aside`: whether some
     views leave room for pictures at the right.
     """
-    axes, free = find_axes(heading, view), VIEWS[view][2]
+    axes = find_axes(heading, view)
+    free = VIEWS[view][2]
     across, depth = np.split(points @ axes.T, [2], axis=1)
     half = np.tan(np.deg2rad(FOV) / 2) * np.array([aspect, 1.0])
     left = free * aside
-    middle, reach = -half * [left, 0.0], 0.88 * half * [1 - left, 1.0]
-    least, most = (across + (middle + reach) * depth).max(axis=0), (across + (middle - reach) * depth).min(axis=0)
+    middle = -half * [left, 0.0]
+    reach = 0.88 * half * [1 - left, 1.0]
+    least = (across + (middle + reach) * depth).max(axis=0)
+    most = (across + (middle - reach) * depth).min(axis=0)
     distance = float(np.max((least - most) / (2 * reach)))
     centre = float(np.mean([depth.min(), depth.max()]))
     target = np.append((least + most) / 2 - middle * distance, centre)
@@ -99,8 +107,10 @@ def camera(
 
 def find_axes(heading: float, view: str) -> Array:
     """Return the directions to the viewer's right, up in the picture, and toward the viewer, (3, 3)."""
-    azimuth, elevation = heading + np.deg2rad(VIEWS[view][0]), np.deg2rad(VIEWS[view][1])
-    level, high = np.cos(elevation), np.sin(elevation)
+    azimuth = heading + np.deg2rad(VIEWS[view][0])
+    elevation = np.deg2rad(VIEWS[view][1])
+    level = np.cos(elevation)
+    high = np.sin(elevation)
     back = np.array([level * np.cos(azimuth), level * np.sin(azimuth), high])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     return np.array([right, np.cross(back, right), back])
@@ -113,7 +123,8 @@ def place_second(points: Array, heading: float, view: str, aspect: float) -> Arr
     ``max(w / aspect, 2 h)`` one above the other: so below where ``w > aspect h``.
     """
     right, up, _ = find_axes(heading, view)
-    wide, high = float(np.ptp(points @ right)), float(np.ptp(points @ up))
+    wide = float(np.ptp(points @ right))
+    high = float(np.ptp(points @ up))
     return 1.1 * wide * right if wide <= aspect * high else -1.1 * high * up
 
 
@@ -151,7 +162,8 @@ def lights(view: Camera, points: Array, size: float) -> list[three.Json]:
     back = view.key_light / np.linalg.norm(view.key_light)
     right = np.cross(up, back) / np.linalg.norm(np.cross(up, back))
     held = points @ np.array([right, np.cross(back, right), back]).T
-    low, high = held.min(axis=0) - 0.1 * size, held.max(axis=0) + 0.1 * size
+    low = held.min(axis=0) - 0.1 * size
+    high = held.max(axis=0) + 0.1 * size
     distance = 5 * size * float(np.linalg.norm(view.key_light))
     box = dict(zip(("left", "bottom"), low[:2].tolist())) | dict(zip(("right", "top"), high[:2].tolist()))
     depth = {"near": distance - float(high[2]), "far": distance - float(low[2]) + 2 * size}
@@ -213,7 +225,8 @@ def build_grid(centre: Array, radius: float, step: float) -> tuple[Array, Array]
     pieces = np.linspace(-1, 1, 17)
     ends = []
     for axis in (0, 1):
-        first, last = np.ceil((centre[axis] - radius) / step), np.floor((centre[axis] + radius) / step)
+        first = np.ceil((centre[axis] - radius) / step)
+        last = np.floor((centre[axis] + radius) / step)
         for across in step * np.arange(first, last + 1):
             chord = np.sqrt(max(radius**2 - (across - centre[axis]) ** 2, 0.0))
             line = np.column_stack([np.full(len(pieces), across), centre[1 - axis] + chord * pieces])
@@ -234,7 +247,8 @@ def marks(
     The target is a board of rings that faces the camera, the horizon a level ring at its height, the platform a disc.
     `wanted`: the camera's attitude that should be kept, (3, 3); `size`: radius of the rig, m.
     """
-    eye, ahead = rays(rig, poses)[0].mean(axis=0), wanted[:, 0]
+    eye = rays(rig, poses)[0].mean(axis=0)
+    ahead = wanted[:, 0]
     place = eye + DISTANCE * size * ahead
     facing = np.column_stack([wanted[:, 1], wanted[:, 2], ahead])
     rings = [

@@ -41,7 +41,8 @@ def convert_mjcf(path: Path) -> tuple[str, list[str], list[str]]:
 
 def _list_included(path: Path) -> list[str]:
     """Return the files that a compiled model includes, beside the first one; MuJoCo allows each once."""
-    found, open_ = list[str](), [path]
+    found = list[str]()
+    open_ = [path]
     while open_:
         root = urdf.parse_xml(open_.pop().read_text("utf-8"), str(path))
         inner = [path.parent / str(one.get("file", "")) for one in root.iter("include")]
@@ -71,7 +72,8 @@ def convert_mujoco_model(model: mujoco.MjModel, path: str) -> tuple[str, list[st
     joints = {i: _find_joint(model, i, names[i], path) for i in range(1, model.nbody)}
     first = [i for i in joints if model.body_parentid[i] == 0]
     rooted = len(first) == 1 and joints[first[0]] is None and not len(_list_shapes(model, 0))
-    out, notes = etree.Element("robot", {"name": Path(path).stem}, nsmap={"drake": urdf.DRAKE_NAMESPACE}), list[str]()
+    out = etree.Element("robot", {"name": Path(path).stem}, nsmap={"drake": urdf.DRAKE_NAMESPACE})
+    notes = list[str]()
     for i in range(int(rooted), model.nbody):
         _add_body(out, model, i, names[i], _find_anchor(model, joints.get(i)))
     for i, joint in joints.items():
@@ -103,7 +105,8 @@ def _find_joint(model: mujoco.MjModel, body: int, name: str, path: str) -> int |
     """Return the one hinge or slide of a body; None if it has none, or floats: a rig's base is fixed."""
     import mujoco
 
-    start, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+    start = int(model.body_jntadr[body])
+    count = int(model.body_jntnum[body])
     kinds = [int(model.jnt_type[start + k]) for k in range(count)]
     if kinds == [int(mujoco.mjtJoint.mjJNT_FREE)]:
         return None
@@ -127,7 +130,8 @@ def _make_pose(position: np.ndarray, quaternion: np.ndarray) -> pin.SE3:
 
 def _add_body(out: etree._Element, model: mujoco.MjModel, body: int, name: str, at: np.ndarray) -> None:
     """Add a body as a link whose frame is at a point of it."""
-    link, shift = etree.SubElement(out, "link", name=name), pin.SE3(np.eye(3), -at)
+    link = etree.SubElement(out, "link", name=name)
+    shift = pin.SE3(np.eye(3), -at)
     if body and model.body_mass[body] > 0:
         own = shift * _make_pose(model.body_ipos[body], model.body_iquat[body])
         inertia = own.rotation @ np.diag(model.body_inertia[body]) @ own.rotation.T
@@ -144,7 +148,9 @@ def _list_shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, 
     out = []
     start = int(model.body_geomadr[body])
     for k in range(start, start + int(model.body_geomnum[body])):
-        kind, size, at = model.geom_type[k], model.geom_size[k], _make_pose(model.geom_pos[k], model.geom_quat[k])
+        kind = model.geom_type[k]
+        size = model.geom_size[k]
+        at = _make_pose(model.geom_pos[k], model.geom_quat[k])
         if kind == mujoco.mjtGeom.mjGEOM_BOX:
             shape = ("box", {"size": urdf.format_numbers(2 * size)})
         elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
@@ -153,8 +159,10 @@ def _list_shapes(model: mujoco.MjModel, body: int) -> list[tuple[str, dict[str, 
             sizes = {"radius": urdf.format_numbers(size[:1]), "length": urdf.format_numbers(2 * size[1:2])}
             shape = ("cylinder", sizes)
         elif kind in (int(mujoco.mjtGeom.mjGEOM_MESH), int(mujoco.mjtGeom.mjGEOM_ELLIPSOID)):
-            middle, half = model.geom_aabb[k][:3], model.geom_aabb[k][3:]
-            at, shape = at * pin.SE3(np.eye(3), np.array(middle)), ("box", {"size": urdf.format_numbers(2 * half)})
+            middle = model.geom_aabb[k][:3]
+            half = model.geom_aabb[k][3:]
+            at = at * pin.SE3(np.eye(3), np.array(middle))
+            shape = ("box", {"size": urdf.format_numbers(2 * half)})
         else:
             continue
         out.append((*shape, at, np.array(model.geom_rgba[k])))
@@ -170,17 +178,21 @@ def _add_joint(
     if joint is None:
         urdf.add_joint(out, f"{links[1]}_on_{links[0]}", "fixed", *links, origin)
         return []
-    name, axis = model.joint(joint).name or f"joint{joint}", np.array(model.jnt_axis[joint])
-    slides, limited = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE, bool(model.jnt_limited[joint])
+    name = model.joint(joint).name or f"joint{joint}"
+    axis = np.array(model.jnt_axis[joint])
+    slides = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+    limited = bool(model.jnt_limited[joint])
     # A file shows its bodies where the joint reads `ref`; at zero it is turned back by that.
     back = -float(model.qpos0[model.jnt_qposadr[joint]]) * axis
     origin = origin * (pin.SE3(np.eye(3), back) if slides else pin.SE3(pin.exp3(back), np.zeros(3)))
     kind = "prismatic" if slides else "revolute" if limited else "continuous"
-    new, dof = urdf.add_joint(out, name, kind, *links, origin, axis), int(model.jnt_dofadr[joint])
+    new = urdf.add_joint(out, name, kind, *links, origin, axis)
+    dof = int(model.jnt_dofadr[joint])
     low, high = model.jnt_range[joint] if limited else (-1e16, 1e16)
     effort = f"{_find_largest_torque(model, joint):.17g}"
     etree.SubElement(new, "limit", lower=f"{low:.17g}", upper=f"{high:.17g}", effort=effort, velocity="0")
-    damping, friction = float(model.dof_damping[dof]), float(model.dof_frictionloss[dof])
+    damping = float(model.dof_damping[dof])
+    friction = float(model.dof_frictionloss[dof])
     etree.SubElement(new, "dynamics", damping=f"{damping:.17g}", friction=f"{friction:.17g}")
     if model.dof_armature[dof] > 0:
         transmission = etree.SubElement(out, "transmission", name=f"{name}_transmission")
@@ -203,7 +215,8 @@ def _find_largest_torque(model: mujoco.MjModel, joint: int) -> float:
     for k in range(model.nu):
         if model.actuator_trntype[k] != mujoco.mjtTrn.mjTRN_JOINT or model.actuator_trnid[k, 0] != joint:
             continue
-        gear, direct = abs(float(model.actuator_gear[k, 0])), model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
+        gear = abs(float(model.actuator_gear[k, 0]))
+        direct = model.actuator_biastype[k] == mujoco.mjtBias.mjBIAS_NONE
         if model.actuator_forcelimited[k]:
             found.append(gear * float(np.abs(model.actuator_forcerange[k]).max()))
         elif model.actuator_ctrllimited[k] and direct:

@@ -63,11 +63,13 @@ class _Converter:
 
     def converted(self) -> tuple[str, list[str]]:
         """Return the URDF's text and what was left out."""
-        joints, links = self.model.findall("joint"), self.model.findall("link")
+        joints = self.model.findall("joint")
+        links = self.model.findall("link")
         moved = {self.text(joint, "child"): joint for joint in joints if self.kind(joint) != "fixed"}
         frames: dict[str, pin.SE3] = {_WORLD: pin.SE3.Identity()}
         for link in links:
-            name, pose = link.get("name", ""), self.pose_of(link.get("name", ""), link)
+            name = link.get("name", "")
+            pose = self.pose_of(link.get("name", ""), link)
             own = moved.get(name)
             at = pose if own is None else self.pose_of(own.get("name", ""), own)
             frames[name] = pin.SE3(pose.rotation, at.translation)
@@ -136,8 +138,10 @@ class _Converter:
 
     def add_joint(self, out: etree._Element, joint: etree._Element, frames: Mapping[str, pin.SE3]) -> None:
         """Add a joint."""
-        kind, name = self.kind(joint), joint.get("name", "")
-        parent, child = self.text(joint, "parent"), self.text(joint, "child")
+        kind = self.kind(joint)
+        name = joint.get("name", "")
+        parent = self.text(joint, "parent")
+        child = self.text(joint, "child")
         for role, link in (("parent", parent), ("child", child)):
             if link not in frames:
                 what = f"joint '{name}' has '{link}' as {role}, which is no link of the model"
@@ -146,7 +150,8 @@ class _Converter:
         if kind == "fixed":
             urdf.add_joint(out, name, kind, parent, child, origin)
             return
-        axis, limit = joint.find("axis"), {}
+        axis = joint.find("axis")
+        limit = {}
         way = np.array([0.0, 0.0, 1.0]) if axis is None else self.axis(joint, axis)
         for key in ("lower", "upper", "effort", "velocity"):
             value = self.number(joint, f"axis/limit/{key}", np.inf)
