@@ -36,9 +36,11 @@ def score(name: str, payload: str, seed: int, seconds: float) -> tuple[str, str,
     """Simulate and identify one log."""
     rig = Rig.load(name, payload)
     log, tau = closed_loop(rig, seed, seconds)
-    found, best = identify(rig, [log]), oracle(rig, log, tau)
+    found = identify(rig, [log])
+    best = oracle(rig, log, tau)
     truth = true_theta(rig)
-    error, std = np.abs(found.estimate.theta - truth), found.estimate.std
+    error = np.abs(found.estimate.theta - truth)
+    std = found.estimate.std
     ratio = max(left / best.held_out.torque_rmse[joint] for joint, left in found.held_out.torque_rmse.items())
     sharp = (error / np.abs(truth))[std < 0.012 * np.abs(truth)]
     return name, payload, Score(ratio, tuple((error / std).tolist()), float(sharp.max(initial=0.0)))
@@ -64,7 +66,8 @@ def main(seeds: int = 20, seconds: float = 60.0, first: int = 1000, workers: int
             scores[name, payload].append(found)
     print(f"{'rig':10}{'payload':12}{'ratio median':>14}{'worst':>8}{'z rms':>8}{'worst':>8}{'sharp worst %':>15}")
     for (name, payload), rows in sorted(scores.items()):
-        ratios, z = [row.ratio for row in rows], np.concatenate([row.z for row in rows])
+        ratios = [row.ratio for row in rows]
+        z = np.concatenate([row.z for row in rows])
         figures = f"{np.median(ratios):14.2f}{max(ratios):8.2f}{np.sqrt(np.mean(z**2)):8.2f}{z.max():8.2f}"
         print(f"{name:10}{payload:12}{figures}{100 * max(row.sharp for row in rows):15.2f}")
     everything = [row for rows in scores.values() for row in rows]

@@ -107,7 +107,8 @@ def judge_gimbal(found: Identified, truth: Truth, joint: int) -> Iterator[tuple[
     for body, own in zip(found.bodies, truth.rig.phi.reshape(-1, 10)):
         for figure, true in zip((body.mass, *body.com, *body.inertia), compute_figures(own)):
             yield "bodies", is_inside(figure.value, figure.std, true)
-    width, kinds = len(found.reduction.independent), truth.rig.friction.shape[1]
+    width = len(found.reduction.independent)
+    kinds = truth.rig.friction.shape[1]
     for k, true in enumerate(truth.rig.friction.ravel().tolist()):
         if k // kinds != joint:
             yield "friction", is_inside(found.estimate.theta[width + k], found.estimate.std[width + k], true)
@@ -144,7 +145,8 @@ def judge(name: str, logs: str, kind: str, rng: np.random.Generator) -> Iterator
     payloads = (FIRST, SECOND) if logs == "two cameras" else (FIRST,)
     rigs = {payload: Rig.load(name, payload) for payload in payloads}
     first = rigs[FIRST]
-    bare, joint = draw_bodies(first, rng), int(rng.integers(first.n))
+    bare = draw_bodies(first, rng)
+    joint = int(rng.integers(first.n))
     rub = rng.uniform(0.8, 1.2, first.friction.shape)
     if len(rigs) == 1:
         truth = draw_truth(first, bare, rub, False, rng)
@@ -172,7 +174,8 @@ def main() -> None:
     for logs in asked.of:
         for kind in EFFECTS:
             rng = np.random.default_rng([asked.seed, list(LOGS).index(logs), EFFECTS.index(kind)])
-            hits, refused = defaultdict[str, list[bool]](list), 0
+            hits = defaultdict[str, list[bool]](list)
+            refused = 0
             for _ in tqdm(range(asked.logs), desc=f"{logs}, {kind}", leave=False):
                 try:
                     for what, yes in list(judge(asked.rig, logs, kind, rng)):

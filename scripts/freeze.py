@@ -240,7 +240,9 @@ def main(
         kept = table[name]
         unequal = [key for key in kept.keys() | found.keys() if not same(kept.get(key, ""), found.get(key, ""))]
         beyond = [key for key in unequal if has_moved(key, kept, found)]
-        different, total, far = different + bool(unequal), total + len(unequal), far + len(beyond)
+        different = different + bool(unequal)
+        total = total + len(unequal)
+        far = far + len(beyond)
         print(f"{name}: {len(unequal)} of {len(kept)} figures moved, {len(beyond)} by over a tenth of their deviation, "
               f"{took:.1f} s", flush=True)  # fmt: skip
         for key in [*sorted(beyond), *sorted(set(unequal) - {*beyond})][:show]:

@@ -189,7 +189,8 @@ def draw_fleet() -> Figure:
 
 def draw_friction() -> Figure:
     """Dry and viscous friction, and what real joints add: Stribeck's rise at low rates, a direction that costs more."""
-    rig, v = gimbal_pin.Rig.load("turret"), np.linspace(-0.6, 0.6, 1201)
+    rig = gimbal_pin.Rig.load("turret")
+    v = np.linspace(-0.6, 0.6, 1201)
     still = np.zeros((len(v), rig.n))
     causes = {
         "dry and viscous": [],

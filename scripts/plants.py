@@ -220,7 +220,8 @@ def draw_body(body: Body, rng: np.random.Generator) -> Body:
 
 def swap_camera(gimbal: Gimbal, situation: str, rng: np.random.Generator) -> Gimbal:
     """What the camera's URDF should have said."""
-    camera, way = gimbal.camera, rng.normal(size=3)
+    camera = gimbal.camera
+    way = rng.normal(size=3)
     far = {"urdf": 0.0, "shifted": rng.uniform(0.003, 0.008)}.get(situation, rng.uniform(0.005, 0.012))
     x, y, z = np.array(camera.centre) + far * way / np.linalg.norm(way)
     camera = replace(camera, centre=(float(x), float(y), float(z)))
@@ -248,7 +249,8 @@ class Mover:
         """Torque, N m, (n,), and the next memory; `v` is not read."""
         integral, rate, before = memory
         rate = rate + 0.3 * ((q - (q if before is None else before)) / self.dt - rate)
-        error, pole = aim.q - q, self.poles
+        error = aim.q - q
+        pole = self.poles
         integral = integral + error * self.dt
         wanted = 3 * pole**2 * error + 3 * pole * (aim.v - rate) + pole**3 * integral
         return self.inertia * wanted, (integral, rate, q)
@@ -278,7 +280,9 @@ class Peer:
 
     def __init__(self, truth: Gimbal, flaws: Flaws) -> None:
         """Read the URDF of the truth."""
-        self.names, self.dt, self.flaws = [each.name for each in truth.axes], 1 / truth.rate, flaws
+        self.names = [each.name for each in truth.axes]
+        self.dt = 1 / truth.rate
+        self.flaws = flaws
         self.substeps = round(self.dt / STEP)
         self.model = rigid_bodies(etree.fromstring(truth.write_urdf(payload=True)))
         self.model.opt.timestep = self.dt / self.substeps
@@ -286,7 +290,8 @@ class Peer:
 
     def inertia(self, q: Array) -> Array:
         """Diagonal of the mass matrix, (n,)."""
-        data, full = mujoco.MjData(self.model), np.zeros((self.model.nv, self.model.nv))
+        data = mujoco.MjData(self.model)
+        full = np.zeros((self.model.nv, self.model.nv))
         data.qpos[self.at] = q
         mujoco.mj_forward(self.model, data)
         mujoco.mj_fullM(self.model, data, full)
@@ -294,12 +299,20 @@ class Peer:
 
     def run(self, law: Controller, reference: Motion, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Measured and true angles and commanded torques along a reference, (N, n) each."""
-        at, flaws, step = self.at, self.flaws, 2 * np.pi / 2**self.flaws.bits
-        late, (coulomb, viscous) = round(flaws.late / STEP), flaws.friction
-        data, memory = mujoco.MjData(self.model), law.start()
+        at = self.at
+        flaws = self.flaws
+        step = 2 * np.pi / 2**self.flaws.bits
+        late = round(flaws.late / STEP)
+        (coulomb, viscous) = flaws.friction
+        data = mujoco.MjData(self.model)
+        memory = law.start()
         data.qpos[at] = reference.q[0]
         mujoco.mj_forward(self.model, data)
-        held, seen, true, torques, acting = np.array(data.qfrc_bias[at]), [], [], [], list[Array]()
+        held = np.array(data.qfrc_bias[at])
+        seen = []
+        true = []
+        torques = []
+        acting = list[Array]()
         for k, aim in enumerate(map(Reference, reference.q, reference.v, reference.a)):
             true.append(np.array(data.qpos[at]))
             seen.append(step * np.round(true[-1] / step))
@@ -319,9 +332,12 @@ class Peer:
 
 def record(plant: Peer, motion: Path, log: Path, rng: np.random.Generator, poles: float = 25.0) -> None:
     """A PID of each joint follows the motion; writes its log."""
-    table, names, dt = np.genfromtxt(motion, delimiter=",", names=True), plant.names, plant.dt
+    table = np.genfromtxt(motion, delimiter=",", names=True)
+    names = plant.names
+    dt = plant.dt
     reference = np.column_stack([table[f"q_{name}"] for name in names])
-    t, wanted = dt * np.arange(len(reference)), np.gradient(reference, dt, axis=0)
+    t = dt * np.arange(len(reference))
+    wanted = np.gradient(reference, dt, axis=0)
     stable = 1 / (16 * dt)  # with the delay and the rate's filter
     mover = Mover(plant.inertia(reference[0]), dt, min(poles, stable))
     seen, _, torques = plant.run(mover, Motion(t, reference, wanted, 0 * wanted), rng)
@@ -362,7 +378,8 @@ def examine(name: str, situation: str, seed: int, folder: Path) -> dict[str, Any
     truth = swap_camera(rig, situation, rng)
     write_rig(gimbal, folder)
     write_rig(truth, folder / "truth")
-    design, ratio = ("-o", "motion.csv", "--rate", str(gimbal.rate)), None
+    design = ("-o", "motion.csv", "--rate", str(gimbal.rate))
+    ratio = None
     results = {"excite": call(folder, "excite", "rig.yaml", *design)}
     if "error" not in results["excite"]:
         plant = Peer(truth, Flaws(friction, truth.delay / truth.rate))
@@ -429,7 +446,10 @@ def judge(result: dict[str, Any], verb: str) -> tuple[list[str], bool]:
         share = claimed / result["ratio"]
         says = f"{claimed:.1f} × better than a PID, truly {result['ratio']:.1f}"
         return [*row, *[""] * 6, says], share <= CLOSE and result["ratio"] >= 1 / 1.05
-    words, good, scores, says = ["", "", ""], True, np.zeros(0), ""
+    words = ["", "", ""]
+    good = True
+    scores = np.zeros(0)
+    says = ""
     if verb == "excite":
         rows = told["expected"]["parameters"]
         found = {each["name"]: each["value"] for each in result["results"]["identify"]["base_parameters"]}
@@ -454,13 +474,19 @@ def judge_camera(told: dict[str, Any], result: dict[str, Any]) -> tuple[list[str
     `with the last body` compares the first moment of camera and last body together, across the last axis, y: the
     torques show no more than this sum.
     """
-    stated, truth = result["stated"], result["truth"]
+    stated = result["stated"]
+    truth = result["truth"]
     camera = (told.get("given_model") or {}).get("camera") or {}
     opinions = {each["opinion"] for each in told.get("misfit", {}).values()}
     is_told = camera.get("com_std_if_known_mm") is not None or opinions != {"explained"}
-    mass, weighed = camera.get("mass"), bool(camera.get("weighed"))
+    mass = camera.get("mass")
+    weighed = bool(camera.get("weighed"))
     found = stated["mass"] + (mass or 0) / 1000
-    good, mass_words, errors, scores, sums = True, "unknown", list[float](), list[float](), list[float]()
+    good = True
+    mass_words = "unknown"
+    errors = list[float]()
+    scores = list[float]()
+    sums = list[float]()
     if mass is not None and weighed:
         mass_words = "told"
     elif mass is not None:
@@ -503,10 +529,12 @@ BITS = 14
 
 def compare_claim(name: str, seed: int, folder: Path) -> list[str]:
     """What `tune` claims over a PID beside the truth: 14-bit encoders, 2 to 6 ms of delay, Stribeck friction."""
-    gimbal, rng = PLANTS[name], np.random.default_rng([seed, list(PLANTS).index(name), 1])
+    gimbal = PLANTS[name]
+    rng = np.random.default_rng([seed, list(PLANTS).index(name), 1])
     bodies = tuple(replace(each, body=draw_body(each.body, rng)) for each in gimbal.axes)
     truth = replace(gimbal, axes=bodies, camera=draw_body(gimbal.camera, rng))
-    friction, late = rng.uniform([[0.01], [0.005]], [[0.03], [0.02]], (2, len(bodies))), rng.uniform(0.002, 0.006)
+    friction = rng.uniform([[0.01], [0.005]], [[0.03], [0.02]], (2, len(bodies)))
+    late = rng.uniform(0.002, 0.006)
     believed = late * rng.uniform(0.8, 1.2)
     plant = Peer(truth, Flaws(friction, late, BITS, 0.4, 8.7e-5))
     motors = "".join(f"  {each.name}: {{encoder_bits: {BITS}}}\n" for each in bodies)

@@ -35,7 +35,9 @@ def fourier(rig: Rig, seed: int, seconds: float, dt: float = 1e-3) -> Motion:
     q, v, a = (np.zeros((len(t), rig.n)) for _ in range(3))
     for j, limit in enumerate(rig.limits):
         for harmonic in range(1, 6):
-            size, phase, w = rng.normal() / harmonic, rng.uniform(0, 2 * np.pi), 0.86 * harmonic
+            size = rng.normal() / harmonic
+            phase = rng.uniform(0, 2 * np.pi)
+            w = 0.86 * harmonic
             q[:, j] += size * np.sin(w * t + phase)
             v[:, j] += size * w * np.cos(w * t + phase)
             a[:, j] -= size * w * w * np.sin(w * t + phase)
@@ -67,7 +69,8 @@ def true_theta(rig: Rig, base: BaseMotion = "fixed") -> Array:
 
 def truth(plant: Model, log: Log, tau: Array) -> Motion:
     """The plant's state in the middle of every held torque, replayed from the torques that acted."""
-    system, half = Plant(plant), log.dt / 2
+    system = Plant(plant)
+    half = log.dt / 2
     state = State(np.array(log.q_ref[0]), np.zeros(plant.rig.n))  # type: ignore[index]
     q, v, a = (np.empty((len(log), plant.rig.n)) for _ in range(3))
     for k, t in enumerate(log.t.tolist()):
@@ -80,7 +83,8 @@ def truth(plant: Model, log: Log, tau: Array) -> Motion:
 
 def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
     """The same fit with the true, noise-free q, v and a; a joint is at standstill only where it truly is."""
-    true, measured = truth(nominal(rig), log, tau), np.asarray(log.tau)
+    true = truth(nominal(rig), log, tau)
+    measured = np.asarray(log.tau)
 
     def channels(stretch: Segment, _: Filtering, first: int, last: int, carrier: str | None) -> Samples:
         assert carrier is None
@@ -98,7 +102,8 @@ def oracle(rig: Rig, log: Log, tau: Array) -> Identified:
 
 def closed_loop(rig: Rig, seed: int, seconds: float, torque_noise: float = 0.01, bits: float = 16) -> tuple[Log, Array]:
     """A simulated excitation under computed torque, and the torque that acted without the sensor's noise."""
-    rng, plant = np.random.default_rng(seed), nominal(rig)
+    rng = np.random.default_rng(seed)
+    plant = nominal(rig)
     reference = repeated(excite(rig, starts=1, rng=rng).motion, seconds, 1e-3)
     sensors = replace(Sensors.of(rig, 1e-3), encoder_step=np.full(rig.n, 2 * np.pi / 2**bits))
     log = simulate(plant, tune(plant).controller, reference, rng=rng, sensors=sensors)

@@ -75,7 +75,8 @@ Rows = list[list[str]]
 
 def scale_column(draw: Draw, rows: Rows, column: int) -> None:
     """Multiply a column by a power of ten, or add one to it."""
-    size, is_factor = 10.0 ** draw(st.integers(-300, 300)), draw(st.booleans())
+    size = 10.0 ** draw(st.integers(-300, 300))
+    is_factor = draw(st.booleans())
     for row in rows[1:]:
         try:
             value = float(row[column])
@@ -86,7 +87,8 @@ def scale_column(draw: Draw, rows: Rows, column: int) -> None:
 
 def replace_cells(draw: Draw, rows: Rows, column: int) -> None:
     """Write one value into one row, some rows or all of a column."""
-    value, first = draw(numbers), draw(st.integers(1, len(rows)))
+    value = draw(numbers)
+    first = draw(st.integers(1, len(rows)))
     for row in rows[first : first + choose(draw, (1, 3, 50, len(rows)))]:
         row[column] = value
 
@@ -123,7 +125,8 @@ def change_columns(draw: Draw, rows: Rows, column: int) -> None:
 
 def widen(draw: Draw, rows: Rows, column: int) -> None:
     """Add 300 columns of zeros, or change the width of one row."""
-    how, row = choose(draw, ("wide", "shorter", "longer", "much longer")), choose(draw, rows)
+    how = choose(draw, ("wide", "shorter", "longer", "much longer"))
+    row = choose(draw, rows)
     if how == "wide":
         rows[:] = [[*row, *(f"c{k}" if row is rows[0] else "0" for k in range(300))] for row in rows]
     elif how == "shorter":
@@ -187,7 +190,8 @@ def damaged_columns(draw: Draw, columns: Mapping[str, Array], changes: Mapping[s
     rows = draw(st.sampled_from((0, 1, 2, 10, *[len(columns["t"])] * 8)))
     found: dict[str, Any] = {name: x[:rows] for name, x in columns.items()}
     for _ in range(draw(st.integers(1, 3))):
-        name, how = choose(draw, columns), choose(draw, ("type", "type", "type", "name", "gone", "wide"))
+        name = choose(draw, columns)
+        how = choose(draw, ("type", "type", "type", "name", "gone", "wide"))
         if how == "type":
             found[name] = changes[choose(draw, changes)](columns[name][:rows])
         elif how == "wide":
@@ -357,8 +361,11 @@ def change_element(draw: Draw, part: Any, parts: list[Any]) -> None:
 
 def append_chain(draw: Draw, part: Any, parts: list[Any]) -> None:
     """Add joints and links one behind another, or beside one another, or elements inside elements."""
-    count, kind = choose(draw, (1, 3, 30, 300)), choose(draw, (*TYPES[:6], "nested"))
-    is_chain, robot, parent = draw(st.booleans()), part.getroottree().getroot(), "arm"
+    count = choose(draw, (1, 3, 30, 300))
+    kind = choose(draw, (*TYPES[:6], "nested"))
+    is_chain = draw(st.booleans())
+    robot = part.getroottree().getroot()
+    parent = "arm"
     for k in range(count):
         if kind == "nested":
             part = etree.SubElement(part, "a")

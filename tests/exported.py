@@ -89,7 +89,8 @@ class CompiledPointer:
     def torque(self, seen: Measurement, memory: CompiledMemory) -> tuple[Array, CompiledMemory]:
         """Return the torque, N m, (n,), finite and within the limits, and the next memory."""
         state = ctypes.create_string_buffer(memory.state, len(memory.state))
-        tau, sensors = np.empty(self.library.n, np.float32), sampled(seen)
+        tau = np.empty(self.library.n, np.float32)
+        sensors = sampled(seen)
         self.library.code.gimbal_holding_step(self.library.parameters, state, at(sensors), at(tau))
         return self.library.torque(tau), CompiledMemory(state.raw)
 
@@ -187,12 +188,15 @@ def tracking_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
     """Return the largest difference of both torques that follow a reference at one drawn state, and the share of
     joints at their limit; in torque limits.
     """
-    law, n, limit = tested.stored.law, tested.library.n, tested.stored.model.tau_max
+    law = tested.stored.law
+    n = tested.library.n
+    limit = tested.stored.model.tau_max
     q, v, size = state(n, rng)
     aim = Reference(
         floats(q + size * rng.normal(size=n)), floats(v + 10 * size * rng.normal(size=n)), floats(rng.normal(0, 1, n))
     )
-    integral, before = floats(0.1 * size * rng.normal(size=n)), floats(aim.a + rng.normal(0, 0.1, n))
+    integral = floats(0.1 * size * rng.normal(size=n))
+    before = floats(aim.a + rng.normal(0, 0.1, n))
     right, after = law.torque(0.5, q, v, aim, LawMemory(tuple(integral), tuple(before)))
     held = single(integral, before).tobytes() + np.array([1, 0], np.uint32).tobytes()
     found, memory = tested.law.torque(0.5, q, v, aim, held)
@@ -203,7 +207,9 @@ def tracking_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
 
 def holding_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
     """Return the same of the torques that hold the camera on a base that moves."""
-    law, n, limit = tested.pointer.law, tested.library.n, tested.stored.model.tau_max
+    law = tested.pointer.law
+    n = tested.library.n
+    limit = tested.stored.model.tau_max
     q, v, size = state(n, rng)
     ahead = tuple(
         Ahead(
@@ -215,10 +221,13 @@ def holding_gap(tested: Twin, rng: np.random.Generator) -> tuple[float, float]:
         for _ in tested.pointer.navigator.forecast.leads
     )
     aim = Aim(floats(q + size * rng.normal(size=n)), floats(v + 10 * size * rng.normal(size=n)), ahead[0].a, ahead)
-    integral, owed = floats(0.1 * size * rng.normal(size=n)), floats(0.01 * rng.normal(size=n))
+    integral = floats(0.1 * size * rng.normal(size=n))
+    owed = floats(0.01 * rng.normal(size=n))
     right, _ = law.torque(0.5, q, v, aim, CarriedMemory(tuple(integral), tuple(owed)))
-    memory, tau = single(integral, owed), np.empty(n, np.float32)
-    here, rates = single(q), single(v)
+    memory = single(integral, owed)
+    tau = np.empty(n, np.float32)
+    here = single(q)
+    rates = single(v)
     there = single(aim.q, aim.v, *(single(a.q, a.v, a.a, a.base.f, a.base.w, a.base.dw) for a in ahead))
     tested.library.code.gimbal_hold(
         tested.library.parameters, at(memory), ctypes.c_float(0.5), at(here), at(rates), at(there), at(tau)
@@ -232,7 +241,8 @@ class Side:
     def __init__(self, tested: Twin) -> None:
         """Take the two."""
         self.python, self.c, self.navigator = tested.pointer, tested.compiled, tested.pointer.navigator
-        self.dt, self.limit = tested.pointer.dt, tested.stored.model.tau_max
+        self.dt = tested.pointer.dt
+        self.limit = tested.stored.model.tau_max
         self.gaps: list[float] = []
 
     def start(self, seen: Measurement, camera: Array, base: Array) -> Pair:

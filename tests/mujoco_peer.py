@@ -28,7 +28,8 @@ def torque(
     model: mujoco.MjModel, joints: Sequence[str], q: Array, v: Array, a: Array, base: Sequence[Sequence[Array]] = ()
 ) -> Array:
     """mj_inverse in the order of `joints`, (N, n); `base`: per sample a free joint's pose, rate and acceleration."""
-    data, free = mujoco.MjData(model), model.nq - model.nv
+    data = mujoco.MjData(model)
+    free = model.nq - model.nv
     at = np.array([int(model.joint(name).dofadr[0]) for name in joints])
     assert model.nv == len(joints) + 6 * free
     out = np.empty_like(q)

@@ -67,7 +67,8 @@ def chain(n: int) -> Rig:
     """A chain of n revolute joints about z, y and x in turn, every body lighter than the one that carries it."""
     parts = ['<robot name="chain"><link name="base"/>']
     for k in range(n):
-        mass, parent = 3.0 * 0.85**k, f"link{k - 1}" if k else "base"
+        mass = 3.0 * 0.85**k
+        parent = f"link{k - 1}" if k else "base"
         Ixx, Iyy, Izz = (mass * x for x in (0.004, 0.005, 0.003))
         parts.append(
             f'<link name="link{k}"><inertial><origin xyz="0.02 -0.01 0.05" rpy="0.1 0.2 0.3"/><mass value="{mass}"/>'

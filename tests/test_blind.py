@@ -38,7 +38,8 @@ PLANS = [
 def diagnosed(plan: draw.Plan, folder: Path) -> Judged:
     """Hide, write, diagnose the files, and judge what was said."""
     hidden = cases.hide(plan)
-    written, told = files.write(hidden, folder), files.write_truth(hidden, folder)
+    written = files.write(hidden, folder)
+    told = files.write_truth(hidden, folder)
     main(["diagnose", str(written.rig), str(written.log), "--json", str(folder / "said.json")])
     truth, said = (json.loads(path.read_text(encoding="utf-8")) for path in (told.truth, folder / "said.json"))
     return judge(truth, said)

@@ -65,7 +65,9 @@ def run_of(sensors: DriveSensors, seconds: float = 10.0) -> tuple[Scene, Trace]:
     """A made-up run of one axis: angles as they are, and a command of the same sines."""
     rig = draw_rig(np.random.default_rng(1), 1)
     t = np.arange(round(seconds * RATE)) / RATE
-    q, command, none = rough(t, 3)[:, None], rough(t, 4)[:, None], np.zeros((len(t), 1))
+    q = rough(t, 3)[:, None]
+    command = rough(t, 4)[:, None]
+    none = np.zeros((len(t), 1))
     trace = Trace(t, q, none, q, none, command, *(6 * [none]))
     return Scene(rig, Reference(t, q, q, q, none), None, none, sensors, RATE, 1), trace  # type: ignore[arg-type]
 
@@ -120,7 +122,8 @@ def test_channels_are_as_far_apart_as_drawn(seed: int) -> None:
     sensors = sensors_of(**{k: getattr(drawn, k) for k in ("angle_late", "torque_late", "current_hz", "torque_every")})
     scene, trace = run_of(sensors)
     shown = show(sensors, scene, trace, 1, np.random.default_rng(0)).channels
-    angle, torque = lateness(shown.q[:, 0], trace.q[:, 0]), lateness(shown.tau[:, 0], trace.command[:, 0])
+    angle = lateness(shown.q[:, 0], trace.q[:, 0])
+    torque = lateness(shown.tau[:, 0], trace.command[:, 0])
     hold = 0.5 / RATE
     assert torque - angle - hold == pytest.approx(drawn.alignment, abs=0.6e-3)
     assert abs(drawn.alignment) <= FARTHEST
@@ -156,7 +159,8 @@ def test_rates_follow_the_encoder_at_their_bandwidth(law: str) -> None:
     world = World(draw_rig(np.random.default_rng(1), 1), (), 1.0 / RATE, 4.0)
     t = np.arange(round(4.0 * RATE)) / RATE
     read = DriveReading(world, sensors, len(t), np.random.default_rng(0))
-    q, v = np.sin(2.0 * np.pi * t), 2.0 * np.pi * np.cos(2.0 * np.pi * t)
+    q = np.sin(2.0 * np.pi * t)
+    v = 2.0 * np.pi * np.cos(2.0 * np.pi * t)
     rates = np.array([read(k, [q[k]], [v[k]])[1][0] for k in range(len(t))])
     late = lateness(rates, v)
     expected = 1.6 / (2.0 * np.pi * 30.0) if law == "observer" else 0.5 / (np.pi * 30.0) + 0.5 / RATE

@@ -107,7 +107,8 @@ def energy_error(substeps: int) -> float:
 
 
 def test_energy_is_kept_to_the_second_order_of_the_step() -> None:
-    coarse, fine = energy_error(4), energy_error(8)
+    coarse = energy_error(4)
+    fine = energy_error(8)
     assert fine < 1e-5
     assert coarse / fine == pytest.approx(4.0, rel=0.1)
 
@@ -141,10 +142,13 @@ def test_a_moving_base_costs_the_torque_that_mujoco_says() -> None:
     effect = effect_of(scene, "platform-motion", "sines", 1.0)
     world, trace = scene.run([effect], 8)
     ledger = settle(world, trace)
-    model, data = world.model, mujoco.MjData(world.model)
-    dofs, base = world.dof, world.base_dofs
+    model = world.model
+    data = mujoco.MjData(world.model)
+    dofs = world.dof
+    base = world.base_dofs
     model.dof_armature[base] = 0.0
-    left, path = [], world.base_path
+    left = []
+    path = world.base_path
     assert path is not None
     for row in range(0, len(trace.step_q), 97):
         position, rate, second = path((row + 0.5) * world.dt)
@@ -242,7 +246,8 @@ def test_every_form_leaves_a_mark_that_grows_with_its_strength(cause: str, form:
 def test_the_effect_series_is_the_planted_formula() -> None:
     scene = scene_of(7, 2, "multisine")
     joint = 1
-    bias, spring = effect_of(scene, "torque-bias", "constant"), effect_of(scene, "cable-spring", "linear")
+    bias = effect_of(scene, "torque-bias", "constant")
+    spring = effect_of(scene, "cable-spring", "linear")
     gain = effect_of(scene, "torque-gain", "constant")
     ledger = settle(*scene.run([bias], 4))
     np.testing.assert_allclose(ledger.effect[:, joint], -bias.parameters()["bias"], atol=1e-11)
@@ -260,8 +265,10 @@ def test_a_delay_is_exact_also_between_steps(delay: float) -> None:
     scene = scene_of(7, 2, "multisine")
     effect = CATALOGUE["delay"](1, "fixed", delay, 0.0)  # type: ignore[call-arg]
     ledger = settle(*scene.run([effect], 4))
-    command, period = ledger.command[:, 1], 1.0 / RATE
-    whole, rest = int(delay / period), delay / period - int(delay / period)
+    command = ledger.command[:, 1]
+    period = 1.0 / RATE
+    whole = int(delay / period)
+    rest = delay / period - int(delay / period)
     late = np.convolve(command, [*([0.0] * whole), 1.0 - rest, rest])[: len(command)]
     np.testing.assert_allclose((command - late)[10:], ledger.effect[10:, 1], atol=1e-10)
 
@@ -270,7 +277,8 @@ def test_lags_settle_to_their_command_and_take_their_time() -> None:
     for form in ("first-order", "second-order"):
         lag = CATALOGUE["actuator-lag"](0, form, 0.02, 1.0)  # type: ignore[call-arg]
         world = World(upright(), [lag], 1e-3, 1.0)
-        stepper, outputs = Stepper(world, [0.0], [0.0]), []
+        stepper = Stepper(world, [0.0], [0.0])
+        outputs = []
         for _ in range(300):
             stepper.step([1.0])
             outputs.append(stepper.state.u[0])
@@ -316,7 +324,8 @@ def test_rigs_and_their_nominal_twins_are_real_bodies(seed: int, axes: int) -> N
 def urdf_torque(path: Path, motion: tuple[Array, Array, Array]) -> Array:
     """MuJoCo's own reading of a URDF file."""
     model = mujoco.MjModel.from_xml_path(str(path))
-    data, torques = mujoco.MjData(model), []
+    data = mujoco.MjData(model)
+    torques = []
     for row in zip(*motion, strict=True):
         data.qpos[:], data.qvel[:], data.qacc[:] = row
         mujoco.mj_inverse(model, data)
@@ -360,7 +369,8 @@ def test_a_written_log_reads_back_as_what_was_simulated(tmp_path: Path) -> None:
 
 def test_a_plan_is_a_case_to_the_last_bit() -> None:
     first = small_case(1)
-    again, other = hide(first.plan), hide(replace(first.plan, seed=99))
+    again = hide(first.plan)
+    other = hide(replace(first.plan, seed=99))
     assert again.truth == first.truth
     for name, values in first.log.items():
         assert np.array_equal(again.log[name], values)
@@ -369,7 +379,8 @@ def test_a_plan_is_a_case_to_the_last_bit() -> None:
 
 def test_sensors_blur_no_more_than_they_say() -> None:
     case = small_case(1)
-    rows, sensors = case.oracle["rows"].astype(int), case.truth["sensors"]
+    rows = case.oracle["rows"].astype(int)
+    sensors = case.truth["sensors"]
     assert isinstance(sensors, dict)
     step = 2.0 * np.pi / 2 ** sensors["encoder_bits"]
     t = case.log["t"]
@@ -403,7 +414,8 @@ def test_corruption_stays_in_its_window(cause: str, form: str) -> None:
 def test_late_torque_is_the_torque_of_before() -> None:
     log = small_case(2, "clean").log
     damage = late_torque(log, np.random.default_rng(0), (0.0, 1.0))
-    late, t = damage.parameters["late"], damage.columns["t"]
+    late = damage.parameters["late"]
+    t = damage.columns["t"]
     assert 0.05 <= late <= 0.2
     for name, values in damage.columns.items():
         earlier = t - late if name.startswith("tau_") else t

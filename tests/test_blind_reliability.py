@@ -28,7 +28,8 @@ def rights(case: Judged) -> list[bool]:
 
 def test_honest_probabilities_are_calibrated_and_overconfident_ones_are_not() -> None:
     rng = np.random.default_rng(0)
-    honest, sure = [], []
+    honest = []
+    sure = []
     for p in rng.uniform(0.01, 1.0, 4000):
         hidden = truth("single", cause("cogging" if rng.random() < p else "stribeck"))
         honest.append(case_of(hidden, said("cogging", p)))

@@ -131,7 +131,8 @@ def test_unknown_on_a_clean_log_is_half_a_false_finding() -> None:
 
 
 def test_a_true_fault_of_the_sensors_is_no_false_finding() -> None:
-    dirty, told = truth("clean", faults=("clock",)), diagnosis("data", finding("clock", None, "data"))
+    dirty = truth("clean", faults=("clock",))
+    told = diagnosis("data", finding("clock", None, "data"))
     assert row(score([(dirty, told)]), "false findings").value == 0.0
     assert row(score([(truth("clean"), told)]), "false findings").value == 1.0
 
@@ -165,14 +166,16 @@ def test_effects_below_the_noise_are_not_asked_for() -> None:
 
 
 def test_a_torque_by_formula_may_be_told_by_either_name() -> None:
-    formula, told = truth("data", data="commanded-torque"), finding("controller-formula", None, "data")
+    formula = truth("data", data="commanded-torque")
+    told = finding("controller-formula", None, "data")
     rows = score([(formula, diagnosis("data", told))])
     assert row(rows, "data faults told").value == 1.0
     assert row(rows, "data faults: physics").value == 0.0
 
 
 def test_drives_logs_have_rows_of_their_own() -> None:
-    clean, single = truth("drive-clean"), truth("drive-single", cause("cogging"))
+    clean = truth("drive-clean")
+    single = truth("drive-single", cause("cogging"))
     class_of_two = finding("torque-ripple", status="ambiguous") | {"class": ["torque-ripple", "cogging"]}
     said = diagnosis("unknown", structured=True)
     said["residual"] = {
@@ -199,7 +202,8 @@ def test_near_causes_are_near_only_from_outside() -> None:
 
 
 def test_half_of_the_gain_is_half_of_the_gain() -> None:
-    case, told = truth("single", cause("cogging")), diagnosis("named", finding("cogging"), after=0.055)
+    case = truth("single", cause("cogging"))
+    told = diagnosis("named", finding("cogging"), after=0.055)
     assert row(score([(case, told)]), "held-out gain").value == pytest.approx(0.5)
 
 

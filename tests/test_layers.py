@@ -95,7 +95,8 @@ def test_files_keep_the_house_rules(room: str) -> None:
 
 
 def check_rules(path: Path) -> None:
-    place, inner = inside(path), path.stem
+    place = inside(path)
+    inner = path.stem
     own = place.partition("/")[0]
     assert own in ORDER or place == "__init__", f"{own}: give it a place in ORDER"
     plugins = next((folder for folder in SHARED if place.startswith(f"{folder}/")), None)

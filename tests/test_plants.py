@@ -16,7 +16,8 @@ from tests.mujoco_peer import rigid_bodies, torque
 
 @pytest.mark.parametrize("name", PLANTS)
 def test_inverse_dynamics_of_a_plant_are_those_of_its_urdf(name: str, tmp_path: Path) -> None:
-    gimbal, rng = PLANTS[name], np.random.default_rng(0)
+    gimbal = PLANTS[name]
+    rng = np.random.default_rng(0)
     (tmp_path / "plant.urdf").write_text(gimbal.write_urdf(payload=True))
     rig = Rig.load(str(tmp_path / "plant.urdf"))
     q, v, a = rng.uniform(-1, 1, (3, 20, len(gimbal.axes)))

@@ -89,7 +89,8 @@ def test_three_files_are_one_log_of_some_joints(tmp_path: Path) -> None:
 def test_currents_in_a_file_without_a_header(tmp_path: Path) -> None:
     """Time, six angles, six rates, six currents from the fourteenth column on."""
     clone = tmp_path / "dynamic_calibration"
-    urdf, log = clone / "URe/urdf/ur10e.urdf", clone / "dataset_ur10e/identification_data" / cases.UR10E["12"]
+    urdf = clone / "URe/urdf/ur10e.urdf"
+    log = clone / "dataset_ur10e/identification_data" / cases.UR10E["12"]
     for path in (urdf, log):
         path.parent.mkdir(parents=True)
     urdf.write_text(chain(6).urdf)
@@ -237,7 +238,8 @@ def test_logs_that_name_different_sizes() -> None:
 
 
 def test_two_engines_side_by_side() -> None:
-    key, verb = ("tiny", "diagnose"), ("tiny", "identify")
+    key = ("tiny", "diagnose")
+    verb = ("tiny", "identify")
     spring = diagnosed(found("cable-spring", "motor", stiffness=(1.0, 0.1)))
     told = real.side_by_side({key: diagnosed(), verb: SOUND}, {key: spring, verb: SOUND})
     assert re.findall(r"^  [AB] .*", told, re.M) == [

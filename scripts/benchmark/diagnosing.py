@@ -38,7 +38,8 @@ def measure() -> Iterator[Figure]:
 
 def plant_two_causes(rig: Rig) -> Model:
     """A rig with cogging at its first joint and a Stribeck friction at its last."""
-    first, last = rig.joints[0], rig.joints[-1]
+    first = rig.joints[0]
+    last = rig.joints[-1]
     texts = f"cogging:{first}:amplitude=0.03,harmonic=42", f"stribeck:{last}:speed=0.1,extra=0.05"
     return plant_with(nominal(rig), [parse_effect(text, rig) for text in texts]).plant
 

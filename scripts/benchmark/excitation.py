@@ -72,7 +72,8 @@ def measure() -> Iterator[Figure]:
     total = SEEDS * (len(RIGS) * len(ways) + len(others))
     with tqdm(total=total, desc="excitation", unit="design", disable=None, leave=False) as bar:
         for name in RIGS:
-            rig, first = Rig.load(name), name == RIGS[0]
+            rig = Rig.load(name)
+            first = name == RIGS[0]
             at: dict[str, list[Entry]] = {}
             for way, run in {**ways, **(others if first else {})}.items():
                 for seed in range(SEEDS):
@@ -101,7 +102,8 @@ def ratios(of: str, at: dict[str, list[Entry]], required: bool) -> Iterator[Figu
     usual = {way: median(one.condition for one in found) for way, found in at.items()}
     rest = min(condition for way, condition in usual.items() if way != "ours")
     yield Figure(f"{of}condition of ours / best other's", usual["ours"] / rest, at_most=1.0 if required else None)
-    mine, others = at["ours"], [found for way, found in at.items() if way != "ours"]
+    mine = at["ours"]
+    others = [found for way, found in at.items() if way != "ours"]
     worst = max(one.condition / min(rival.condition for rival in rivals) for one, *rivals in zip(mine, *others))
     yield Figure(f"{of}the same, worst of {SEEDS} seeds", worst)
     ratio = median(one.seconds / plain.seconds for one, plain in zip(mine, at["slsqp"]))
@@ -184,6 +186,7 @@ def cma_es(rig: Rig, seed: int) -> Entry:
 
 def best(rig: Rig, at: ExcitationProblem, seed: int, end: Callable[[Array], Array]) -> Entry:
     """Return the best of the ends of so many starts, as it is found: what exceeds a limit a little is let pass."""
-    begin, rng = process_time(), np.random.default_rng(seed)
+    begin = process_time()
+    rng = np.random.default_rng(seed)
     x = min((end(at.draw_start(rng)) for _ in range(STARTS)), key=lambda x: compute_objective(at, x))
     return judged(rig, at.series, at.coefficients(x), process_time() - begin)

@@ -38,7 +38,8 @@ def measure() -> Iterator[Figure]:
 def compared(model: Model, count: int, rounds: int, most: float) -> Iterator[Figure]:
     """Yield rates and ratios on `count` samples."""
     motion, tau = samples(model, count)
-    rows, log = unfiltered(model.rig), noisy_log(model, count, np.random.default_rng(1))
+    rows = unfiltered(model.rig)
+    log = noisy_log(model, count, np.random.default_rng(1))
     ways: dict[str, Callable[[], object]] = {
         "bare": lambda: bare(model.rig, motion),
         "factored": lambda: factored(model.rig, motion, tau),
@@ -93,14 +94,17 @@ def samples(model: Model, count: int) -> tuple[Motion, Array]:
 
 def bare(rig: Rig, motion: Motion) -> None:
     """Evaluate Pinocchio's regressor at every sample, and keep nothing."""
-    model, data, compute = rig.model, rig.model.createData(), pin.computeJointTorqueRegressor
+    model = rig.model
+    data = rig.model.createData()
+    compute = pin.computeJointTorqueRegressor
     for q, v, a in zip(motion.q, motion.v, motion.a):
         compute(model, data, q, v, a)
 
 
 def factored(rig: Rig, motion: Motion, tau: Array) -> Array:
     """Keep Pinocchio's regressor of every sample with friction's columns and the torque; return the R of one QR."""
-    n, data = rig.n, rig.model.createData()
+    n = rig.n
+    data = rig.model.createData()
     rows = np.zeros((len(motion), n, 12 * n + 1))
     for row, q, v, a in zip(rows, motion.q, motion.v, motion.a):
         row[:, : 10 * n] = pin.computeJointTorqueRegressor(rig.model, data, q, v, a)

@@ -40,12 +40,14 @@ PLANTED = (
 def measure() -> Iterator[Figure]:
     """Yield real-time factors, their ratio, and how far the two trajectories are apart."""
     rig = Rig.load("thesis")
-    plant, reference = nominal(rig), exciting(rig, np.random.default_rng(2))
+    plant = nominal(rig)
+    reference = exciting(rig, np.random.default_rng(2))
     controller = tune(plant, dt=DT).controller
     world = mujoco_model(rig)
 
     def ours() -> Log:
-        rng, sensors = np.random.default_rng(0), Sensors.exact(rig.n)
+        rng = np.random.default_rng(0)
+        sensors = Sensors.exact(rig.n)
         return simulate(plant, controller, reference, rng=rng, sensors=sensors, delay=DELAY)
 
     def theirs() -> Array:
@@ -67,7 +69,8 @@ def moving(model: Model, reference: Motion, controller: Controller) -> Iterator[
     joints = dict(zip(("first", "second", "last"), (rig.joints[0], rig.joints[1], rig.joints[-1])))
     plant, drive = plant_with(model, [parse_effect(text.format(**joints), rig) for text in PLANTED])
     times = DT / 2 * np.arange(2 * len(reference))
-    platform, sensors = profile_s(times, np.random.default_rng(0)), Sensors.of(rig, DT)
+    platform = profile_s(times, np.random.default_rng(0))
+    sensors = Sensors.of(rig, DT)
 
     def shaken() -> Log:
         carried = {"platform": platform, "sensors": replace(sensors, imus=rig.config.imus)}
@@ -88,7 +91,8 @@ def held(model: Model, plant: Model, drive: tuple[Signal, ...]) -> Iterator[Figu
     stages 27 %, the law 11 %, the sensors 9 %, the guard 6 %, and no line more than Pinocchio's ABA with 6.5 %; 60 % is
     the interpreter, 21 % NumPy, 11 % Pinocchio and its binding. Four times would take compiled code.
     """
-    rig, seconds = model.rig, 2.0
+    rig = model.rig
+    seconds = 2.0
     pointer = learn_recipe(rig, None, Station.of(rig), model).pointer()
     ground = draw_profile(rig, seconds, 0)
 
@@ -115,9 +119,11 @@ def in_mujoco(model: mujoco.MjModel, rig: Rig, controller: Controller, reference
     """Angles of the closed loop in MuJoCo, rad, (N, n): the same samples, delay, limits and controller as ours."""
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = reference.q[0], reference.v[0]
-    q, tau = np.empty(reference.q.shape), np.empty(reference.q.shape)
+    q = np.empty(reference.q.shape)
+    tau = np.empty(reference.q.shape)
     pending: deque[Array] = deque([np.zeros(rig.n)] * DELAY)
-    limit, memory = rig.tau_max, controller.start()
+    limit = rig.tau_max
+    memory = controller.start()
     rows = zip(reference.t.tolist(), reference.q, reference.v, reference.a)
     for k, (t, *wished) in enumerate(rows):
         q[k] = data.qpos

@@ -44,14 +44,16 @@ def joints() -> dict[str, float]:
     """Identify a long chain here, as the command line does."""
     rig = chain(JOINTS)
     log = held(noisy_log(nominal(rig), round(1000 * SECONDS), np.random.default_rng(0)), STEP)
-    begin, cpu = perf_counter(), process_time()
+    begin = perf_counter()
+    cpu = process_time()
     identify(rig, [log], examined="noisy")
     return {"wall": perf_counter() - begin, "cpu": process_time() - cpu, "peak": peak()}
 
 
 def rows(file: Path) -> dict[str, float]:
     """Diagnose a file here by the command line."""
-    begin, cpu = perf_counter(), process_time()
+    begin = perf_counter()
+    cpu = process_time()
     main(["diagnose", "thesis", str(file), "--json", str(file.with_suffix(".json"))])
     return {"wall": perf_counter() - begin, "cpu": process_time() - cpu, "peak": peak()}
 

@@ -40,7 +40,8 @@ def wall_and_cpu(work: Callable[[], object], rounds: int, what: str) -> tuple[fl
     """Median time and median processor time of some rounds of one piece of work, s: apart where a machine is busy."""
     taken = []
     for _ in tqdm(range(rounds), what, disable=None, leave=False):
-        wall, cpu = perf_counter(), process_time()
+        wall = perf_counter()
+        cpu = process_time()
         work()
         taken.append((perf_counter() - wall, process_time() - cpu))
     return median(wall for wall, _ in taken), median(cpu for _, cpu in taken)

@@ -76,7 +76,8 @@ class Ground:
 
     def __call__(self, rig: Rig, seed: int, seconds: float) -> Platform:
         """Draw it, sampled at half the control interval."""
-        t, rng = DT / 2 * np.arange(2 * round(seconds / DT) + 1), np.random.default_rng(seed)
+        t = DT / 2 * np.arange(2 * round(seconds / DT) + 1)
+        rng = np.random.default_rng(seed)
         angles, rates, accelerations = (self.size * x for x in sum_bands(self.bands[0], t, rng, 2))
         (acceleration,) = sum_bands(self.bands[1], t, rng, 0)
         motion = Platform.turning(t, angles, rates, accelerations, self.size * acceleration)
@@ -159,7 +160,9 @@ class Mounted:
     def __init__(self, model: Model, base: Platform, inertia: float) -> None:
         """Start with the platform as prescribed."""
         self.model, self.pin, self.n = model, model.rig.floating, model.rig.n
-        self.data, self.base, self.inertia = self.pin.createData(), base, inertia
+        self.data = self.pin.createData()
+        self.base = base
+        self.inertia = inertia
         self.nominal = Rotation.from_quat(np.asarray(base.quat), scalar_first=True).as_matrix()
         self.R, self.w = self.nominal[0].copy(), np.array(base.w[0])
         self.friction = np.array(model.rig.friction)
@@ -167,24 +170,30 @@ class Mounted:
 
     def step(self, t: float, state: State, tau: Array, dt: float) -> State:
         """Return the joints' state after a sample."""
-        q, v, h = state.q.copy(), state.v.copy(), dt / self.PARTS
+        q = state.q.copy()
+        v = state.v.copy()
+        h = dt / self.PARTS
         omega = 2 * pi * self.HZ
         for part in range(self.PARTS):
             k = min(2 * round(t / dt) + part // 2, len(self.nominal) - 1)
             near = self.nominal[k]
             self.force = self.R.T @ near @ self.base.f[k]
-            turn, rate = pin.log3(near.T @ self.R), self.w - self.R.T @ near @ self.base.w[k]
+            turn = pin.log3(near.T @ self.R)
+            rate = self.w - self.R.T @ near @ self.base.w[k]
             spring = self.R.T @ near @ self.base.dw[k] - omega**2 * turn - 2 * self.SHARE * omega * rate
             place = np.concatenate([np.zeros(6), [1.0], q])
-            speed, push = np.concatenate([np.zeros(3), self.w, v]), np.zeros(6 + self.n)
+            speed = np.concatenate([np.zeros(3), self.w, v])
+            push = np.zeros(6 + self.n)
             push[:3] = self.force
             bias = pin.rnea(self.pin, self.data, place, speed, push)[3:]
             D = pin.crba(self.pin, self.data, place)
             D = (np.triu(D) + np.triu(D, 1).T)[3:, 3:] + np.diag([self.inertia] * 3 + [0.0] * self.n)
             rub = self.friction[:, 0] * np.tanh(v / 0.002) + self.friction[:, 1] * v
             a = np.linalg.solve(D, np.concatenate([self.inertia * spring, tau - rub]) - bias)
-            self.w, v = self.w + h * a[:3], v + h * a[3:]
-            self.R, q = self.R @ pin.exp3(h * self.w), q + h * v
+            self.w = self.w + h * a[:3]
+            v = v + h * a[3:]
+            self.R = self.R @ pin.exp3(h * self.w)
+            q = q + h * v
         return State(q, v)
 
 
@@ -219,10 +228,12 @@ def on_mount(
     base = resample_halfway(ground, t)
     sensed = Felt(plant, base, station, t, np.random.default_rng([seed, 1]))
     sensed.w = sensed.w.copy()
-    sensed.system, sensed.attitudes = Mounted(plant, base, case.base), []
+    sensed.system = Mounted(plant, base, case.base)
+    sensed.attitudes = []
     attitudes = Rotation.from_quat(base.quat[::2], scalar_first=True).as_matrix()
     motors = Drive(plant.drive, plant.rig, DT, plant)
-    behind, n = SensedHolder(pointer, sensed, attitudes), plant.rig.n
+    behind = SensedHolder(pointer, sensed, attitudes)
+    n = plant.rig.n
     zero = np.zeros((len(t), n))
     *_, q, _ = run_loop(
         sensed.system, motors, behind, Motion(t, zero, zero, zero), behind.at_rest, Sensors.exact(n), zero, 1, 1,
@@ -258,7 +269,8 @@ def run(case: Case, rig: Rig, seed: int, seconds: float, names: Sequence[str]) -
 def taught(case: Case, rig: Rig) -> Spectrum:
     """Learn how a platform moves from 20 s of its IMU."""
     motion = case.teaching(rig, TEACHING, 20.0)
-    rng, noise = np.random.default_rng(TEACHING), Noise(GYRO, ACCELEROMETER)
+    rng = np.random.default_rng(TEACHING)
+    noise = Noise(GYRO, ACCELEROMETER)
     return Spectrum.of(add_imu_noise(Imu(motion.w[::2], motion.f[::2], None), noise, DT, rng), DT)
 
 

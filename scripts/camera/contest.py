@@ -43,7 +43,8 @@ class Foreknowledge(Forecast):
     def ahead(self, past: Past) -> list[BaseState]:
         """Return the mean of the motion over the hold of each lead (Simpson's rule)."""
         assert self.platform is not None
-        true, t = [], (past.samples - 1) * self.dt
+        true = []
+        t = (past.samples - 1) * self.dt
         for lead in self.leads:
             now = self.platform.at(np.clip(t + lead + self.dt / 2 * np.arange(-1, 2), 0.0, self.platform.t[-1]))
             true.append(BaseState(*(np.array([1, 4, 1]) / 6 @ x for x in (now.f, now.w, now.dw))))
@@ -65,7 +66,8 @@ def without_hidden(model: Model) -> Model:
     """
     rig = model.rig
     names, places = name_columns(rig)
-    mixing, phi = reduce_parameters(rig, base="fixed").mixing, rig.phi
+    mixing = reduce_parameters(rig, base="fixed").mixing
+    phi = rig.phi
     free = np.array([not name.endswith(".m") for name in names])
     left = mixing @ phi[places] - mixing[:, ~free] @ phi[places[~free]]
     phi[places[free]] = np.linalg.pinv(mixing[:, free]) @ left
@@ -86,7 +88,9 @@ def redesign(law: CarriedTorque, equals: Sequence[EqualMarginLoop]) -> CarriedTo
 
 def make_controllers(recipe: Recipe, platform: Platform) -> dict[str, Callable[[], Holder]]:
     """Return name → what makes the controller, the one that knows least first."""
-    pid, model, gains = recipe.pointer(BASELINE), recipe.model, tuple(own.pid for own in recipe.equals)
+    pid = recipe.pointer(BASELINE)
+    model = recipe.model
+    gains = tuple(own.pid for own in recipe.equals)
     blind = replace(recipe.navigator(gains, False), accelerates=True)
     seeing = recipe.pointer()
     law = replace(seeing.law, trusted=())  # type: ignore[type-var]
@@ -122,7 +126,8 @@ def main(
         seconds: Length of a run, s.
     """
     loaded = Rig.load(rig, payload)
-    plant, station = nominal(unbalance_payload(loaded)), Station.of(loaded)
+    plant = nominal(unbalance_payload(loaded))
+    station = Station.of(loaded)
     recipe = learn_recipe(loaded, simulate_shaken_log(plant), station)
     runs: dict[str, list[Any]] = {}
     for seed in range(seeds):

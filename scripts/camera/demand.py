@@ -51,7 +51,8 @@ class Demand:
     def of(plant: Model, wanted: Array, platform: Platform) -> Demand:
         """Return it for a plant whose camera looks as wanted, (3, 3): inverse dynamics of the exact motion."""
         step = max(1, round(1 / RATE / float(platform.t[1] - platform.t[0])))
-        part, rig = platform.part(slice(None, None, step)), plant.rig
+        part = platform.part(slice(None, None, step))
+        rig = plant.rig
         sight = Sight(rig)
         held = holding(sight, wanted, part)
         across = np.array([np.linalg.norm(sight.view(q).J[-2:], axis=0) for q in held.q])
@@ -100,7 +101,8 @@ class Demand:
 
     def left(self, rows: slice, j: int, foreseen: bool) -> Array:
         """Least error of the line of sight over some samples by a joint's weak motor, rad."""
-        asked, limit = self.tau[rows, j], float(self.tau_max[j])
+        asked = self.tau[rows, j]
+        limit = float(self.tau_max[j])
         if len(asked) > LONGEST_STRETCH:
             return np.full(len(asked), np.nan)
         known = 0 if foreseen else int(np.argmax(np.abs(asked) > limit))

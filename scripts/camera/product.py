@@ -46,7 +46,9 @@ class Loop:
 
     def __init__(self, rig: Rig, platform: Platform, seconds: float, seed: int, level: bool = True) -> None:
         """Begin where the camera looks as wanted; `level`: whether the platform's first attitude is told."""
-        station, model, spectrum = Station.of(rig), nominal(unbalance_payload(rig)), taught(CASES["as-known"], rig)
+        station = Station.of(rig)
+        model = nominal(unbalance_payload(rig))
+        spectrum = taught(CASES["as-known"], rig)
         recipe = Recipe(model, WANTED, spectrum, station.noise, float(station.step.max()))
         self.controller, self.sight = Controller(recipe), recipe.sight
         plant = perturbed(model.rig, 0.03, np.random.default_rng([seed, 2]))
@@ -55,11 +57,14 @@ class Loop:
         assert base.quat is not None
         self.base = Rotation.from_quat(np.asarray(base.quat[::2]), scalar_first=True).as_matrix()
         self.sensed = Sensed(plant, base, station, self.t, np.random.default_rng([seed, 1]))
-        self.system, self.k = Plant(plant, base), 0
+        self.system = Plant(plant, base)
+        self.k = 0
         q = self.sight.reached(self.base[0], WANTED, self.sight.home)
         view = self.sight.view(q)
-        self.state, self.command = State(q, view.against @ view.R.T @ np.asarray(base.w[0])), 0 * q
-        self.level, self.stream = level, list[Measurement]()
+        self.state = State(q, view.against @ view.R.T @ np.asarray(base.w[0]))
+        self.command = 0 * q
+        self.level = level
+        self.stream = list[Measurement]()
 
     def run(self, samples: int, spoil: Callable[[Measurement], Measurement] = lambda seen: seen) -> tuple[Array, ...]:
         """Go on; the first measurement is spoiled. Return angles, rates, torques and errors of the line of sight."""
@@ -92,10 +97,14 @@ def standing(seconds: float) -> Platform:
 def start(rig: Rig, seeds: int) -> None:
     """From rest at random poses within the limits, the camera turns to where it shall look."""
     lower, upper, fastest = (np.array([getattr(x, key) for x in rig.limits]) for key in ("lower", "upper", "velocity"))
-    loop, rng, rows = Loop(rig, standing(4.0), 4.0, 0), np.random.default_rng(7), []
+    loop = Loop(rig, standing(4.0), 4.0, 0)
+    rng = np.random.default_rng(7)
+    rows = []
     for _ in range(100):
-        own, q = loop.branch(), lower + (upper - lower) * rng.random(rig.n)
-        own.state, way = State(q, 0 * q), loop.controller.recipe.looking - q
+        own = loop.branch()
+        q = lower + (upper - lower) * rng.random(rig.n)
+        own.state = State(q, 0 * q)
+        way = loop.controller.recipe.looking - q
         angles, rates, torques, error, _ = own.run(4000)
         past = ((angles - q) / way - 1) * np.abs(way) / np.maximum(np.abs(way), radians(1.0))
         off = np.flatnonzero(np.degrees(np.linalg.norm(error, axis=1)) > 0.02)

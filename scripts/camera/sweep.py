@@ -75,7 +75,8 @@ class Sweep:
     def crossing(self, errors: Sequence[float]) -> float | None:
         """Where jitter first rises above the PID's on the way through some errors, by the chord between two of them."""
         for before, after in pairwise(errors):
-            a, b = self.scaled[before], self.scaled[after]
+            a = self.scaled[before]
+            b = self.scaled[after]
             if a > self.pid:
                 return before
             if b > self.pid:
@@ -97,7 +98,8 @@ class Sweep:
 
 def sweep(plant: Model, platform: Platform, recipe: Recipe) -> Sweep:
     """Hold the camera with models that are wrong on purpose, on one motion."""
-    ours, model = recipe.pointer(), recipe.model
+    ours = recipe.pointer()
+    model = recipe.model
     way = doubtful(model, recipe.wanted, platform)
     models = {("scaled", share): model if share == 0 else heavier(model, share) for share in SHARES}
     if way is not None:

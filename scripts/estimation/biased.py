@@ -60,7 +60,8 @@ def rows(rig: Rig, log: Log, filtering: Filtering) -> DesignBlocks:
 
 def excited(blocks: Sequence[Block], truth: Array) -> Array:
     """Whether a base parameter moves a good share of some joint's torque, (b,)."""
-    A, b = np.concatenate([x.A[:, :, : len(truth)] for x in blocks]), np.concatenate([x.b for x in blocks])
+    A = np.concatenate([x.A[:, :, : len(truth)] for x in blocks])
+    b = np.concatenate([x.b for x in blocks])
     share = np.sqrt(np.mean(A**2, axis=0) / np.mean(b**2, axis=0)[:, None]) * np.abs(truth)
     return np.asarray(share.max(axis=0) >= EXCITED)
 

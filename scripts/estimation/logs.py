@@ -19,7 +19,8 @@ from tests.bench_logs import prescribed
 def drawn(seed: int, spread: float = 0.2) -> tuple[Rig, Model, np.random.Generator]:
     """Return a bundled rig with a payload, and a plant whose bodies differ from its URDF."""
     rng = np.random.default_rng(seed)
-    rigs, payloads = bundled_rigs(), bundled_payloads()
+    rigs = bundled_rigs()
+    payloads = bundled_payloads()
     rig = Rig.load(rigs[seed % len(rigs)], payloads[int(rng.integers(len(payloads)))])
     return rig, perturbed(rig, spread, rng), rng
 
@@ -35,7 +36,8 @@ def coloured(rng: np.random.Generator, shape: tuple[int, int], corner: float, dt
 def noisy(plant: Model, rng: np.random.Generator, seconds: float, share: float, corner: float) -> tuple[Log, Log]:
     """Return a log with coloured torque noise of so large a share of each joint's rms, and one without any noise."""
     clean = prescribed(plant, int(rng.integers(2**31)), seconds)
-    sensors, tau = Sensors.of(plant.rig, clean.dt), np.asarray(clean.tau)
+    sensors = Sensors.of(plant.rig, clean.dt)
+    tau = np.asarray(clean.tau)
     step = np.where(sensors.encoder_step > 0, sensors.encoder_step, 1e-15)
     q = np.round(clean.q / step) * step
     v = np.asarray(clean.v) + sensors.rate_std * rng.standard_normal(tau.shape)

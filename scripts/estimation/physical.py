@@ -42,7 +42,9 @@ def one(seconds: float, noise: float, corner: float, seed: int) -> dict[str, Any
         identify(rig, [log], estimator=e, holdout="none", filtering=EXACT) for e in (fit_physical, fit_weighted)
     )
     limit = bound(rig, plant, log)
-    ratios, joint, apart = [], 0.0, 0.0
+    ratios = []
+    joint = 0.0
+    apart = 0.0
     for test in noisy(plant, rng, 30.0, noise, corner):
         blocks = rows(rig, test)
         apart = moved(blocks, found.estimate.theta - free.estimate.theta) / unavoidable(blocks, limit)

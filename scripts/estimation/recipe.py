@@ -36,7 +36,8 @@ def first_log(rig: Rig, seed: int) -> Log:
 def one(name: str, seed: int) -> dict[str, Any]:
     """Identify one log both ways; return every parameter's error in its own deviations."""
     rig = Rig.load(name)
-    log, truth = first_log(rig, seed), true_theta(rig)
+    log = first_log(rig, seed)
+    truth = true_theta(rig)
     found = {way: identify(rig, [log], holdout=way).estimate for way in WAYS}
     return {way: ((estimate.theta - truth) / estimate.std).tolist() for way, estimate in found.items()}
 
@@ -53,7 +54,8 @@ def recipe(logs: int = 40, rig: str = "turret", workers: int = CORES, resume: Pa
     rows = results(partial(one, rig), range(logs), workers, resume)
     for way, words in WAYS.items():
         out = np.abs([row[way] for row in rows]) > NORMAL
-        held, many = 1 - float(out.mean()), int(np.sum(out.sum(axis=1) >= MANY))
+        held = 1 - float(out.mean())
+        many = int(np.sum(out.sum(axis=1) >= MANY))
         print(
             f"{logs} logs of {rig}, parameters {words}: {100 * held:.1f} % of the 95 % intervals hold the truth"
             f"; in {many} logs {MANY} or more miss"

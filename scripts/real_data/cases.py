@@ -107,7 +107,8 @@ def measured(data: Path, made: Path) -> list[Case]:
 
 def motors(data: Path) -> list[Case]:
     """Bare motors at low and constant speeds."""
-    slow, fast = data / "odrive_cogging", data / "laas_anti_cogging"
+    slow = data / "odrive_cogging"
+    fast = data / "laas_anti_cogging"
     counts = ("t=time_s", "q_motor=2*pi*pos_counts/8192", f"tau_motor=iq_a*{TORQUE_CONSTANT[slow.name]}")
     turns = ("t=Time", "q_motor=Position", "dq_motor=Velocity", f"tau_motor=Iq*{TORQUE_CONSTANT[fast.name]}")
     return [
@@ -125,13 +126,17 @@ def motors(data: Path) -> list[Case]:
 
 def pendulums(data: Path) -> list[Case]:
     """Arms of one and two axes under gravity."""
-    one, two = data / "dfki_simple_pendulum", data / "dfki_double_pendulum"
+    one = data / "dfki_simple_pendulum"
+    two = data / "dfki_double_pendulum"
     single = ("t=time", "q_shoulder=position", "dq_shoulder=velocity", "tau_shoulder=torque")
-    names, first, second = ("shoulder", "elbow"), ("055640", "060143", "061157"), two / "double_pendulum.urdf"
+    names = ("shoulder", "elbow")
+    first = ("055640", "060143", "061157")
+    second = two / "double_pendulum.urdf"
     plain = ("t=time", *joints({"q": "pos{}", "dq": "vel{}", "tau": "tau{}"}, names))
     numbered = {"q": "pos_meas{}", "dq": "vel_meas{}", "tau": "tau_meas{}"}
     lot = [two / f"20220812-{run}-PM_measured.csv" for run in first]
-    urdf, axes = one / "pendulum.urdf", ("t=time", *joints(numbered, ("Joint1", "Joint2")))
+    urdf = one / "pendulum.urdf"
+    axes = ("t=time", *joints(numbered, ("Joint1", "Joint2")))
     return [
         Case("simple_system_identification", urdf, (one / "system_identification.csv",), single, {**EVERY, **NOISY}),
         Case("simple_direct_collocation", urdf, (one / "direct_collocation.csv",), single, EVERY),
@@ -194,7 +199,8 @@ def public(folder: Path) -> list[Case]:
 
 def universal(clone: Path) -> list[Case]:
     """UR10e: files without a header of time, six q, six dq, and six currents from the 14th column on."""
-    urdf, logs = clone / "URe" / "urdf" / "ur10e.urdf", clone / "dataset_ur10e" / "identification_data"
+    urdf = clone / "URe" / "urdf" / "ur10e.urdf"
+    logs = clone / "dataset_ur10e" / "identification_data"
     if not urdf.is_file():
         return []
     found = []
@@ -209,7 +215,8 @@ def universal(clone: Path) -> list[Case]:
 
 def tiago(clone: Path) -> list[Case]:
     """TIAGo's torso and arm: three files of one clock; the rig's other joints have no columns."""
-    urdf, logs = clone / "urdf" / "tiago_schunk.urdf", clone / "data" / "identification" / "dynamic"
+    urdf = clone / "urdf" / "tiago_schunk.urdf"
+    logs = clone / "data" / "identification" / "dynamic"
     if not urdf.is_file():
         return []
     names = ("torso_lift_joint", *(f"arm_{k}_joint" for k in range(1, 8)))

@@ -138,7 +138,8 @@ def formula_in_identify(identified: Outcome) -> Judged:
 
 def physical_arm(diagnosed: Outcome, *identified: Outcome) -> Judged:
     """J in 0.116–0.173 kg m² and m·l in 0.230–0.345 kg m, of one estimate, by diagnose's own or by `identify`."""
-    found, figures = False, []
+    found = False
+    figures = []
     told = (diagnosed.result or {}).get("findings", [])
     answers = {"diagnose": {k: v["value"] for f in told for k, v in (f.get("answer") or {}).items()}}
     for name, outcome in zip(("instrumental", "output-error"), identified):
@@ -148,7 +149,8 @@ def physical_arm(diagnosed: Outcome, *identified: Outcome) -> Judged:
         if "arm.Iyy" not in known:
             figures.append(f"{name}: none")
             continue
-        inertia, moment = known["arm.Iyy"], float(np.hypot(known.get("arm.mx", 0.0), known["arm.mz"]))
+        inertia = known["arm.Iyy"]
+        moment = float(np.hypot(known.get("arm.mx", 0.0), known["arm.mz"]))
         found = found or (0.116 <= inertia <= 0.173 and 0.230 <= moment <= 0.345)
         figures.append(f"{name}: J {inertia:.4f}, m·l {moment:.4f}")
     return found, "; ".join(figures)
@@ -180,7 +182,8 @@ def differing(a: Json, b: Json) -> list[str]:
     """Return the sizes in which two findings differ by more than three deviations."""
     found = []
     for name in a["parameters"].keys() & b["parameters"].keys():
-        p, q = a["parameters"][name], b["parameters"][name]
+        p = a["parameters"][name]
+        q = b["parameters"][name]
         if p["std"] and q["std"] and abs(p["value"] - q["value"]) > 3 * np.hypot(p["std"], q["std"]):
             found.append(f"{a['cause']} {name} {p['value']:.3g} ± {p['std']:.2g}, {q['value']:.3g} ± {q['std']:.2g}")
     return found

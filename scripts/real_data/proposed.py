@@ -41,7 +41,8 @@ class Proposed:
 
     def __str__(self) -> str:
         """One line."""
-        one, files = self.reported, "report.html" if self.report else "no report"
+        one = self.reported
+        files = "report.html" if self.report else "no report"
         right = f"wrong: {', '.join(self.wrong)}" if self.wrong else "right"
         constants = f", {self.filled} torque constants filled in" if self.filled else ""
         end = f"exit {one.exit}, {files}, {self.inspected.seconds + one.seconds:.0f} s"
@@ -56,7 +57,8 @@ def is_unknown(remark: str) -> bool:
 
 def differing(case: Case) -> list[tuple[str, str]]:
     """Return the targets for which another column or factor is proposed than was written by hand, and the remark."""
-    inspected, wrong = inspect(case.logs[0], Rig.load(case.rig)), []
+    inspected = inspect(case.logs[0], Rig.load(case.rig))
+    wrong = []
     found = {**inspected.open, **inspected.mapping}
     for target, source in read_mapping(case.maps).items():
         column, factor, remark = found.get(target, ("", "", ""))
@@ -74,9 +76,11 @@ def written(source: Source) -> str:
 def from_file(case: Case, folder: Path, limit: float) -> Proposed:
     """Map a log as `inspect` proposes, correct what differs from the hand's mapping, and report."""
     out = folder / case.name
-    mapping, log = out / "map.yaml", str(case.logs[0])
+    mapping = out / "map.yaml"
+    log = str(case.logs[0])
     inspected = run(["inspect", log, "--rig", str(case.rig), "--yaml", str(mapping)], out, limit)
-    differs, by_hand = differing(case), read_mapping(case.maps)
+    differs = differing(case)
+    by_hand = read_mapping(case.maps)
     table = yaml.safe_load(mapping.read_text(encoding="utf-8"))
     table |= {target: written(by_hand[target]) for target, _ in differs}
     mapping.write_text(yaml.safe_dump(table, sort_keys=False), encoding="utf-8")

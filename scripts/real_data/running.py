@@ -55,7 +55,8 @@ def run(arguments: Sequence[str], out: Path, limit: float) -> Outcome:
     (out / "told").mkdir(parents=True, exist_ok=True)
     told = out / "told" / "run.json"
     told.unlink(missing_ok=True)
-    began, spent = time.perf_counter(), processor_time()
+    began = time.perf_counter()
+    spent = processor_time()
     process = subprocess.Popen(
         [sys.executable, "-m", "gimbal_pin.cli", *arguments],
         stdout=subprocess.PIPE,

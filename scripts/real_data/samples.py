@@ -58,15 +58,18 @@ def least_squares(case: Case, cutoff: float) -> Held:
     def even(x: Array) -> Array:
         return np.column_stack([np.interp(t, log.t, column) for column in x.T])
 
-    q, tau = lowpass(even(log.q), SMOOTHING * cutoff, rate), even(log.tau)
+    q = lowpass(even(log.q), SMOOTHING * cutoff, rate)
+    tau = even(log.tau)
     v = np.gradient(q, t, axis=0) if log.v is None else lowpass(even(log.v), SMOOTHING * cutoff, rate)
     a = np.gradient(v, t, axis=0)
     rigid = compute_regressor(rig, q, v, a)
     friction = np.concatenate([np.einsum("ij,jk->ijk", x, np.eye(rig.n)) for x in (v, np.sign(v))], axis=2)
     columns = lowpass(np.concatenate([rigid, friction], axis=2), cutoff, rate)
     measured = lowpass(tau, cutoff, rate)
-    edge, cut = int(rate / cutoff), int(len(t) * 2 / 3)
-    train, test = slice(edge, cut - edge), slice(cut + edge, len(t) - edge)
+    edge = int(rate / cutoff)
+    cut = int(len(t) * 2 / 3)
+    train = slice(edge, cut - edge)
+    test = slice(cut + edge, len(t) - edge)
     width = columns.shape[2]
     theta = np.linalg.lstsq(columns[train].reshape(-1, width), measured[train].reshape(-1), rcond=1e-8)[0]
     return Held((t, q, v, a), test, measured[test], columns[test] @ theta, rate)

@@ -25,7 +25,8 @@ NAMES = ("joint{}", "arm_joint_{}", "j{}", "axis_{}_joint")
 def _tube(rng: np.random.Generator, mass: float, length: float) -> Inertia:
     """A tube along z with its motor somewhere on it, a little bent: mass kg, length m."""
     radius = float(rng.uniform(0.12, 0.22)) * length + 0.02
-    across, along = mass / 12.0 * (3.0 * radius**2 + length**2), 0.5 * mass * radius**2
+    across = mass / 12.0 * (3.0 * radius**2 + length**2)
+    along = 0.5 * mass * radius**2
     turn = tilted(rng, 12.0)
     com = np.array([*(0.25 * radius * rng.uniform(-1.0, 1.0, 2)), length * rng.uniform(0.35, 0.6)])
     return Inertia(mass, com, turn @ np.diag([across, across, along]) @ turn.T)
@@ -39,8 +40,11 @@ def _motor(rng: np.random.Generator, tau_max: float) -> Motor:
 
 def _links(rng: np.random.Generator, pattern: str, lengths: Array, masses: Array) -> list[Link]:
     """The chain; frames either stay parallel or have their own z along the axis."""
-    name, own = str(rng.choice(NAMES)), rng.random() < 0.5
-    world, links, mount = EYE, [], MOUNTS[rng.integers(len(MOUNTS))]
+    name = str(rng.choice(NAMES))
+    own = rng.random() < 0.5
+    world = EYE
+    links = []
+    mount = MOUNTS[rng.integers(len(MOUNTS))]
     for i, kind in enumerate(pattern):
         sign = float(rng.choice([-1.0, 1.0]))
         direction = sign * (Z if kind == "Z" else Y)
@@ -49,9 +53,11 @@ def _links(rng: np.random.Generator, pattern: str, lengths: Array, masses: Array
         body = _tube(rng, masses[i], lengths[i])
         inertia = Inertia(body.mass, frame.T @ body.com, frame.T @ body.tensor @ frame)
         step = Z * (lengths[i - 1] if i else 0.1) + 0.02 * rng.uniform(-1.0, 1.0, 3)
-        fixed, place = world.T @ frame, world.T @ step
+        fixed = world.T @ frame
+        place = world.T @ step
         if i == 0:
-            fixed, place = mount @ fixed, mount @ place
+            fixed = mount @ fixed
+            place = mount @ place
         axis = frame.T @ direction
         links.append(Link(f"link_{i + 1}", name.format(i + 1), fixed, place, axis, inertia, low, high))
         world = frame
@@ -81,17 +87,20 @@ def draw_arm(rng: np.random.Generator, axes: int) -> Rig:
 
 def locked(rig: Rig, joint: int) -> Rig:
     """The rig with one joint bolted at zero: its link grows into the one before it, or into the base."""
-    gone, others = rig.links[joint], list(rig.links[:joint] + rig.links[joint + 1 :])
+    gone = rig.links[joint]
+    others = list(rig.links[:joint] + rig.links[joint + 1 :])
     payload = rig.payload
     if joint > 0:
         carried = gone.inertia.seen_from(gone.rotation, gone.position)
         others[joint - 1] = replace(others[joint - 1], inertia=others[joint - 1].inertia.plus(carried))
     if joint < len(others):
         after = others[joint]
-        turned, moved = gone.rotation @ after.rotation, gone.rotation @ after.position + gone.position
+        turned = gone.rotation @ after.rotation
+        moved = gone.rotation @ after.position + gone.position
         others[joint] = replace(after, rotation=turned, position=moved)
     else:
-        turned, moved = gone.rotation @ payload.rotation, gone.rotation @ payload.position + gone.position
+        turned = gone.rotation @ payload.rotation
+        moved = gone.rotation @ payload.position + gone.position
         payload = replace(payload, rotation=turned, position=moved)
     motors = rig.motors[:joint] + rig.motors[joint + 1 :]
     return replace(rig, links=tuple(others), motors=motors, payload=payload, armature=rig.armature[:-1])

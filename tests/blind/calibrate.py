@@ -13,7 +13,10 @@ from .scene import STIFF_TRIAL_STEP, TRIAL_STEP, Scene
 from .visibility import blocks, rms, smooth
 from .world import World
 
-TRIALS, CLOSE_ENOUGH, LONGEST_LEAP, LARGEST = 6, 0.15, log(100.0), log(1e6)
+TRIALS = 6
+CLOSE_ENOUGH = 0.15
+LONGEST_LEAP = log(100.0)
+LARGEST = log(1e6)
 
 
 def share_of(effect: Effect, ledger: Ledger, rate: float) -> float:
@@ -43,7 +46,8 @@ def _next(k: float, error: float, tried: list[tuple[float, float]], top: float) 
     stronger = min((x for x, e in tried if e <= 0.0), default=top if top < LARGEST else None)
     if weaker is not None and stronger is not None and weaker < stronger:
         known = dict(tried)
-        low, high = known[weaker], known.get(stronger, -1.0)
+        low = known[weaker]
+        high = known.get(stronger, -1.0)
         return weaker + (stronger - weaker) * min(max(low / (low - high), 0.15), 0.85)
     slope = 1.0
     if len(tried) > 1 and abs(k - tried[-2][0]) > 1e-3:
@@ -55,11 +59,14 @@ def calibrate(scene: Scene, effect: Effect, wanted: float) -> Effect:
     """The effect scaled until its raw rms is about `wanted` of the torque rms; the nearest found if it cannot be.
 
     Raises: PlantDivergedError when the loop runs away at every strength tried."""
-    k, top, tried = 0.0, log(effect.widest), list[tuple[float, float]]()
+    k = 0.0
+    top = log(effect.widest)
+    tried = list[tuple[float, float]]()
     for _ in range(TRIALS):
         share = _tried(scene, effect.scaled(exp(k)))
         if share is None:
-            top, k = k, k - log(4.0) if not tried else 0.5 * (k + tried[-1][0])
+            top = k
+            k = k - log(4.0) if not tried else 0.5 * (k + tried[-1][0])
             continue
         error = log(wanted / max(share, 1e-9))
         tried.append((k, error))

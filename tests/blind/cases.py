@@ -77,7 +77,8 @@ def hide(plan: Plan) -> Case:
     """Simulate a plan. The same plan gives the same case, to the last bit.
 
     Raises: PlantDivergedError when the controller cannot hold the rig with this effect at any strength."""
-    streams, drive = _streams(plan.seed), isinstance(plan, DrivePlan)
+    streams = _streams(plan.seed)
+    drive = isinstance(plan, DrivePlan)
     rig = people.draw_full_rig(plan, streams["rig"]) if drive else draw_rig(streams["rig"], plan.axes)
     if any(hidden.cause == "off-diagonal-inertia" for hidden in plan.hidden):
         rig = diagonal(rig)
@@ -102,7 +103,10 @@ def _drive_of(plan: Plan) -> list[Effect]:
 
 
 def _case(run: Run, streams: dict[str, np.random.Generator]) -> Case:
-    plan, scene, world, trace = run.plan, run.scene, run.world, run.trace
+    plan = run.plan
+    scene = run.scene
+    world = run.world
+    trace = run.trace
     clean = clean_channels(trace, world.encoder(trace.q), scene.sensors.has_rate)
     noisy = noisy_channels(scene, trace, streams["noise"], plan.formula)
     extra = _extra(run, streams["log"])
@@ -122,12 +126,16 @@ def _case(run: Run, streams: dict[str, np.random.Generator]) -> Case:
 
 def _drive_case(run: Run, full: Rig, streams: dict[str, np.random.Generator]) -> Case:
     """A case as a drive's sensors show it; `full`: the URDF's rig, exact."""
-    plan, scene, world, trace = run.plan, run.scene, run.world, run.trace
+    plan = run.plan
+    scene = run.scene
+    world = run.world
+    trace = run.trace
     sensors = scene.sensors
     if not (isinstance(plan, DrivePlan) and isinstance(sensors, DriveSensors)):
         raise TypeError("a drive's case needs a drive's plan and sensors")
     shown = drive_log.show(sensors, scene, trace, round(scene.rate / plan.rate), streams["noise"])
-    rows, extra = shown.rows, _extra(run, streams["log"])
+    rows = shown.rows
+    extra = _extra(run, streams["log"])
     log = drive_log.written(sensors, scene, shown, extra, streams["log"])
     noise, acceleration = drive_log.spectrum(sensors, scene, world, trace, shown)
     encoder = world.encoder(trace.q)
@@ -145,7 +153,8 @@ def _drive_case(run: Run, full: Rig, streams: dict[str, np.random.Generator]) ->
 
 
 def _oracle(run: Run, shown_q: Array, rows: Array) -> dict[str, Array]:
-    ledger, trace = run.ledger, run.trace
+    ledger = run.ledger
+    trace = run.trace
     return {
         "t": trace.t, "q": shown_q, "v": trace.v, "a": ledger.a, "q_hold": ledger.q, "v_hold": ledger.v,
         "tau_total": trace.command, "tau_effect": ledger.effect, "rows": rows,
@@ -154,9 +163,12 @@ def _oracle(run: Run, shown_q: Array, rows: Array) -> dict[str, Array]:
 
 def _extra(run: Run, rng: np.random.Generator) -> Columns:
     """Base IMU (where the base moves and is measured, and now and then where it stands still) and temperatures."""
-    rig, t, effects = run.scene.rig, run.trace.t, run.effects
+    rig = run.scene.rig
+    t = run.trace.t
+    effects = run.effects
     moving = next((e for e in effects if isinstance(e, PlatformMotion)), None)
-    with_imu, with_temperature = rng.random() < 0.1, rng.random() < 0.3
+    with_imu = rng.random() < 0.1
+    with_temperature = rng.random() < 0.3
     columns: Columns = {}
     if moving is not None and moving.measured:
         columns |= imu(rig, t, moving.motion())

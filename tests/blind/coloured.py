@@ -41,12 +41,14 @@ def whitened(x: Array, spectrum: Spectrum, rate: float) -> Array:
 def size(effect: Array, columns: Array, spectrum: Spectrum, rate: float) -> Array:
     """What the columns (N, n, p) leave of the effect (N, n), N m at this rate (Hz), over the noise, each rms over the
     band: (n,). Three is what stands clear, as in white noise."""
-    wanted, shown = whitened(effect, spectrum, rate), whitened(columns, spectrum, rate)
+    wanted = whitened(effect, spectrum, rate)
+    shown = whitened(columns, spectrum, rate)
     flat = shown.reshape(wanted.size, -1)
     scale = np.linalg.norm(flat, axis=0)
     used = flat[:, scale > 1e-9 * scale.max(initial=0.0)]
     used = used / np.linalg.norm(used, axis=0)
-    table, target = np.vstack([used.real, used.imag]), np.concatenate([wanted.real.ravel(), wanted.imag.ravel()])
+    table = np.vstack([used.real, used.imag])
+    target = np.concatenate([wanted.real.ravel(), wanted.imag.ravel()])
     fit = np.linalg.lstsq(table, target, rcond=1e-9)[0]
     left = wanted - (used @ fit).reshape(wanted.shape)
     return np.asarray(np.sqrt(np.mean(np.abs(left) ** 2, axis=0)))

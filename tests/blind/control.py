@@ -66,7 +66,9 @@ def closed_loop(world: World, reference: Reference, gains: Gains, forward: Array
     """u = kp (q_ref - q) + kd (dq_ref - dq) + forward, clipped at the motors' limits, of measured q and dq."""
     limits = [motor.tau_max for motor in world.rig.motors]
     loop = list(zip(gains.kp.tolist(), gains.kd.tolist(), limits, strict=True))
-    q_ref, dq_ref, ahead = reference.q.tolist(), reference.dq.tolist(), forward.tolist()
+    q_ref = reference.q.tolist()
+    dq_ref = reference.dq.tolist()
+    ahead = forward.tolist()
 
     def controller(k: int, q: list[float], v: list[float]) -> tuple[list[float], list[float], list[float]]:
         measured_q, measured_v = seen(k, q, v)

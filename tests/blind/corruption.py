@@ -54,7 +54,9 @@ def _replaced(columns: Columns, rows: slice, **changed: Array) -> Columns:
 
 def coarse_encoder(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """Encoders of 8–10 bits, and a rate that is their raw difference."""
-    bits, rows, period = int(rng.integers(8, 11)), _rows(columns, window), _period(columns)
+    bits = int(rng.integers(8, 11))
+    rows = _rows(columns, window)
+    period = _period(columns)
     step = 2.0 * np.pi / 2**bits
     angles = {name: step * np.round(columns[name] / step) for name in _named(columns, "q")}
     rates = {f"d{name}": np.gradient(x, period) for name, x in angles.items() if f"d{name}" in columns}
@@ -63,7 +65,8 @@ def coarse_encoder(columns: Columns, rng: np.random.Generator, window: Window) -
 
 def noisy_rate(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """White noise on angle and rate so large that accelerations drown in it."""
-    rows, size = _rows(columns, window), float(np.exp(rng.uniform(np.log(0.1), np.log(0.6))))
+    rows = _rows(columns, window)
+    size = float(np.exp(rng.uniform(np.log(0.1), np.log(0.6))))
     noisy = {}
     for name in _named(columns, "q", "dq"):
         scale = size * float(np.std(columns[name])) * (0.05 if name.startswith("q") else 1.0)
@@ -73,7 +76,8 @@ def noisy_rate(columns: Columns, rng: np.random.Generator, window: Window) -> Da
 
 def jittered_clock(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """Rows stamped by a busy host: 10–40 % of a period rms."""
-    size, t = float(rng.uniform(0.1, 0.4)), columns["t"]
+    size = float(rng.uniform(0.1, 0.4))
+    t = columns["t"]
     error = size * _period(columns) * rng.normal(size=len(t))
     stamped = np.maximum.accumulate(t + np.clip(error, -0.9 * _period(columns), 0.9 * _period(columns)))
     stamped += 1e-9 * np.arange(len(t))
@@ -83,8 +87,10 @@ def jittered_clock(columns: Columns, rng: np.random.Generator, window: Window) -
 
 def gaps(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """Five to fifteen holes of 20–200 ms."""
-    rows, n = _rows(columns, window), len(columns["t"])
-    keep, count = np.ones(n, dtype=bool), int(rng.integers(5, 16))
+    rows = _rows(columns, window)
+    n = len(columns["t"])
+    keep = np.ones(n, dtype=bool)
+    count = int(rng.integers(5, 16))
     for start in rng.integers(rows.start, rows.stop, count):
         keep[start : start + max(2, int(rng.uniform(0.02, 0.2) / _period(columns)))] = False
     return Damage({name: x[keep] for name, x in columns.items()}, {"gaps": float(count)})
@@ -92,7 +98,8 @@ def gaps(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
 
 def stale_rows(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """A logger with a clock of its own: every row shows the last reading of a bus that is up to a period older."""
-    rows, share = _rows(columns, window), float(rng.uniform(0.1, 0.4))
+    rows = _rows(columns, window)
+    share = float(rng.uniform(0.1, 0.4))
     late = rng.random(len(columns["t"])) < share
     row = np.arange(len(late)) - late
     row[0] = 0
@@ -102,13 +109,16 @@ def stale_rows(columns: Columns, rng: np.random.Generator, window: Window) -> Da
 
 def filtered_rate(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """dq is the encoder's difference through a causal low-pass of 5–25 Hz, first or second order."""
-    hertz, order, period = float(rng.uniform(5.0, 25.0)), int(rng.integers(1, 3)), _period(columns)
+    hertz = float(rng.uniform(5.0, 25.0))
+    order = int(rng.integers(1, 3))
+    period = _period(columns)
     sections = butter(order, hertz, fs=1.0 / period, output="sos")
     copies = dict(columns)
     for name in _named(columns, "q"):
         raw = np.diff(columns[name], prepend=columns[name][0]) / period
         smooth = np.asarray(sosfilt(sections, raw))
-        old, rows = columns.get(f"d{name}", smooth), _rows(columns, window)
+        old = columns.get(f"d{name}", smooth)
+        rows = _rows(columns, window)
         copies[f"d{name}"] = old.copy()
         copies[f"d{name}"][rows] = smooth[rows]
     return Damage(copies, {"hertz": hertz, "order": float(order)})
@@ -116,8 +126,10 @@ def filtered_rate(columns: Columns, rng: np.random.Generator, window: Window) ->
 
 def frozen_channel(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """A channel repeats its last value for 0.4–4 s, once or twice."""
-    name, rows = _pick(columns, rng, "q", "dq", "tau"), _rows(columns, window)
-    stuck, seconds = columns[name].copy(), float(rng.uniform(0.4, 4.0))
+    name = _pick(columns, rng, "q", "dq", "tau")
+    rows = _rows(columns, window)
+    stuck = columns[name].copy()
+    seconds = float(rng.uniform(0.4, 4.0))
     length = min(int(seconds / _period(columns)), rows.stop - rows.start - 1)
     for start in rng.integers(rows.start, rows.stop - length, int(rng.integers(1, 3))):
         stuck[start : start + length] = stuck[start]
@@ -126,7 +138,8 @@ def frozen_channel(columns: Columns, rng: np.random.Generator, window: Window) -
 
 def railed_channel(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """A channel's converter ends at a value that the signal often passes."""
-    name, rows = _pick(columns, rng, "dq", "tau"), _rows(columns, window)
+    name = _pick(columns, rng, "dq", "tau")
+    rows = _rows(columns, window)
     rail = float(np.quantile(np.abs(columns[name]), rng.uniform(0.8, 0.95)))
     railed = np.clip(columns[name], -rail, rail)
     return Damage(_replaced(columns, rows, **{name: railed}), {"rail": rail}, (name,))
@@ -134,7 +147,9 @@ def railed_channel(columns: Columns, rng: np.random.Generator, window: Window) -
 
 def spikes(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """Lone rows, 0.05–1 % of them, that are off by 3–20 standard deviations."""
-    name, rows, share = _pick(columns, rng, "q", "dq", "tau"), _rows(columns, window), float(rng.uniform(5e-4, 0.01))
+    name = _pick(columns, rng, "q", "dq", "tau")
+    rows = _rows(columns, window)
+    share = float(rng.uniform(5e-4, 0.01))
     hit = rng.random(len(columns["t"])) < share
     size = rng.uniform(3.0, 20.0, len(hit)) * rng.choice([-1.0, 1.0], len(hit)) * np.std(columns[name])
     spiky = columns[name] + hit * size
@@ -143,7 +158,8 @@ def spikes(columns: Columns, rng: np.random.Generator, window: Window) -> Damage
 
 def burst(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """Half a second to three of garbage on one channel."""
-    name, rows = _pick(columns, rng, "q", "dq", "tau"), _rows(columns, window)
+    name = _pick(columns, rng, "q", "dq", "tau")
+    rows = _rows(columns, window)
     length = min(int(rng.uniform(0.5, 3.0) / _period(columns)), rows.stop - rows.start - 1)
     start = int(rng.integers(rows.start, rows.stop - length))
     noisy = columns[name].copy()
@@ -162,7 +178,8 @@ CORRUPTIONS: dict[str, dict[str, Corruption]] = {
 
 def late_torque(columns: Columns, rng: np.random.Generator, window: Window) -> Damage:
     """Every torque column 50–200 ms behind the others; the rows before the first torque are not in the log."""
-    late, t = float(rng.uniform(0.05, 0.2)), columns["t"]
+    late = float(rng.uniform(0.05, 0.2))
+    t = columns["t"]
     kept = t >= t[0] + late
     delayed = {name: np.interp(t - late, t, columns[name]) for name in _named(columns, "tau")}
     return Damage({name: x[kept] for name, x in (columns | delayed).items()}, {"late": late}, tuple(delayed))

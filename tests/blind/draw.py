@@ -29,8 +29,10 @@ def _forms(kinds: Sequence[type[Effect]]) -> list[tuple[str, str]]:
 
 def _bare(rng: np.random.Generator, stratum: str, count: int) -> list[Plan]:
     """Plans with everything but something hidden."""
-    axes, levels = spread(rng, (1, 2, 3, 3), count), spread(rng, LEVELS, count)
-    excitations, rates = spread(rng, EXCITATIONS, count), spread(rng, RATES, count)
+    axes = spread(rng, (1, 2, 3, 3), count)
+    levels = spread(rng, LEVELS, count)
+    excitations = spread(rng, EXCITATIONS, count)
+    rates = spread(rng, RATES, count)
     seconds = rng.integers(20, 61, count)
     seeds = rng.integers(2**62, size=count)
     return [
@@ -79,7 +81,8 @@ def _compatible(first: Hidden, second: Hidden) -> bool:
 
 def _partner(rng: np.random.Generator, first: Hidden) -> Hidden | None:
     """Something of at least 3 % that may stand beside the first; None where nothing may."""
-    joint, share = float(rng.random()), float(rng.choice(SHARES[2:]))
+    joint = float(rng.random())
+    share = float(rng.choice(SHARES[2:]))
     ready = [item for item in (Hidden(*form, share, joint) for form in _forms(PUBLISHED)) if _compatible(first, item)]
     return ready[int(rng.integers(len(ready)))] if ready else None
 

@@ -47,7 +47,8 @@ def _stamped(rng: np.random.Generator, jitter: float, t: Array) -> Array:
 
 def torque_shown(sensors: DriveSensors, scene: Scene, trace: Trace, rows: NDArray[np.intp], noise: Array) -> Array:
     """Reported torque (M, n), N m: low-passed, late, noisy (`noise` of unit rms), in steps, some rows old."""
-    current, t = sensors.reported(trace.command, scene.rate), trace.t
+    current = sensors.reported(trace.command, scene.rate)
+    t = trace.t
     wanted = t[rows] - sensors.torque_late
     clean = np.stack([np.interp(wanted, t, column) for column in current.T], axis=1)
     step = sensors.torque_step * np.array([motor.tau_max for motor in scene.rig.motors])
@@ -72,7 +73,9 @@ def show(sensors: DriveSensors, scene: Scene, trace: Trace, every: int, rng: np.
 def written(sensors: DriveSensors, scene: Scene, shown: Shown, extra: Columns, rng: np.random.Generator) -> Columns:
     """The log's columns: some rows repeat the one before under their own stamp, some are lost, half the logs have the
     reference; ROW: the run's sample of each."""
-    rig, rows, period = scene.rig, shown.rows, float(np.median(np.diff(shown.t)))
+    rig = scene.rig
+    rows = shown.rows
+    period = float(np.median(np.diff(shown.t)))
     columns = columns_of(rig, shown.t, shown.channels)
     columns |= shaken({name: values[rows] for name, values in extra.items()}, rng, 1.0 / period)
     if rng.random() < 0.5:
@@ -89,7 +92,8 @@ def spectrum(sensors: DriveSensors, scene: Scene, world: World, trace: Trace, sh
     acceleration (n,), none where a joint is held.
 
     The torque's part in closed form, with its steps; what encoders and clock add, measured against the true run."""
-    rows, rate = shown.rows, scene.rate / (shown.rows[1] - shown.rows[0])
+    rows = shown.rows
+    rate = scene.rate / (shown.rows[1] - shown.rows[0])
     clean = Channels(world.encoder(trace.q[rows]), None, trace.command[rows])
     error = (shown.t - trace.t[rows])[:, None] * trace.v[rows]
     noisy = Channels(trace.measured_q[rows] + error, None, trace.command[rows])

@@ -60,7 +60,9 @@ class DriveSensors:
 
     def reported(self, command: Array, rate: float) -> Array:
         """A held command (N, n) behind the current's first-order low-pass, at each sample's beginning."""
-        keep, path, y = exp(-2.0 * pi * self.current_hz / rate), np.empty_like(command), command[0]
+        keep = exp(-2.0 * pi * self.current_hz / rate)
+        path = np.empty_like(command)
+        y = command[0]
         for k, u in enumerate(command):
             path[k] = y
             y = u + (y - u) * keep
@@ -86,11 +88,13 @@ class DriveReading:
         shown = self.step * np.round((self.world.encoder(np.array(q)) + self.noise[k]) / self.step)
         angles: list[float] = shown.tolist()
         if k == 0:
-            self.angle, self.rate = angles, list(v)
+            self.angle = angles
+            self.rate = list(v)
         elif self.observer:
             self._track(angles)
         else:
-            keep, before = exp(-self.turn), self.angle
+            keep = exp(-self.turn)
+            before = self.angle
             raw = [(x - y) / self.period for x, y in zip(angles, before, strict=True)]
             self.rate = [r + (w - r) * keep for r, w in zip(raw, self.rate, strict=True)]
             self.angle = angles
@@ -98,7 +102,8 @@ class DriveReading:
 
     def _track(self, angles: list[float]) -> None:
         """A second-order tracking loop, damped by 0.8."""
-        w, period = self.turn, self.period
+        w = self.turn
+        period = self.period
         guess = [x + period * r for x, r in zip(self.angle, self.rate, strict=True)]
         error = [x - g for x, g in zip(angles, guess, strict=True)]
         self.angle = [g + 1.6 * w * e for g, e in zip(guess, error, strict=True)]
@@ -118,7 +123,8 @@ def draw_drive_sensors(rng: np.random.Generator, rate: float, aligned: bool) -> 
     wanted = slow if aligned else float(rng.uniform(-FARTHEST, FARTHEST))
     control = control_rate(rate)
     late = max(0, ceil((slow - wanted) * control - 1e-9)) / control
-    clock, holes = rng.random() < 0.5, rng.random() < 0.4
+    clock = rng.random() < 0.5
+    holes = rng.random() < 0.4
     return DriveSensors(
         level="drive",
         encoder_bits=int(rng.integers(13, 18)),

@@ -41,7 +41,8 @@ def multisine(rng: np.random.Generator, t: Array) -> Array:
 
 def chirp(rng: np.random.Generator, t: Array) -> Array:
     """Sweeps up from 0.15 Hz to 4–8 Hz, one after the other, ever smaller on the way."""
-    period, top = float(rng.uniform(8.0, 15.0)), float(rng.uniform(4.0, 8.0))
+    period = float(rng.uniform(8.0, 15.0))
+    top = float(rng.uniform(4.0, 8.0))
     low = 0.15
     place = (t / period + float(rng.uniform())) % 1.0
     rate = np.log(top / low)
@@ -61,7 +62,9 @@ def staircase(rng: np.random.Generator, t: Array) -> Array:
 
 def random_steps(rng: np.random.Generator, t: Array) -> Array:
     """Minimum-jerk moves of 0.3–1.2 s to random places, with rests between."""
-    goals, moves, rests = rng.uniform(-1.0, 1.0, 400), rng.uniform(0.3, 1.2, 400), rng.uniform(0.05, 0.9, 400)
+    goals = rng.uniform(-1.0, 1.0, 400)
+    moves = rng.uniform(0.3, 1.2, 400)
+    rests = rng.uniform(0.05, 0.9, 400)
     starts = np.concatenate([[0.0], np.cumsum(moves + rests)[:-1]])
     row = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, 398)
     x = np.clip((t - starts[row]) / moves[row], 0.0, 1.0)
@@ -148,12 +151,15 @@ def draw_reference(
     """The fastest motion of this kind that takes no more than a drawn share (40–70 %) of each joint's limits."""
     habit = habit or Habit()
     t = np.arange(round(seconds * rate)) / rate
-    seeds, wanted = rng.integers(2**31, size=len(rig.links)).tolist(), rng.uniform(0.4, 0.7, len(rig.links))
-    slow, fast = np.full(len(rig.links), 0.1), np.full(len(rig.links), 3.0)
+    seeds = rng.integers(2**31, size=len(rig.links)).tolist()
+    wanted = rng.uniform(0.4, 0.7, len(rig.links))
+    slow = np.full(len(rig.links), 0.1)
+    fast = np.full(len(rig.links), 3.0)
     for _ in range(9):
         paces = np.sqrt(slow * fast)
         easy = load(rig, habit.motion(_angles(rig, kind, t, paces, seeds)), 1.0 / rate) < wanted
-        slow, fast = np.where(easy, paces, slow), np.where(easy, fast, paces)
+        slow = np.where(easy, paces, slow)
+        fast = np.where(easy, fast, paces)
     q = habit.motion(_angles(rig, kind, t, slow, seeds))
     dq, ddq = _derivatives(q, 1.0 / rate)
     shaken = rng.random() < 0.4

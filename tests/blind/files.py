@@ -70,7 +70,8 @@ def write(case: Case, folder: Path) -> CaseFiles:
 def write_truth(case: Case, folder: Path) -> TruthFiles:
     """truth.json, perfect.csv (the same log from perfect sensors) and oracle.npz; keep them from the diagnoser."""
     folder.mkdir(parents=True, exist_ok=True)
-    oracle, beside = folder / "oracle.npz", folder / ".oracle.part.npz"
+    oracle = folder / "oracle.npz"
+    beside = folder / ".oracle.part.npz"
     np.savez_compressed(beside, allow_pickle=False, **case.oracle)
     os.replace(beside, oracle)
     return TruthFiles(

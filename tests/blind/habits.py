@@ -27,7 +27,8 @@ class Habit:
         """The first period of x (N, n) again and again, its end faded into its beginning."""
         if not self.period:
             return x
-        once, place = x[: self.period].copy(), np.arange(self.fade)[:, None] / self.fade
+        once = x[: self.period].copy()
+        place = np.arange(self.fade)[:, None] / self.fade
         soft = place**3 * (10.0 - 15.0 * place + 6.0 * place * place)
         once[: self.fade] = soft * x[: self.fade] + (1.0 - soft) * x[self.period : self.period + self.fade]
         return np.asarray(once[np.arange(len(x)) % self.period])
@@ -57,7 +58,8 @@ def repeated(samples: int, repeats: int, rate: float) -> Habit:
 
 def turning_path(rng: np.random.Generator, t: Array, turns: float) -> Array:
     """An angle (N,) that travels so many revolutions at a wandering speed, in every third log back again, rad."""
-    hertz, phase = np.exp(rng.uniform(np.log(0.03), np.log(0.5), 4)), rng.uniform(-np.pi, np.pi, 4)
+    hertz = np.exp(rng.uniform(np.log(0.03), np.log(0.5), 4))
+    phase = rng.uniform(-np.pi, np.pi, 4)
     wander = np.sin(2.0 * np.pi * hertz * t[:, None] + phase).mean(axis=1)
     speed = (1.0 + float(rng.uniform(0.05, 0.9)) * wander) * np.clip(t / 0.5, 0.0, 1.0)
     if rng.random() < 1.0 / 3.0:

@@ -35,19 +35,22 @@ class Ledger:
 
 def baseline_dry(coulomb: Array, trace: Trace) -> Array:
     """F_c sign(v⁺) where it slides, and at rest the friction that acted, up to F_c."""
-    at_rest, acted = np.abs(trace.step_end_v) < AT_REST, trace.step_dry + trace.step_bristle
+    at_rest = np.abs(trace.step_end_v) < AT_REST
+    acted = trace.step_dry + trace.step_bristle
     return np.where(at_rest, np.clip(acted, -coulomb, coulomb), coulomb * np.sign(trace.step_end_v))
 
 
 def settle(world: World, trace: Trace) -> Ledger:
     """Split the commands of a run by the reference rig's inverse dynamics, step by step."""
-    rig, shape = world.reference, (len(trace.t), -1, world.joints)
+    rig = world.reference
+    shape = (len(trace.t), -1, world.joints)
 
     def held(x: Array) -> Array:
         return np.asarray(x.reshape(shape).mean(axis=1))
 
     q = world.encoder(trace.step_q)
     rigid = held(inverse_dynamics(rig, q, trace.step_v, trace.step_a))
-    viscous, dry = held(rig.viscous * trace.step_v), held(baseline_dry(rig.coulomb, trace))
+    viscous = held(rig.viscous * trace.step_v)
+    dry = held(baseline_dry(rig.coulomb, trace))
     effect = trace.command - rigid - viscous - dry
     return Ledger(held(q), held(trace.step_v), held(trace.step_a), trace.command, rigid, viscous, dry, effect)

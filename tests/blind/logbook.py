@@ -43,7 +43,8 @@ def temperatures(rig: Rig, trace: Trace, period: float) -> Columns:
     columns = {}
     for i, (joint, motor) in enumerate(zip(rig.joints, rig.motors, strict=True)):
         power = trace.command[:, i] ** 2
-        heat, path = 0.0, np.empty(len(power))
+        heat = 0.0
+        path = np.empty(len(power))
         for k, x in enumerate((power / max(power.mean(), 1e-12)).tolist()):
             heat += period / motor.warm_up * (x - heat)
             path[k] = heat
@@ -75,7 +76,8 @@ def shaken(columns: Columns, rng: np.random.Generator, rate: float) -> Columns:
 def write_columns(scene: Scene, shown: Channels, extra: Columns, reference: bool, rng: np.random.Generator) -> Columns:
     """The log as it is written: stamped, with rows lost, with the reference if asked for (else in every other
     log), and with each row's sample in column ROW."""
-    rig, t = scene.rig, scene.reference.t
+    rig = scene.rig
+    t = scene.reference.t
     columns = columns_of(rig, stamps(rng, scene.sensors, t), shown) | extra
     if reference or rng.random() < 0.5:
         columns |= {f"q_ref_{joint}": scene.reference.q[:, i] for i, joint in enumerate(rig.joints)}

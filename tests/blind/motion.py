@@ -29,8 +29,10 @@ class BaseMotion:
 
     def _few(self, t: Array) -> tuple[Array, Array, Array]:
         angle = self.omega * t[:, None, None] + self.phase
-        a, w = self.amplitude, self.omega
-        wave, slope = a * np.sin(angle), a * w * np.cos(angle)
+        a = self.amplitude
+        w = self.omega
+        wave = a * np.sin(angle)
+        slope = a * w * np.cos(angle)
         return wave.sum(axis=2), slope.sum(axis=2), -(w * w * wave).sum(axis=2)
 
     def sampled(self, dt: float, seconds: float) -> SampledPath:
@@ -44,7 +46,10 @@ class BaseMotion:
         value, rate, second = self.at(t)
         yaw, pitch, roll = value[:, 3:].T
         dyaw, dpitch, droll = rate[:, 3:].T
-        sr, cr, sp, cp = np.sin(roll), np.cos(roll), np.sin(pitch), np.cos(pitch)
+        sr = np.sin(roll)
+        cr = np.cos(roll)
+        sp = np.sin(pitch)
+        cp = np.cos(pitch)
         gyro = np.stack([droll - sp * dyaw, cr * dpitch + sr * cp * dyaw, cr * cp * dyaw - sr * dpitch], axis=1)
         return gyro, np.einsum("tji,tj->ti", _attitude(yaw, pitch, roll), second[:, :3] - GRAVITY)
 

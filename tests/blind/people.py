@@ -21,7 +21,8 @@ Streams = dict[str, np.random.Generator]
 LONG_S, LONG_STEP = 120.0, 1e-3
 MANY, MANY_STEP = 5, 0.5e-3
 """Steps (s) of runs that would take too long: of more than LONG_S, of MANY joints or more."""
-ALIGNABLE, CLEAR_OF_IT = ("delay", "actuator-lag"), 8e-3
+ALIGNABLE = ("delay", "actuator-lag")
+CLEAR_OF_IT = 8e-3
 """Effects that a shift of channels takes up, and from which time (s) on it does not."""
 CREEP = 0.03
 """Speed (rad/s) at which a controller's friction torque has nearly all of its size."""
@@ -45,7 +46,8 @@ def _turning_reference(
     plan: DrivePlan, rig: Rig, joint: int, rate: float, held: tuple[int, ...], seed: int
 ) -> Reference:
     """As many turns as are wanted, or half of them, and so on, until the motors can do it."""
-    turns, t = plan.turns, np.arange(round(plan.seconds * rate)) / rate
+    turns = plan.turns
+    t = np.arange(round(plan.seconds * rate)) / rate
     for _ in range(6):
         rng = np.random.default_rng(seed)
         habit = Habit(held=held, turning=joint, path=turning_path(rng, t, turns))
@@ -64,7 +66,8 @@ def _friction_forward(plan: DrivePlan, rig: Rig, reference: Reference, rng: np.r
 
 def stage(plan: DrivePlan, full: Rig, streams: Streams) -> tuple[Rig, Scene]:
     """The rig of the URDF and the scene: the same rig, or the one that is left where a joint is bolted."""
-    rng, rate = streams["motion"], control_rate(plan.rate)
+    rng = streams["motion"]
+    rate = control_rate(plan.rate)
     idle, turning = (int(x) for x in rng.permutation(plan.axes)[[0, -1]])
     if plan.turns:
         full = _endless(full, turning, 2.0 * np.pi * plan.turns / plan.seconds)
@@ -96,7 +99,8 @@ def given(plan: DrivePlan, full: Rig, rng: np.random.Generator) -> Rig:
     if plan.trusted:
         return full
     rig = nominal(rng, full, float(rng.uniform(0.0, 0.2)))
-    body, share = rig.payload.inertia, 1.0 + plan.camera_off
+    body = rig.payload.inertia
+    share = 1.0 + plan.camera_off
     return rig.with_payload(Inertia(share * body.mass, body.com, share * body.tensor))
 
 

@@ -54,21 +54,29 @@ class Stepper:
         self.world, self.model, self.data = world, world.model, world.data
         self.state = State(world.dt, world.joints, world.dofs)
         self.time = 0.0
-        self.q, self.v, self.a = [0.0] * world.dofs, [0.0] * world.dofs, [0.0] * world.dofs
+        self.q = [0.0] * world.dofs
+        self.v = [0.0] * world.dofs
+        self.a = [0.0] * world.dofs
         for i in range(world.joints):
             for dof in (world.dof[i], world.link_dof[i]):
                 self.q[dof], self.v[dof] = q[i], v[i]
-        self.dry, self.each = [0.0] * world.dofs, tuple(range(world.dofs))
+        self.dry = [0.0] * world.dofs
+        self.each = tuple(range(world.dofs))
         self.coulomb = [float(x) for x in world.rig.coulomb]
         self.viscous = [float(x) for x in world.rig.viscous]
         self.drives, self.forces, self.grips = (world.laws(kind) for kind in ("drive", "force", "grip"))
-        self._qpos, self._qvel = world.data.qpos, world.data.qvel
-        self._bias, self._held = np.zeros(world.dofs), np.zeros(world.dofs)
-        self._inverse, self._eye = np.zeros((world.dofs, world.dofs)), np.eye(world.dofs)
+        self._qpos = world.data.qpos
+        self._qvel = world.data.qvel
+        self._bias = np.zeros(world.dofs)
+        self._held = np.zeros(world.dofs)
+        self._inverse = np.zeros((world.dofs, world.dofs))
+        self._eye = np.eye(world.dofs)
 
     def _dynamics(self) -> tuple[list[list[float]], list[float]]:
         """M⁻¹ and h at the middle of the step, from MuJoCo."""
-        state, model, data = self.state, self.model, self.data
+        state = self.state
+        model = self.model
+        data = self.data
         self._qpos[:] = state.q
         mujoco.mj_fwdPosition(model, data)
         if self.world.needs_gravity:
@@ -84,8 +92,10 @@ class Stepper:
 
     def _applied(self, command: list[float]) -> list[float]:
         """Motor, viscous and every other smooth force, on each degree of freedom."""
-        state, dofs = self.state, self.world.dof
-        state.command, state.u = command, list(command)
+        state = self.state
+        dofs = self.world.dof
+        state.command = command
+        state.u = list(command)
         for law in self.drives:
             law(state)
         state.force = [0.0] * self.world.dofs
@@ -93,14 +103,20 @@ class Stepper:
             state.force[dof] += state.u[i] - self.viscous[i] * state.v[dof]
         for law in self.forces:
             law(state)
-        state.plus, state.minus = list(self.coulomb), list(self.coulomb)
+        state.plus = list(self.coulomb)
+        state.minus = list(self.coulomb)
         for law in self.grips:
             law(state)
         return state.force
 
     def step(self, command: list[float]) -> None:
         """Advance by dt; afterwards `state` holds the middle of the step, `q`, `v` its end, `a` its acceleration."""
-        state, dt, each, q, v, a = self.state, self.world.dt, self.each, self.q, self.v, self.a
+        state = self.state
+        dt = self.world.dt
+        each = self.each
+        q = self.q
+        v = self.v
+        a = self.a
         half = 0.5 * dt
         state.t = self.time + half
         middle = state.q = [q[i] + half * v[i] for i in each]
@@ -128,10 +144,12 @@ def simulate(
     Raises: PlantDivergedError when a joint's speed runs away."""
     stepper = Stepper(world, *start)
     dofs = world.dof
-    rows, steps = Tape(world.joints, 5), Tape(world.joints, 6)
+    rows = Tape(world.joints, 5)
+    steps = Tape(world.joints, 6)
     follow = _follow_base(world, stepper)
     for k in range(samples):
-        q, v = [stepper.q[d] for d in dofs], [stepper.v[d] for d in dofs]
+        q = [stepper.q[d] for d in dofs]
+        v = [stepper.v[d] for d in dofs]
         measured_q, measured_v, command = controller(k, q, v)
         rows.write([*q, *v, *measured_q, *measured_v, *command])
         for _ in range(substeps):
@@ -149,7 +167,9 @@ class Tape:
     """Rows of floats as they come, kept where the garbage collector need not look at them."""
 
     def __init__(self, width: int, channels: int) -> None:
-        self.width, self.channels, self.values = width, channels, array("d")
+        self.width = width
+        self.channels = channels
+        self.values = array("d")
 
     def write(self, values: list[float]) -> None:
         self.values.extend(values)
@@ -162,7 +182,8 @@ class Tape:
 
 def _follow_base(world: World, stepper: Stepper) -> Callable[[], None]:
     """Before each step, put a driven base exactly where its path says."""
-    path, dofs = world.base_path, world.base_dofs
+    path = world.base_path
+    dofs = world.base_dofs
     if path is None:
         return lambda: None
 

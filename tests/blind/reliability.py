@@ -112,7 +112,8 @@ def measure(cases: Iterable[Judged]) -> Reliability:
     for k, (low, high) in enumerate(pairwise(edges)):
         inside = [claim for claim, row in zip(every, rows, strict=True) if row == k]
         if inside:
-            mean, right = float(np.mean([claim.probability for claim in inside])), sum(claim.right for claim in inside)
+            mean = float(np.mean([claim.probability for claim in inside]))
+            right = sum(claim.right for claim in inside)
             bins.append(Bin(float(low), float(high), len(inside), mean, right, wilson(right, len(inside))))
     error = sum(each.count * abs(each.share - each.mean) for each in bins) / len(every)
     seen = [(case, cause) for case in stated for cause in case.causes if visible(cause)]
@@ -122,7 +123,8 @@ def measure(cases: Iterable[Judged]) -> Reliability:
 def as_figures(found: Reliability) -> list[Figure]:
     """The rows of the published table: the error, and how many claims of 50 % and more are right."""
     sure = [each for each in found.bins if each.low >= 0.5]
-    right, count = sum(each.right for each in sure), sum(each.count for each in sure)
+    right = sum(each.right for each in sure)
+    count = sum(each.count for each in sure)
     error = Figure("expected calibration error, ten bins", found.error, 0.0, 1.0, found.count, (0.0, 0.05), (0.0, 0.02))
     share = right / count if count else None
     return [
@@ -159,7 +161,8 @@ def chart(found: Reliability) -> Picture:
     above.set(ylabel="share that is right", xlim=(0.0, 1.0), ylim=(-0.02, 1.22), yticks=np.linspace(0, 1, 6))
     above.set_title(f"{found.count} stated probabilities, calibration error {found.error:.3f}", fontsize="medium")
     above.legend(loc="upper center", ncols=2, frameon=False)
-    lows, widths = [each.low for each in found.bins], [each.high - each.low for each in found.bins]
+    lows = [each.low for each in found.bins]
+    widths = [each.high - each.low for each in found.bins]
     below.bar(lows, [each.count for each in found.bins], widths, align="edge", color="C0", edgecolor="white")
     below.set(xlabel="stated probability", ylabel="claims", yscale="log", ylim=(0.5, None))
     for axes in (above, below):

@@ -68,7 +68,8 @@ def _links(rng: np.random.Generator, kinds: tuple[str, ...], mass: float, edge: 
     joints = JOINT_NAMES[rng.integers(len(JOINT_NAMES))]
     names = LINK_NAMES[rng.integers(len(LINK_NAMES))]
     own_frames = rng.random() < 0.5
-    world, links = EYE, []
+    world = EYE
+    links = []
     for i, kind in enumerate(kinds):
         direction = AXES[kind] * rng.choice([-1.0, 1.0])
         frame = frame_of(direction, rng) if own_frames else EYE

@@ -26,7 +26,8 @@ class LinkMotion:
 def _turns(axis: Array, fixed: Array, q: Array) -> Array:
     """R(q) = fixed · Rodrigues(axis, q), (T, 3, 3)."""
     k = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    s, c = np.sin(q)[:, None, None], np.cos(q)[:, None, None]
+    s = np.sin(q)[:, None, None]
+    c = np.cos(q)[:, None, None]
     turned: Array = fixed @ (EYE + s * k + (1.0 - c) * (k @ k))
     return turned
 
@@ -50,7 +51,8 @@ def motion(rig: Rig, q: Array, v: Array, a: Array, gravity: Array = GRAVITY) -> 
 
 def _wrench(body: LinkMotion, theta: Array) -> tuple[Array, Array]:
     """Newton and Euler about the link's origin: f = m a + α × mc + ω × (ω × mc), n = I α + ω × I ω + mc × a."""
-    mass, lever = theta[0], theta[1:4]
+    mass = theta[0]
+    lever = theta[1:4]
     tensor = np.zeros((3, 3))
     tensor[np.triu_indices(3)] = theta[4:]
     tensor = tensor + np.triu(tensor, 1).T
@@ -64,9 +66,11 @@ def torque(rig: Rig, chain: list[LinkMotion], thetas: Array) -> Array:
     force = moment = np.zeros_like(chain[0].rate)
     tau = np.empty((len(force), len(rig.links)))
     for i in reversed(range(len(rig.links))):
-        link, body = rig.links[i], chain[i]
+        link = rig.links[i]
+        body = chain[i]
         own_force, own_moment = _wrench(body, thetas[i])
-        force, moment = force + own_force, moment + own_moment
+        force = force + own_force
+        moment = moment + own_moment
         tau[:, i] = moment @ link.axis
         force = np.einsum("tij,tj->ti", body.turn, force)
         moment = np.einsum("tij,tj->ti", body.turn, moment) + np.cross(link.position, force)

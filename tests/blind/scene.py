@@ -62,7 +62,9 @@ class Scene:
     def context(self, joint: int, share: float) -> Context:
         """What an effect's first guess is made from, by the reference alone."""
         few = slice(None, None, 5)
-        q, dq, ddq = self.reference.q[few], self.reference.dq[few], self.reference.ddq[few]
+        q = self.reference.q[few]
+        dq = self.reference.dq[few]
+        ddq = self.reference.ddq[few]
         tau = inverse_dynamics(self.rig, q, dq, ddq) + self.rig.coulomb * np.tanh(dq / 0.01) + self.rig.viscous * dq
         return Context(
             rig=self.rig,

@@ -88,7 +88,8 @@ class Measurement:
     def __init__(self, world: World, sensors: Sensors | None, samples: int, rng: np.random.Generator) -> None:
         shape = (samples, world.joints)
         self.step = sensors.step if sensors else 0.0
-        q_noise, v_noise = rng.normal(size=shape), rng.normal(size=shape)
+        q_noise = rng.normal(size=shape)
+        v_noise = rng.normal(size=shape)
         signs = rng.choice([-1.0, 1.0], world.joints)
         if sensors:
             self.q_noise = (sensors.encoder_noise * q_noise).tolist()

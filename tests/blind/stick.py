@@ -26,7 +26,8 @@ def dry_friction(
     for _ in range(ROUNDS):
         change = 0.0
         for i, dof in enumerate(dofs):
-            weights, held = inverse[dof], friction[dof]
+            weights = inverse[dof]
+            held = friction[dof]
             wanted = held + (free[dof] / dt - sum(map(mul, weights, friction))) / weights[dof]
             if wanted > plus[i]:
                 wanted = plus[i]

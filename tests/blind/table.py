@@ -52,7 +52,8 @@ def wilson(hits: float, count: int) -> Range:
     """The 95 % score interval of a share, hits / count; (0, 1) where nothing was counted."""
     if count == 0:
         return 0.0, 1.0
-    p, z2 = hits / count, Z95 * Z95
+    p = hits / count
+    z2 = Z95 * Z95
     centre = (p + z2 / (2.0 * count)) / (1.0 + z2 / count)
     half = Z95 / (1.0 + z2 / count) * sqrt(p * (1.0 - p) / count + z2 / (4.0 * count * count))
     return max(centre - half, 0.0), min(centre + half, 1.0)
@@ -67,11 +68,14 @@ def _share(name: str, scores: Iterable[float], must: Range | None = None, aim: R
 def _gain(cases: Sequence[Judged]) -> Figure:
     """Median of the recovered gain over rightly told visible effects, bounds from the order statistics."""
     gains = sorted(g for case in cases if first_right(case) and (g := gain_recovered(case)) is not None)
-    name, must, aim = "held-out gain recovered (median)", (0.9, 1.1), (0.99, 1.1)
+    name = "held-out gain recovered (median)"
+    must = (0.9, 1.1)
+    aim = (0.99, 1.1)
     if not gains:
         return Figure(name, None, 0.0, 1.0, 0, must, aim)
     spread = 0.5 * Z95 * sqrt(len(gains))
-    low, high = max(int(0.5 * len(gains) - spread), 0), min(int(0.5 * len(gains) + spread), len(gains) - 1)
+    low = max(int(0.5 * len(gains) - spread), 0)
+    high = min(int(0.5 * len(gains) + spread), len(gains) - 1)
     return Figure(name, median(gains), gains[low], gains[high], len(gains), must, aim)
 
 
@@ -92,7 +96,9 @@ def score(cases: Sequence[Judged]) -> list[Figure]:
         chosen = [case for case in cases if case.stratum == stratum]
         return [case for case in chosen if all(map(visible, case.causes))] if seen else chosen
 
-    clean, singles, hidden = of("clean"), of("single", seen=True), of("single") + of("pair")
+    clean = of("clean")
+    singles = of("single", seen=True)
+    hidden = of("single") + of("pair")
     known, foreign = ([c for c in singles if c.causes[0]["foreign"] is kind] for kind in (False, True))
     drive_clean = [case for case in of("drive-clean") if case.verdict != "refused"]
     drive_single = of("drive-single", seen=True)

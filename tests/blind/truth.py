@@ -47,7 +47,10 @@ class Blur:
 
 def describe(run: Run, damage: Damage, blur: Blur) -> Truth:
     """Everything about a case, keys as they stand in truth.json."""
-    plan, scene, rig, ledger = run.plan, run.scene, run.scene.rig, run.ledger
+    plan = run.plan
+    scene = run.scene
+    rig = run.scene.rig
+    ledger = run.ledger
     alone = (run.world, run.ledger) if len(run.effects) == 1 else None
     return {
         "schema": 1, "plan": asdict(plan), "rig": rig.name, "joints": list(rig.joints), "stratum": plan.stratum,
@@ -80,13 +83,15 @@ def _data(plan: Plan, damage: Damage) -> Truth | None:
 
 def _cause(run: Run, effect: Effect, hidden: Hidden, alone: tuple[World, Ledger] | None, blur: Blur) -> Truth:
     """What is true of one effect; where several act, its size is that of a trial with it alone."""
-    scene, rig = run.scene, run.scene.rig
+    scene = run.scene
+    rig = run.scene.rig
     world, ledger = alone if alone is not None else trial(scene, effect)
     smoothed, left = projected(world.reference, ledger, scene.rate, effect.cause in TRUSTED)
     clear = left / np.maximum(blur.floor, 1e-12)
     if blur.noise is not None:
         clear = seen(world.reference, ledger, blur.noise, scene.rate, effect.cause in TRUSTED)
-    joint, foreign = None if effect.joint is None else rig.joints[effect.joint], effect.form in effect.foreign
+    joint = None if effect.joint is None else rig.joints[effect.joint]
+    foreign = effect.form in effect.foreign
     return {
         "cause": effect.cause, "form": effect.form, "joint": joint, "foreign": foreign,
         "outside": type(effect) in OUTSIDE, "kin": list(effect.kin), "parameters": effect.parameters(),

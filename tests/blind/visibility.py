@@ -87,5 +87,6 @@ def residual(rig: Rig, shown: Channels, rate: float) -> tuple[Array, Array]:
 def noise_floor(rig: Rig, noisy: Channels, clean: Channels, rate: float) -> tuple[Array, Array]:
     """What sensor noise alone leaves of the true model's torque balance (N m rms, (n,)), and its share of the
     acceleration."""
-    (left, a), (true_left, true_a) = residual(rig, noisy, rate), residual(rig, clean, rate)
+    (left, a) = residual(rig, noisy, rate)
+    (true_left, true_a) = residual(rig, clean, rate)
     return rms(left - true_left), rms(a - true_a) / np.maximum(rms(true_a), 1e-12)

@@ -43,7 +43,8 @@ class World:
         self.base = next((e.base for e in self.effects if e.base is not Base.FIXED), Base.FIXED)
         self.model = build(self.rig, hangers, self.base, _base_inertia(self.rig))
         self.data = mujoco.MjData(self.model)
-        self.joints, self.dofs = len(self.rig.links), int(self.model.nv)
+        self.joints = len(self.rig.links)
+        self.dofs = int(self.model.nv)
         self.names = [self.model.joint(i).name for i in range(self.model.njnt)]
         self.link_dof = [self.names.index(joint) for joint in self.rig.joints]
         self.dof = list(self.link_dof)

@@ -61,7 +61,8 @@ def plant_outliers(
 ) -> Log:
     """Add spikes of `size` standard deviations to a share of one channel's samples, or noise over some seconds."""
     values = np.array(getattr(log, channel))
-    j, n = int(rng.integers(len(log.joints))), len(log)
+    j = int(rng.integers(len(log.joints)))
+    n = len(log)
     spread = size * float(np.std(values[:, j]))
     if seconds is not None:
         length = min(round(seconds / log.dt), n // 8)

@@ -45,7 +45,8 @@ def mounted(log: Log, rig: Rig, planted: Mapping[str, tuple[Array, Array]], rng:
     """The log as encoders of 16 bit and noisy IMUs that sit askew see it, without joint rates."""
     imus = {}
     for link, (turn, bias) in planted.items():
-        imu, M = add_imu_noise(log.imus[link], rig.config.noise, log.dt, rng), pin.exp3(turn)
+        imu = add_imu_noise(log.imus[link], rig.config.noise, log.dt, rng)
+        M = pin.exp3(turn)
         assert imu.gyro is not None and imu.accel is not None
         imus[link] = Imu(imu.gyro @ M + bias, imu.accel @ M, imu.quat)
     return replace(log, q=np.round(log.q / STEP) * STEP, v=None, imus=imus)
@@ -53,7 +54,8 @@ def mounted(log: Log, rig: Rig, planted: Mapping[str, tuple[Array, Array]], rng:
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_planted_misalignment_and_bias_come_back_within_their_deviations(name: str) -> None:
-    rig, rng = bundled(name), np.random.default_rng(1)
+    rig = bundled(name)
+    rng = np.random.default_rng(1)
     planted = drawn(rig, rng)
     found = estimate_mountings(rig, mounted(true_log(name), rig, planted, rng))
     assert set(found) == set(planted)
@@ -69,7 +71,8 @@ def test_planted_misalignment_and_bias_come_back_within_their_deviations(name: s
 @settings(max_examples=4)
 @given(st.integers(0, 2**32 - 1))
 def test_exact_gyros_are_exact_joint_rates_and_need_no_mounting(seed: int) -> None:
-    rig, log = bundled("turret"), true_log("turret")
+    rig = bundled("turret")
+    log = true_log("turret")
     part = log.part(slice(seed % 4000, seed % 4000 + 2000))
     np.testing.assert_allclose(estimate_joint_rates(rig, replace(part, v=None)), part.v, atol=1e-12)
     for mounting in estimate_mountings(rig, part).values():
@@ -78,17 +81,20 @@ def test_exact_gyros_are_exact_joint_rates_and_need_no_mounting(seed: int) -> No
 
 def test_what_a_standing_base_hides_stays_as_it_is() -> None:
     """A base that does not turn says nothing of how its IMU is turned; the links' are found all the same."""
-    rig, rng = bundled("turret"), np.random.default_rng(2)
+    rig = bundled("turret")
+    rng = np.random.default_rng(2)
     planted = drawn(rig, rng)
     planted[rig.base] = (planted[rig.base][0], np.zeros(3))
     found = estimate_mountings(rig, mounted(true_log("turret", moving=False), rig, planted, rng))
-    base, link = found[rig.base], found[rig.config.imus[1]]
+    base = found[rig.base]
+    link = found[rig.config.imus[1]]
     assert not np.any(base.misalignment) and base.std[:3].min() == 0.1
     assert np.abs(link.misalignment - planted[rig.config.imus[1]][0]).max() < 2e-3
 
 
 def test_identification_from_imus_that_sit_askew_is_as_good_as_from_ones_that_do_not() -> None:
-    rig, rng = bundled("turret"), np.random.default_rng(3)
+    rig = bundled("turret")
+    rng = np.random.default_rng(3)
     log = mounted(true_log("turret"), rig, drawn(rig, rng), rng)
     straight = mounted(true_log("turret"), rig, {link: (np.zeros(3), np.zeros(3)) for link in rig.config.imus}, rng)
     base_alone = replace(log, imus={rig.base: log.imus[rig.base]})
@@ -102,7 +108,8 @@ def test_identification_from_imus_that_sit_askew_is_as_good_as_from_ones_that_do
 
 
 def test_a_gyro_of_another_motion_is_left_out_and_an_event_says_so() -> None:
-    rig, log = bundled("thesis"), true_log("thesis")
+    rig = bundled("thesis")
+    log = true_log("thesis")
     spine = log.imus["spine"]
     assert spine.gyro is not None and log.v is not None
     broken = replace(log, v=None, imus={**log.imus, "spine": Imu(spine.gyro[::-1], spine.accel)})

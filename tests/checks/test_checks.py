@@ -44,8 +44,10 @@ FILTER = Filtering()
 @cache
 def bench(name: str) -> tuple[Rig, Log]:
     """A rig on the bench for twenty seconds, with one per cent of noise on the torque."""
-    rig, (encoder, dt) = Rig.load(name), BENCH[name]
-    model, rng = nominal(rig), np.random.default_rng(5)
+    rig = Rig.load(name)
+    (encoder, dt) = BENCH[name]
+    model = nominal(rig)
+    rng = np.random.default_rng(5)
     law = tune(model, bandwidth_hz=4.0, dt=dt).controller
     return rig, bench_run(model, law, rng=rng, seconds=20.0, encoder_bits=encoder)
 
@@ -164,7 +166,8 @@ def test_the_order_of_a_logs_joints_does_not_matter(turret: tuple[Rig, Log], pla
     rig, log = turret
     bad = corrupted(log, planted)
     turned = {name: x[:, ::-1] for name, x in bad.channels.items()}
-    one, other = check_log(rig, bad), check_log(rig, replace(bad, joints=bad.joints[::-1], **turned))
+    one = check_log(rig, bad)
+    other = check_log(rig, replace(bad, joints=bad.joints[::-1], **turned))
     assert one.alterations == other.alterations and one.faults == other.faults
     np.testing.assert_array_equal(one.log.q, other.log.q)
 
@@ -319,7 +322,8 @@ def test_a_motor_that_is_off_is_not_stuck(turret: tuple[Rig, Log]) -> None:
     t = np.arange(0.0, 20.0, 1e-3)
     envelope = np.clip(np.abs(t - 10.0) - 2.0, 0.0, 1.0)[:, None]
     q = np.repeat(0.5 * np.sin(2.0 * t)[:, None] * envelope, rig.n, axis=1)
-    v, a = np.gradient(q, 1e-3, axis=0), np.gradient(np.gradient(q, 1e-3, axis=0), 1e-3, axis=0)
+    v = np.gradient(q, 1e-3, axis=0)
+    a = np.gradient(np.gradient(q, 1e-3, axis=0), 1e-3, axis=0)
     tau = model.inverse(q, v, a) + 1e-3 * np.random.default_rng(0).standard_normal(q.shape)
     still = np.abs(t - 10.0) < 1.9
     tau[still] = tau[np.flatnonzero(still)[0]]
@@ -359,7 +363,8 @@ def test_garbage_is_cut_out(turret: tuple[Rig, Log]) -> None:
 def test_a_knock_is_not_cut_out(turret: tuple[Rig, Log], seed: int) -> None:
     """A gap that closes, or a hand that knocks the rig, makes a jump that dies away, not noise."""
     rig, log = turret
-    tau, rng = np.array(log.tau), np.random.default_rng(seed)
+    tau = np.array(log.tau)
+    rng = np.random.default_rng(seed)
     for k in rng.integers(500, len(log) - 500, 3):
         tau[k : k + 100] += 8.0 * np.std(tau, axis=0) * np.exp(-np.arange(100) / 3.0)[:, None]
     found = CHECKS["outliers"](rig, replace(log, tau=tau), FILTER)
@@ -370,7 +375,8 @@ def test_a_knock_is_not_cut_out(turret: tuple[Rig, Log], seed: int) -> None:
 def test_a_drive_that_chatters_has_no_outliers(name: str) -> None:
     """Kicks at encoder steps, bursts that change sign with every sample, and noise of heavy tails."""
     rig, log = bench(name)
-    rng, size = np.random.default_rng(2), np.std(log.tau, axis=0)
+    rng = np.random.default_rng(2)
+    size = np.std(log.tau, axis=0)
     length = round(0.2 / log.dt)
     burst = ((-1.0) ** np.arange(length) * np.hanning(length))[:, None]
     bursts = np.zeros(log.q.shape)
@@ -426,7 +432,8 @@ def test_a_coarse_encoder_is_told_with_its_step() -> None:
 @pytest.mark.parametrize(("bits", "jitter"), [(19, 0.05), (16, 0.05), (19, 0.02)])
 def test_stamps_that_jitter_are_no_noise_of_the_encoders(bits: int, jitter: float) -> None:
     """At 100 Hz 5 % of a period are worth 9 bits of an encoder of 19; the angles are true and the stamps are not."""
-    rig, step = Rig.load("turret"), 2 * np.pi / 2**bits
+    rig = Rig.load("turret")
+    step = 2 * np.pi / 2**bits
     log = prescribed(nominal(rig), seconds=20.0, torque_noise=0.01, dt=0.01)
     late = jitter * log.dt * np.random.default_rng(1).standard_normal(len(log))
     bad = replace(log, t=log.t + late, q=step * np.round(log.q / step), v=None)
@@ -437,10 +444,15 @@ def test_stamps_that_jitter_are_no_noise_of_the_encoders(bits: int, jitter: floa
 def test_a_plants_own_torque_is_no_formula_and_a_speed_loops_is(name: str, speed: float) -> None:
     """Slow or fast, with friction, a bias and a spring, whatever the motion: a passive plant is silent."""
     rig = Rig.load(name)
-    model, check, rng = nominal(rig), CHECKS["controller-formula"], np.random.default_rng(7)
+    model = nominal(rig)
+    check = CHECKS["controller-formula"]
+    rng = np.random.default_rng(7)
     for seed in range(3):
         motion = fourier(rig, seed, 20.0 * speed, 2e-3 * speed)
-        t, q, v, a = motion.t / speed, motion.q, motion.v * speed, motion.a * speed**2
+        t = motion.t / speed
+        q = motion.q
+        v = motion.v * speed
+        a = motion.a * speed**2
         if seed == 2:  # one sine: there the acceleration is a multiple of the angle, and any delay fits
             w = 2 * np.pi * rng.uniform(0.2, 1.0, rig.n) * speed
             q, v, a = (0.5 * w**k * np.sin(np.outer(t, w) + k * np.pi / 2) for k in range(3))
@@ -456,10 +468,15 @@ def test_a_plants_own_torque_is_no_formula_and_a_speed_loops_is(name: str, speed
 @pytest.mark.parametrize(("name", "speed"), [("turret", 1.0), ("thesis", 0.1), ("ptu", 1.0), ("drone", 0.1)])
 def test_a_torque_that_only_cancels_gravity_is_a_formula_and_a_plants_own_is_none(name: str, speed: float) -> None:
     """A hand moves the joint; beside it a plant, slow or fast, hardly any friction, a spring and cogging."""
-    rig, check, rng = Rig.load(name), CHECKS["controller-formula"], np.random.default_rng(3)
+    rig = Rig.load(name)
+    check = CHECKS["controller-formula"]
+    rng = np.random.default_rng(3)
     smooth = nominal(replace(rig, friction=0.01 * rig.friction))
     motion = fourier(rig, 4, 20.0 * speed, 2e-3 * speed)
-    t, q, v, a = motion.t / speed, motion.q, motion.v * speed, motion.a * speed**2
+    t = motion.t / speed
+    q = motion.q
+    v = motion.v * speed
+    a = motion.a * speed**2
     noise = 1e-4 * rng.standard_normal(q.shape)
     weighed = compute_gravity(rig, q)
     size = np.maximum(np.sqrt(np.mean(weighed**2, axis=0)), 0.01)
@@ -505,7 +522,8 @@ def test_a_short_log_is_examined_without_complaint(samples: int) -> None:
 
 def test_a_rig_that_never_moved_has_no_fault() -> None:
     rig, log = bench("turret")
-    rng, zero = np.random.default_rng(0), np.zeros(log.q.shape)
+    rng = np.random.default_rng(0)
+    zero = np.zeros(log.q.shape)
     noise = [1e-3 * rng.standard_normal(log.q.shape) for _ in range(2)]
     still = Log("still", log.joints, log.t, zero, *noise)
     assert check_log(rig, still).is_reliable

@@ -20,7 +20,8 @@ DT, N = 0.008, 1500
 @cache
 def motion() -> tuple[Array, Array, Array]:
     """Twelve seconds of profile S at 125 Hz, with a little noise: time, gyro, accelerometer."""
-    t, rng = DT * np.arange(N), np.random.default_rng(3)
+    t = DT * np.arange(N)
+    rng = np.random.default_rng(3)
     moved = profile_s(t, np.random.default_rng(2))
     return t, moved.w + 1e-3 * rng.standard_normal((N, 3)), moved.f + 1e-2 * rng.standard_normal((N, 3))
 

@@ -68,7 +68,8 @@ def test_base_is_the_thesis_table(run: Run) -> None:
 
 def test_a_log_without_rates_can_be_simulated(run: Run, tmp_path: Path) -> None:
     """What least squares is biased on; every other column is there."""
-    motion, log = tmp_path / "motion.csv", tmp_path / "log.csv"
+    motion = tmp_path / "motion.csv"
+    log = tmp_path / "log.csv"
     write_log(prescribed(nominal(Rig.load("turret")), seconds=1.0), motion)
     for option, rates in (("--no-rates", False), ("--rates", True)):
         assert run("simulate", "turret", "--reference", motion, "-o", log, option)[0] == 0
@@ -77,10 +78,13 @@ def test_a_log_without_rates_can_be_simulated(run: Run, tmp_path: Path) -> None:
 
 
 def test_a_controllers_log_is_as_late_as_it_was_tuned_for_and_its_error_is_told(run: Run, tmp_path: Path) -> None:
-    rig, motion, law = Rig.load("turret"), tmp_path / "motion.csv", tmp_path / "law.yaml"
+    rig = Rig.load("turret")
+    motion = tmp_path / "motion.csv"
+    law = tmp_path / "law.yaml"
     write_log(prescribed(nominal(rig), seconds=1.0), motion)
     tune(nominal(rig), delay=0.004, dt=0.001).save(law)
-    told, logs = [], []
+    told = []
+    logs = []
     for late in ((), ("--delay-samples", 4), ("--delay-samples", 1)):
         log = tmp_path / f"{len(logs)}.csv"
         code, out, _ = run("simulate", "turret", "--controller", law, "--reference", motion, "-o", log, *late)
@@ -95,7 +99,8 @@ def test_a_controllers_log_is_as_late_as_it_was_tuned_for_and_its_error_is_told(
 
 
 def test_identify_writes_model_urdf_and_json(run: Run, log_file: Path, tmp_path: Path) -> None:
-    model, urdf = tmp_path / "model.yaml", tmp_path / "model.urdf"
+    model = tmp_path / "model.yaml"
+    urdf = tmp_path / "model.urdf"
     found = result(run, "identify", "turret", log_file, "-o", model, "--urdf", urdf, "--alignment", "0")
     assert found["estimator"] == "weighted" and found["held_out"]["how"] == "last third" and found["physical"] is True
     for row in found["base_parameters"]:
@@ -152,7 +157,8 @@ def test_track_on_a_platform_that_moves(run: Run, log_file: Path, tmp_path: Path
 
 
 def test_animate_takes_a_bare_trajectory(run: Run, tmp_path: Path) -> None:
-    traj, page = tmp_path / "traj.csv", tmp_path / "traj.html"
+    traj = tmp_path / "traj.csv"
+    page = tmp_path / "traj.html"
     code, _, err = run("excite", "turret", "-o", traj, "--starts", 1, "--seconds", 4, "--harmonics", 3)
     assert code == 0, err
     code, said, err = run("animate", "turret", traj, "-o", page)
@@ -167,15 +173,18 @@ def test_auto_walks_from_a_log_to_a_report(run: Run, tmp_path: Path, monkeypatch
     """
     few = {name: CAUSES[name] for name in ("cogging", "stribeck")}
     monkeypatch.setattr("gimbal_pin.report.pipeline.diagnose", partial(diagnose, causes=few))
-    log, out = tmp_path / "log.csv", tmp_path / "out"
-    rig, weighed = Rig.load("turret"), ("--mass", "2.197")
+    log = tmp_path / "log.csv"
+    out = tmp_path / "out"
+    rig = Rig.load("turret")
+    weighed = ("--mass", "2.197")
     planted = [parse_effect(one, rig) for one in ("payload-shift:x=0.005", "payload-mass:extra=0.2")]
     write_log(prescribed(plant_with(nominal(rig), planted).plant, seconds=6.0, torque_noise=0.01, dt=4e-3), log)
     found = result(run, "auto", "turret", log, *weighed, "--kind", "pid", "--damping", "0.9", "-o", out, *FEW)
     alone = result(run, "identify", "turret", log, *weighed)
     for key in ("given_model", "balance"):
         assert found["identify"][key] == found["diagnose"][key] == alone[key]
-    row, std = alone["given_model"]["camera"], alone["given_model"]["camera"]["com_std_mm"]
+    row = alone["given_model"]["camera"]
+    std = alone["given_model"]["camera"]["com_std_mm"]
     assert row["com_mm"][0] == pytest.approx(5.0, abs=3 * std[0])
     assert alone["balance"]["std_mm"][0] < 0.1, "link and payload together are known to what the log shows"
     refused(run("identify", "turret", log, "--mass", "-1"), 2, "--mass", "0.0001 to")

@@ -161,7 +161,8 @@ def test_a_pipe_that_somebody_fills_is_read_to_its_end() -> None:
 
 def test_an_element_of_a_hundred_thousand_attributes_is_refused_at_once(tmp_path: Path) -> None:
     """Readers take a time that grows with their square, of the robot, of a link, of a mass."""
-    text, many = (data_folder() / "turret.urdf").read_text(), " ".join(f'a{k}="1"' for k in range(100_000))
+    text = (data_folder() / "turret.urdf").read_text()
+    many = " ".join(f'a{k}="1"' for k in range(100_000))
     for tag in ("<robot ", "<link ", "<mass "):
         (tmp_path / "rig.urdf").write_text(text.replace(tag, f"{tag}{many} ", 1))
         assert "attributes" in str(soon(lambda: Rig.load(tmp_path / "rig.urdf"), RigError))
@@ -290,7 +291,8 @@ def model() -> Model:
     )
     k = len(names)
     known = Estimated(names, ("1",) * k, np.zeros(k), 1e-8 * (np.eye(k) + 0.1))
-    drive, changes = (Delay("pan", 0.002), DeadZone("tilt", 0.01)), (BaseTilt(0.01, 0.02),)
+    drive = (Delay("pan", 0.002), DeadZone("tilt", 0.01))
+    changes = (BaseTilt(0.01, 0.02),)
     return Model(given.rig, terms, known, drive, changes)
 
 
@@ -307,9 +309,11 @@ def files() -> dict[str, Any]:
 
 def read_back(kind: str, content: Any, folder: Path) -> None:
     """Read a file, and ask the model or law in it for a torque."""
-    rig, path = model().rig, folder / "x.yaml"
+    rig = model().rig
+    path = folder / "x.yaml"
     path.write_text(json.dumps(content).replace("NaN", ".nan").replace("Infinity", ".inf"))  # JSON is YAML, and quick
-    q, v = np.array([[0.3, -0.2], [0.0, 0.1]]), np.array([[0.1, 0.0], [-1.0, 2.0]])
+    q = np.array([[0.3, -0.2], [0.0, 0.1]])
+    v = np.array([[0.1, 0.0], [-1.0, 2.0]])
     if kind == "model":
         found = read_model(path, rig)
         assert np.isfinite(found.inverse(q, v, v)).all()

@@ -33,7 +33,8 @@ HOSTILE = ("nan", "inf", "-inf", "-1e11", "1e11", "1e300", "1" + "0" * 400, "9" 
 def numbers(of: Any) -> Iterator[tuple[str, Any, list[PrimitiveConstructorSpec[Any]]]]:
     """Name, default and bounds of every option of a verb that is a number, nested ones too."""
     for name, parameter in signature(of).parameters.items():
-        hint, default = get_annotations(of, eval_str=True)[name], parameter.default
+        hint = get_annotations(of, eval_str=True)[name]
+        default = parameter.default
         kind, *marks = get_args(hint) if hasattr(hint, "__metadata__") else (hint,)
         if hasattr(default, "__dataclass_fields__"):
             yield from numbers(type(default))

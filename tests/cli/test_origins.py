@@ -32,8 +32,10 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def list_calls(rig: object, made: Path, out: Path) -> list[tuple[object, ...]]:
     """Return calls of every verb that takes a model or a controller beside a rig."""
-    model, controller = made / "model.yaml", made / "controller.yaml"
-    short, camera = ("--seconds", 1), ("--payload", "cinema")
+    model = made / "model.yaml"
+    controller = made / "controller.yaml"
+    short = ("--seconds", 1)
+    camera = ("--payload", "cinema")
     return [
         ("tune", rig, model, "-o", out / "again.yaml", "--plants", 1, *camera),
         ("simulate", rig, "-o", out / "log.csv", "--model", model, *short, *camera),

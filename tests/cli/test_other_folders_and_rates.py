@@ -29,7 +29,8 @@ RIG = "urdf: turret\npayload: {}\nimus: [base, camera]\nnoise: {{gyro: 1.0e-5, a
 def test_a_rig_with_a_payload_of_its_own_is_tracked_from_any_folder(
     payload: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig, other = tmp_path / "made" / "rig.yaml", tmp_path / "other"
+    rig = tmp_path / "made" / "rig.yaml"
+    other = tmp_path / "other"
     rig.parent.mkdir()
     other.mkdir()
     (rig.parent / payload).parent.mkdir(exist_ok=True)
@@ -57,7 +58,8 @@ def test_a_motion_is_interpolated_to_the_controller_s_rate(
     assert code == 0 and "interpolated" in err
     log = read_log(tmp_path / "s.csv", rig)
     assert log.dt == pytest.approx(control)
-    few, many = max(1, round(motion / control)), max(1, round(control / motion))
+    few = max(1, round(motion / control))
+    many = max(1, round(control / motion))
     assert np.abs(log.q_ref[::few] - asked.q[::many]).max() < 1e-9
 
 
@@ -73,7 +75,8 @@ def add_drift(model: Model, size: float, correlation: float) -> Model:
     """A model with a friction drift of which a log says next to nothing: deviations of `size` N m and N m s/rad."""
     known = model.estimated
     assert known is not None
-    count, std = len(known.theta), np.append(known.std, [size, size])
+    count = len(known.theta)
+    std = np.append(known.std, [size, size])
     shared = np.eye(count + 2)
     shared[:count, :count] = known.covariance / np.outer(known.std, known.std)
     shared[count:, 0] = shared[0, count:] = correlation

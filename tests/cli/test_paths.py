@@ -186,7 +186,8 @@ def test_a_folder_that_says_whose_it_is_is_never_a_mixture(
     """Cut off before the n-th file of three and run.json takes its place, in a folder that has others' files, too."""
     (tmp_path / "foreign").write_text("mine")
     written(tmp_path, a="1", b="1", c="1")
-    calls, put = [0], files.move_into_place
+    calls = [0]
+    put = files.move_into_place
 
     def cut_off(temporary: Path, target: Path, special: bool = False) -> None:
         calls[0] += target.parent == tmp_path

@@ -65,7 +65,8 @@ def drop_rotors(rig: Rig) -> Rig:
 
 def test_a_stated_rotor_is_inertia_of_its_joint_alone(stated: Path) -> None:
     """``tau = Y phi + I_a a``, on a base that stands or moves; the plant moves as the inverse dynamics ask."""
-    rig, expected = Rig.load(stated), ARMATURE[stated.name]
+    rig = Rig.load(stated)
+    expected = ARMATURE[stated.name]
     q, v, a = states(rig.n, 3, 5)
     np.testing.assert_allclose(rig.armature, expected, rtol=1e-12)
     assert (drop_rotors(rig).armature == 0).all()
@@ -87,7 +88,8 @@ def test_mujoco_asks_for_the_torque_of_its_armature_too(tmp_path: Path) -> None:
     peer = mujoco.MjModel.from_xml_string(MJCF)
     peer.opt.gravity[2], peer.dof_damping[:], peer.dof_frictionloss[:] = -GRAVITY, 0.0, 0.0
     peer.opt.disableflags = mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    data, motion = mujoco.MjData(peer), states(2, 3, 5)
+    data = mujoco.MjData(peer)
+    motion = states(2, 3, 5)
     for q, v, a, tau in zip(*motion, compute_rnea(Rig.load(tmp_path / "m.xml"), *motion)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
         mujoco.mj_inverse(peer, data)
@@ -99,7 +101,8 @@ def test_every_verb_takes_a_stated_rotor(stated: Path, run: Run, monkeypatch: py
     for verb in VERBS:
         code, _, err = run(*verb.replace("RIG", stated.name).split())
         assert code == 0, (verb, err)
-    rig, expected = Rig.load(stated), pytest.approx(ARMATURE[stated.name])
+    rig = Rig.load(stated)
+    expected = pytest.approx(ARMATURE[stated.name])
     assert read_model("m.yaml", rig).rig.armature == expected
     peer = mujoco.MjModel.from_xml_path("m.xml")
     assert [float(peer.joint(joint).armature[0]) for joint in rig.joints] == expected

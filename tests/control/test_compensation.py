@@ -44,7 +44,8 @@ def with_causes(rig: Rig, *texts: str) -> Model:
 @pytest.mark.parametrize("signal", LINEAR, ids=lambda signal: signal.name)
 def test_matrices_do_what_the_steps_do(signal: Signal) -> None:
     A, B, C, D = signal.matrices(DT)
-    state, memory = np.zeros(len(A)), signal.start()
+    state = np.zeros(len(A))
+    memory = signal.start()
     for x in np.random.default_rng(0).standard_normal(60).tolist():
         told = C @ state + D * x
         state = A @ state + B * x
@@ -143,10 +144,13 @@ def test_an_extended_model_comes_back_from_its_file(rig: Rig, found: Model, tmp_
 
 def test_a_controller_keeps_what_it_compensates(rig: Rig, found: Model, tmp_path: Path) -> None:
     tuning = tune(found, bandwidth_hz=4.0)
-    law, back = tuning.controller, stored(tuning.to_dict(), rig).law
+    law = tuning.controller
+    back = stored(tuning.to_dict(), rig).law
     assert isinstance(law, ComputedTorque) and isinstance(back, ComputedTorque)
     assert back.leads == law.leads and back.leads[1] == pytest.approx(back.leads[0] + 0.004)
-    q, v, y = np.array([0.3, 0.2]), np.array([0.1, -0.4]), [1.0, -2.0]
+    q = np.array([0.3, 0.2])
+    v = np.array([0.1, -0.4])
+    y = [1.0, -2.0]
     assert back.inverse(0.0, q, v, y, v.tolist()) == pytest.approx(law.inverse(0.0, q, v, y, v.tolist()))
 
 

@@ -77,7 +77,8 @@ def weightless(rig: Rig) -> Rig:
 def linear(start: float, delay: float, samples: int) -> Array:
     """Error of the sampled, delayed double integrator under `GAINS`, from rest."""
     loop = sampled_loop(GAINS, DT, delay)
-    state, out = np.zeros(loop.nstates), np.empty(samples)
+    state = np.zeros(loop.nstates)
+    out = np.empty(samples)
     state[0] = start
     for k in range(samples):
         out[k] = state[0]
@@ -97,7 +98,8 @@ def run(plant: Model, law: Controller, motion: Motion, start: State, delay: int 
 
 
 def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Reference, LawMemory]:
-    q, v = rng.uniform(-0.7, 0.7, n), rng.uniform(-2, 2, n)
+    q = rng.uniform(-0.7, 0.7, n)
+    v = rng.uniform(-2, 2, n)
     reference = Reference(q + 0.05 * rng.standard_normal(n), v + rng.standard_normal(n), 5 * rng.standard_normal(n))
     return q, v, reference, LawMemory(tuple((0.01 * rng.standard_normal(n)).tolist()))
 
@@ -121,7 +123,8 @@ def test_small_errors_of_all_joints_follow_the_same_linear_loop(name: str) -> No
     """Away from any special pose, the joints coupled: decoupled, linear, alike, up to the square of the error."""
     plant = frictionless(weightless(unlimited(name)))
     n = plant.rig.n
-    law, goal = ComputedTorque(plant, (GAINS,) * n, DT), np.full(n, 0.4)
+    law = ComputedTorque(plant, (GAINS,) * n, DT)
+    goal = np.full(n, 0.4)
     offset = 1e-4 * np.array([1.0, -2.0, 1.5])[:n]
     log = run(plant, law, hold(goal, 0.3), State(goal + offset, np.zeros(n)), delay=1)
     np.testing.assert_allclose(log.q - goal, np.outer(linear(1.0, DT, len(log)), offset), atol=1e-3 * 1e-4)
@@ -133,7 +136,9 @@ def test_computed_torque_is_the_models_inverse_on_the_reference() -> None:
     model = nominal(unlimited("handheld"))
     law = ComputedTorque(model, (GAINS,) * 3, DT)
     for _ in range(20):
-        q, v, a = rng.uniform(-0.7, 0.7, 3), rng.uniform(-2, 2, 3), rng.uniform(-20, 20, 3)
+        q = rng.uniform(-0.7, 0.7, 3)
+        v = rng.uniform(-2, 2, 3)
+        a = rng.uniform(-20, 20, 3)
         tau, _ = law.torque(0.0, q, v, Reference(q, v, a), law.start())
         np.testing.assert_allclose(tau, model.inverse(q[None], v[None], a[None])[0], rtol=1e-12, atol=1e-12)
 
@@ -142,7 +147,8 @@ def test_dry_friction_is_compensated_in_the_references_direction_only() -> None:
     rig = unlimited("turret")
     model = Model(rig, tuple(Term(Coulomb(joint), (0.5,)) for joint in rig.joints))
     law, bare = (ComputedTorque(each, (GAINS,) * 2, DT) for each in (model, frictionless(rig)))
-    q, v = np.array([0.1, 0.2]), np.array([-0.3, 1e-5])
+    q = np.array([0.1, 0.2])
+    v = np.array([-0.3, 1e-5])
     for rate, dry in (([1.0, -1.0], [0.5, -0.5]), ([5e-4, -5e-4], [0.0, 0.0]), ([0.0, 0.1], [0.0, 0.5])):
         reference = Reference(q, np.array(rate), np.zeros(2))
         got, without = (each.torque(0.0, q, v, reference, each.start())[0] for each in (law, bare))
@@ -163,7 +169,8 @@ def test_feed_forward_leads_a_ramp_of_acceleration_exactly() -> None:
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.01, 5.0))
 def test_torque_never_exceeds_the_limit(seed: int, limit: float) -> None:
-    rng, rig = np.random.default_rng(seed), loaded("thesis")
+    rng = np.random.default_rng(seed)
+    rig = loaded("thesis")
     tight = replace(rig, motors=tuple(replace(motor, tau_max=limit) for motor in rig.motors))
     model = nominal(tight)
     laws: tuple[Controller, ...] = (
@@ -224,7 +231,8 @@ def overshoot(law: Controller, plant: Model, goal: Array) -> float:
 def test_conditional_integration_limits_the_overshoot_of_a_raw_step(kind: str) -> None:
     """By the prototype's 37 : 13 at least; the rest is the linear loop's own at the limit, integral or not."""
     law, plant, goal = pan_step(kind)
-    kept, wound = overshoot(law, plant, goal), overshoot(Winding(law), plant, goal)
+    kept = overshoot(law, plant, goal)
+    wound = overshoot(Winding(law), plant, goal)
     bare, _, _ = pan_step(kind, gains=(GAINS._replace(ki=0.0),) * 2)
     assert kept < wound * 13 / 37 and kept < overshoot(bare, plant, goal) + 15
 
@@ -315,9 +323,11 @@ def test_v_decreases_outside_the_boundary_layer_of_a_wrong_model(name: str) -> N
     """The bounds that hold at a state are enough for V to fall there, whatever the error within them."""
     rng = np.random.default_rng(3)
     rig = unlimited(name)
-    model, outside = frictionless(rig), 0
+    model = frictionless(rig)
+    outside = 0
     for _ in range(150):
-        plant, state = perturbed(rig, rng), random_state(rng, rig.n)
+        plant = perturbed(rig, rng)
+        state = random_state(rng, rig.n)
         known = holding(model, frictionless(plant), state)
         law = ComputedTorque(model, (GAINS,) * rig.n, DT, robust=Robust(lyapunov((GAINS,) * rig.n), known, 50.0))
         slope, distance = decay(law, plant, state)
@@ -329,8 +339,10 @@ def test_v_decreases_outside_the_boundary_layer_of_a_wrong_model(name: str) -> N
 
 def holding(model: Model, plant: Model, state: tuple[Array, Array, Reference, LawMemory]) -> ModelErrorBounds:
     """Bounds that are just met at one state."""
-    q, v = state[0][None], state[1][None]
-    true, believed = compute_inertia(plant, q)[0], compute_inertia(model, q)[0]
+    q = state[0][None]
+    v = state[1][None]
+    true = compute_inertia(plant, q)[0]
+    believed = compute_inertia(model, q)[0]
     alpha = np.linalg.norm(np.eye(len(true)) - np.linalg.solve(true, believed), 2)
     rest = np.linalg.norm(model.inverse(q, v, 0 * q) - plant.inverse(q, v, 0 * q))
     largest = 1 / np.linalg.eigvalsh(true)[0]
@@ -341,7 +353,8 @@ def test_without_the_redesign_a_wrong_model_can_make_v_grow() -> None:
     """So the law above owes its decrease to w: near z's zero the error of gravity alone pushes V up."""
     rng = np.random.default_rng(4)
     rig = unlimited("handheld")
-    plain, grew = ComputedTorque(frictionless(rig), (GAINS,) * 3, DT), 0
+    plain = ComputedTorque(frictionless(rig), (GAINS,) * 3, DT)
+    grew = 0
     for _ in range(200):
         q = rng.uniform(-0.7, 0.7, 3)
         state = (q, np.zeros(3), Reference(q + 1e-5 * rng.standard_normal(3), np.zeros(3), np.zeros(3)), plain.start())
@@ -355,7 +368,9 @@ def test_without_the_redesign_a_wrong_model_can_make_v_grow() -> None:
 
 def test_inside_the_layer_the_redesign_is_exactly_more_pid() -> None:
     law = Robust(lyapunov((GAINS,) * 2), BOUNDS, 0.7)
-    s, e, r = [1e-6, -2e-6], [1e-5, 3e-5], [-1e-4, 2e-4]
+    s = [1e-6, -2e-6]
+    e = [1e-5, 3e-5]
+    r = [-1e-4, 2e-4]
     more = [stiffened(GAINS, row, 0.7) for row in law.rows]
     w = law.correction(s, e, r, [0.0, 0.0], [0.0, 0.0])
     extra = [(m.kp - GAINS.kp) * x + (m.ki - GAINS.ki) * i + (m.kd - GAINS.kd) * y for m, i, x, y in zip(more, s, e, r)]

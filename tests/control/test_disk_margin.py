@@ -41,7 +41,8 @@ KINDS = ("computed-torque", "pid")
 def known(share: float, name: str = "turret") -> Model:
     """The nominal model, its base parameters known to a share of their size, correlated; one drive lags."""
     rig = Rig.load(name)
-    reduction, model = reduce_parameters(rig), nominal(rig)
+    reduction = reduce_parameters(rig)
+    model = nominal(rig)
     names = reduction.base_names + tuple(f"{j}.{k}" for j in rig.joints for k in ("Fs", "Fv"))
     size = np.abs(rig.phi[find_base_columns(rig, reduction)])
     root = np.zeros((len(names), len(names)))
@@ -150,7 +151,8 @@ def turned(model: Model) -> Array:
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_worst_is_that_of_every_drawn_rig(model: Model, turned: Array, kind: str) -> None:
     """None of the 200 has less margin at any pose, and one has that."""
-    tuning, q = tune(model, disk_margin=0.8, kind=kind), sample_poses(model.rig)[0]
+    tuning = tune(model, disk_margin=0.8, kind=kind)
+    q = sample_poses(model.rig)[0]
     believed = diagonal(model, q) if kind == "computed-torque" else np.array(tuning.inertia)
     ratios = believed / turned
     assert tuning.draws == len(turned) and np.all(turned > 0)
@@ -177,7 +179,8 @@ def test_a_clock_twice_as_slow_halves_the_bandwidth() -> None:
 
 def test_the_other_wishes_are_kept(model: Model) -> None:
     tuning = tune(model, disk_margin=1.0, delay=0.002)
-    slower, faster = tuning.with_(bandwidth_hz=2.0), tuning.with_(bandwidth_hz=80.0)
+    slower = tuning.with_(bandwidth_hz=2.0)
+    faster = tuning.with_(bandwidth_hz=80.0)
     assert slower.bandwidth_hz == (2.0, 2.0) and slower.wish == replace(tuning.wish, bandwidth_hz=2.0)
     assert faster.bandwidth_hz == tuning.bandwidth_hz and faster.reasons[0].kind is ReasonKind.LOWERED
     assert any("highest that keeps a disk margin of 1 " in str(reason) for reason in tuning.reasons)
@@ -206,7 +209,8 @@ def test_a_margin_that_no_bandwidth_keeps_is_refused_and_one_that_nobody_asked_f
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_loop_is_doubted_where_half_the_inertia_is_possible(kind: str) -> None:
     """Deviations of a share of the inertias: small ones leave no doubt, large ones do, and that is told first."""
-    sure, unsure = tune(known(0.02), kind=kind), tune(known(1.0), kind=kind)
+    sure = tune(known(0.02), kind=kind)
+    unsure = tune(known(1.0), kind=kind)
     assert sure.doubts == () and sure.to_dict()["doubts"] == []
     assert unsure.doubts and show_controller(unsure).to_text().startswith(f"Warning\n  {unsure.doubts[0]}")
     gains = draw_inertia_ratios(unsure.model, kind, np.random.default_rng(0))
@@ -216,7 +220,8 @@ def test_a_loop_is_doubted_where_half_the_inertia_is_possible(kind: str) -> None
 
 
 def test_it_is_told_in_json_and_text(model: Model) -> None:
-    tuning, plain = tune(model, disk_margin=1.0), tune(nominal(model.rig), disk_margin=1.0)
+    tuning = tune(model, disk_margin=1.0)
+    plain = tune(nominal(model.rig), disk_margin=1.0)
     data = json.loads(json.dumps(tuning.to_dict(), allow_nan=False))
     assert data["draws"] == 200 and data["wish"]["disk_margin"] == 1.0 and data["wish"]["bandwidth_hz"] is None
     for found, row in zip(tuning.worst, data["joints"].values()):
@@ -233,7 +238,8 @@ def test_it_is_told_in_json_and_text(model: Model) -> None:
 def test_plot_keeps_every_draw_off_the_disk(model: Model) -> None:
     nyquist = tune(model, disk_margin=0.7).plot().axes[1]
     edge = nyquist.patches[0].get_xy()
-    centre, radius = edge.mean(axis=0), np.ptp(edge[:, 0]) / 2
+    centre = edge.mean(axis=0)
+    radius = np.ptp(edge[:, 0]) / 2
     lines = [np.array(line.get_data(), dtype=float) for line in nyquist.get_lines()[:-1]]
     nearest = [np.hypot(*(line - np.array([[centre[0]], [0.0]]))).min() for line in lines]
     assert len(lines) == 6 and min(nearest) == pytest.approx(radius, rel=0.02) and min(nearest) > 0.98 * radius

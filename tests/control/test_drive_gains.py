@@ -30,7 +30,9 @@ INERTIA = st.floats(1e-4, 2.0)
 def test_every_unit_gives_the_torque_of_the_pid(
     gains: Pid, inertia: float, motor: Motor, e: Polynomial, t: float
 ) -> None:
-    found, constant, turns = convert_gains(gains, inertia, motor), motor.torque_constant, abs(motor.gear_ratio)
+    found = convert_gains(gains, inertia, motor)
+    constant = motor.torque_constant
+    turns = abs(motor.gear_ratio)
     assert constant is not None and found.current is not None and found.count is not None and found.odrive is not None
 
     def torque(law: Pid, per_rad: float) -> float:

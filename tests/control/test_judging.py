@@ -24,7 +24,8 @@ DT = 0.004
 def known(share: float, name: str = "turret") -> Model:
     """The nominal model, its parameters known to a share of their size."""
     rig = Rig.load(name)
-    reduction, model = reduce_parameters(rig), nominal(rig)
+    reduction = reduce_parameters(rig)
+    model = nominal(rig)
     values = np.array([*rig.phi[find_base_columns(rig, reduction)], *(x for t in model.terms for x in t.values)])
     names = (*reduction.base_names, *(f"{t.effect.joint}.{t.effect.name}" for t in model.terms))
     return replace(model, estimated=Estimated(names, ("",) * len(names), values, np.diag((share * values) ** 2)))
@@ -33,7 +34,8 @@ def known(share: float, name: str = "turret") -> Model:
 def test_without_doubt_and_noise_every_plant_is_the_single_simulation() -> None:
     model = known(0.0)
     tuned = tune(model, dt=DT, delay=0.0)
-    laws, exact = pair_rivals(tuned.stored), Sensors.exact(model.rig.n)
+    laws = pair_rivals(tuned.stored)
+    exact = Sensors.exact(model.rig.n)
     found = judge_controllers(model, laws, rng=0, plants=2, delay=0.0, sensors=exact, rest=0.5)
     reference = plan_step(model, DT, 0.5)
     for name, law in laws.items():
@@ -53,7 +55,8 @@ def test_friction_near_standstill_is_in_doubt_where_logs_told_it() -> None:
     """A step begins at rest, where rows of a log do not show which way dry friction acts: nothing else is in doubt."""
     sure = known(0.0)
     assert sure.estimated is not None
-    laws, exact = pair_rivals(tune(sure, dt=DT, delay=0.0).stored), Sensors.exact(sure.rig.n)
+    laws = pair_rivals(tune(sure, dt=DT, delay=0.0).stored)
+    exact = Sensors.exact(sure.rig.n)
     known_by = [replace(sure, estimated=replace(sure.estimated, missed=one)) for one in ((), (0.0, 0.0))]
     stated, logged = (judge_controllers(x, laws, rng=0, plants=4, delay=0.0, sensors=exact) for x in known_by)
     for name in laws:
@@ -84,7 +87,8 @@ def test_no_error_is_smaller_than_the_encoders_resolve() -> None:
 
 def test_an_encoder_that_nobody_states_is_the_one_of_the_log() -> None:
     """Rounding to a step has a deviation of step/√12; a stated encoder is believed."""
-    rig, step = Rig.load("turret"), 2 * np.pi / 2**14
+    rig = Rig.load("turret")
+    step = 2 * np.pi / 2**14
     bare = replace(rig, motors=tuple(replace(motor, encoder_bits=None) for motor in rig.motors))
     log = prescribed(nominal(rig), dt=2e-3)
     model = identify(bare, [replace(log, q=step * np.round(log.q / step))], holdout="none").model
@@ -120,7 +124,8 @@ def test_a_judgement_is_repeatable_and_goes_to_json() -> None:
 @pytest.mark.parametrize("name", ["pan-tilt", "heavy-pan-tilt", "ring", "handheld"])
 def test_the_ratio_that_is_claimed_is_that_on_the_true_plant(name: str, tmp_path: Path) -> None:
     """Another engine, bodies 10 to 20 % off, friction of another form, 14-bit encoders, 2 to 6 ms of delay."""
-    gimbal, rng = PLANTS[name], np.random.default_rng([0, *map(ord, name)])
+    gimbal = PLANTS[name]
+    rng = np.random.default_rng([0, *map(ord, name)])
     bodies = tuple(replace(each, body=draw_body(each.body, rng)) for each in gimbal.axes)
     truth = replace(gimbal, axes=bodies, camera=draw_body(gimbal.camera, rng))
     late = float(rng.uniform(0.002, 0.006))

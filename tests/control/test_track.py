@@ -61,7 +61,8 @@ def test_minimum_jerk_refuses_what_takes_no_time() -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_steps_stay_within_every_limit(name: str) -> None:
     plant = nominal(Rig.load(name))
-    rig, start = plant.rig, home(plant.rig)
+    rig = plant.rig
+    start = home(plant.rig)
     wanted = np.deg2rad([30.0, -80.0, 170.0])[: rig.n]
     goal = shrink_steps(plant, wanted.tolist(), 0.5)
     assert (np.sign(goal) == np.sign(wanted)).all() and (np.abs(goal) <= np.abs(wanted)).all()

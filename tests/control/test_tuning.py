@@ -77,7 +77,8 @@ def by_hand(gains: Pid, dt: float, samples: int, omega: Any) -> Any:
 @given(st.floats(2, 12), st.floats(0.5, 1.5), st.floats(0, 0.3), st.integers(0, 4))
 def test_margins_are_those_computed_by_hand(hz: float, damping: float, integral: float, samples: int) -> None:
     """Crossings by root finding on the z-transform; the disk margin as the least 2 |1 + L|/|1 - L|."""
-    dt, gains = 0.001, Pid.placed(hz, damping, integral)
+    dt = 0.001
+    gains = Pid.placed(hz, damping, integral)
     found = compute_margins(gains, dt, samples * dt)
     w = 2 * pi * hz
     crossover = brentq(lambda omega: abs(by_hand(gains, dt, samples, omega)) - 1, 0.5 * w, 10 * w)
@@ -98,7 +99,8 @@ def test_margins_are_those_of_python_control(
     hz: float, damping: float, integral: float, delay: float, lag: float
 ) -> None:
     """Which finds crossings on a spline through the loop's values."""
-    gains, drive = Pid.placed(hz, damping, integral), (ActuatorLag("pan", lag),)
+    gains = Pid.placed(hz, damping, integral)
+    drive = (ActuatorLag("pan", lag),)
     found = compute_margins(gains, 1e-3, delay, drive=drive)
     assume(found.disk_margin > 0.05)
     loop = sampled_loop(gains, 1e-3, delay, drive=drive)
@@ -113,7 +115,8 @@ def test_margins_are_those_of_python_control(
 
 def test_without_delay_and_hold_the_phase_margin_is_the_textbooks() -> None:
     """PD on 1/s²: ω_c² = ω² (2 ζ² + √(4 ζ⁴ + 1)), margin = atan(2 ζ ω_c/ω)."""
-    w, damping = 2 * pi * 5.0, 0.7
+    w = 2 * pi * 5.0
+    damping = 0.7
     crossover = w * sqrt(2 * damping**2 + sqrt(4 * damping**4 + 1))
     found = compute_margins(Pid.placed(5.0, damping, 0.0), 1e-5, 0.0)
     assert found.crossover_hz == pytest.approx(crossover / 2 / pi, rel=1e-3)
@@ -123,7 +126,8 @@ def test_without_delay_and_hold_the_phase_margin_is_the_textbooks() -> None:
 def test_half_a_sample_of_delay_costs_its_phase() -> None:
     """Delay between whole samples is exact too: -ω_c T, and the delay margin shrinks by T itself."""
     gains = Pid.placed(8.0, 1.0, 0.2)
-    less, more = compute_margins(gains, 0.001, 0.001), compute_margins(gains, 0.001, 0.0015)
+    less = compute_margins(gains, 0.001, 0.001)
+    more = compute_margins(gains, 0.001, 0.0015)
     assert less.delay_margin - more.delay_margin == pytest.approx(0.0005, rel=0.02)
     assert less.phase_margin_deg - more.phase_margin_deg == pytest.approx(360 * less.crossover_hz * 0.0005, rel=0.02)
 
@@ -139,7 +143,8 @@ def growth(plant: Model, law: ComputedTorque | JointPid, delay: int, start: Arra
     """Amplitude in the last quarter of a run over that in its second quarter."""
     zero = np.zeros((steps, plant.rig.n))
     motion = Motion(law.dt * np.arange(steps), zero, zero, zero)
-    rng, sensors = np.random.default_rng(0), Sensors.exact(plant.rig.n)
+    rng = np.random.default_rng(0)
+    sensors = Sensors.exact(plant.rig.n)
     start_state = State(start, 0 * start)
     log = simulate(plant, law, motion, rng=rng, sensors=sensors, delay=delay, start=start_state)
     quarter = steps // 4
@@ -317,7 +322,8 @@ def with_std(rig: Rig, share: float) -> Model:
 
 def test_a_doubtful_model_makes_pid_the_advice() -> None:
     rig = Rig.load("thesis")
-    sure, doubtful = tune(with_std(rig, 0.001)), tune(with_std(rig, 0.3))
+    sure = tune(with_std(rig, 0.001))
+    doubtful = tune(with_std(rig, 0.3))
     assert not any(why.kind is ReasonKind.PID_SAFER for why in sure.reasons)
     assert any(why.kind is ReasonKind.PID_SAFER for why in doubtful.reasons)
 
@@ -346,7 +352,8 @@ def test_a_controller_survives_its_file(wish: dict[str, object], through: str) -
     rng = np.random.default_rng(0)
     memory = again = law.start()
     for _ in range(5):
-        q, v = 0.3 * rng.standard_normal(2), rng.standard_normal(2)
+        q = 0.3 * rng.standard_normal(2)
+        v = rng.standard_normal(2)
         reference = Reference(q + 0.01 * rng.standard_normal(2), v + 0.1, rng.standard_normal(2))
         tau, memory = tuning.controller.torque(0.0, q, v, reference, memory)
         back, again = law.torque(0.0, q, v, reference, again)
@@ -398,7 +405,8 @@ def test_plot_shows_every_loop(tuned: Tuning) -> None:
 def test_the_rate_is_the_logs_unless_told_and_a_rate_that_nobody_knows_is_said(thesis: Model) -> None:
     known = Estimated((), (), np.zeros(0), np.zeros((0, 0)), dt=0.004)
     logged = replace(thesis, estimated=known)
-    found, told = tune(logged, disk_margin=1.0), tune(logged, disk_margin=1.0, dt=0.002)
+    found = tune(logged, disk_margin=1.0)
+    told = tune(logged, disk_margin=1.0, dt=0.002)
     assert (found.wish.dt, found.wish.delay, found.controller.dt) == (0.004, 0.004, 0.004)
     assert (told.wish.dt, told.wish.delay) == (0.002, 0.002)
     assert found.reasons[0].sentence.startswith("sampled at 250 Hz, as the logs were")
@@ -418,7 +426,8 @@ def test_a_drive_is_as_late_as_the_logs_show_unless_told(thesis: Model) -> None:
         replace(thesis, estimated=Estimated((), (), np.zeros(0), np.zeros((0, 0)), dt=0.002, lags=lags))
         for lags in ((0.001, 0.005, 0.003), (0.001, -0.004, 0.0))
     )
-    found, told = tune(late, disk_margin=1.0), tune(late, disk_margin=1.0, delay=0.005)
+    found = tune(late, disk_margin=1.0)
+    told = tune(late, disk_margin=1.0, delay=0.005)
     assert found.wish.delay == 0.005 and found.bandwidth_hz == told.bandwidth_hz
     (said,) = [why.sentence for why in found.reasons if "delay of 5 ms" in why.sentence]
     assert thesis.rig.joints[1] in said and not any("delay of" in why.sentence for why in told.reasons)

@@ -41,7 +41,8 @@ def found(plant: Model) -> Diagnosis:
 def test_a_detent_has_no_name_and_its_curve_lies_within_its_band(found: Diagnosis) -> None:
     curve = found.residual["pan"].curve
     assert found.verdict == "unknown" and curve is not None and curve.over == "angle"
-    size, knots = np.array(curve.torque), np.array(curve.knots)
+    size = np.array(curve.torque)
+    knots = np.array(curve.knots)
     assert NOTCH[0] < knots[np.argmax(np.abs(size))] < NOTCH[-1]
     assert any(low < NOTCH[10] < high for low, high in curve.acts)
     inside = np.abs(size - torque(DETENT, knots)) < 2 * np.array(curve.std)

@@ -31,10 +31,13 @@ def rotor(tmp_path: Path) -> Rig:
 
 def turning(amplitude: float, noise: float, turns: float = 0.8, teeth: int = 72) -> Log:
     """A loop holds a rate that wavers; its torque is friction, inertia and teeth, with white noise."""
-    rng, t = np.random.default_rng(0), 1e-3 * np.arange(10000)
-    rate, waver = 2 * np.pi * turns, 2 * np.pi * 1.3
+    rng = np.random.default_rng(0)
+    t = 1e-3 * np.arange(10000)
+    rate = 2 * np.pi * turns
+    waver = 2 * np.pi * 1.3
     q = rate * t + 0.05 * np.sin(waver * t)
-    v, a = rate + 0.05 * waver * np.cos(waver * t), -0.05 * waver**2 * np.sin(waver * t)
+    v = rate + 0.05 * waver * np.cos(waver * t)
+    a = -0.05 * waver**2 * np.sin(waver * t)
     tau = 2e-4 * a + 4e-3 + 1e-3 * v + amplitude * np.cos(teeth * q) + noise * rng.standard_normal(len(t))
     return Log("turning", ("motor",), t, q[:, None], v[:, None], tau[:, None])
 
@@ -67,7 +70,8 @@ def slow(name: str, rate: int, seconds: float = 20.0) -> Log:
 
 @pytest.mark.parametrize(("name", "rate"), RATES)
 def test_a_log_of_a_low_rate_is_diagnosed_in_a_band_that_it_has(name: str, rate: int) -> None:
-    log, some = slow(name, rate), {one: CAUSES[one] for one in ("stribeck", "torque-bias")}
+    log = slow(name, rate)
+    some = {one: CAUSES[one] for one in ("stribeck", "torque-bias")}
     found = diagnose(bundled(name), [log], some, rng=0)
     assert not found.spoiling and not found.findings
     assert found.held is not None and found.held.band == pytest.approx(min(DIAGNOSIS_BAND.cutoff, rate / 10))

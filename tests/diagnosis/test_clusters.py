@@ -25,7 +25,8 @@ def orthonormal(seed: int, rows: int, width: int) -> Array:
 
 
 RIG = Rig.load("turret")
-COGGING, UNEVEN = Cogging("pan", (6.0,)), AsymmetricFriction("pan")
+COGGING = Cogging("pan", (6.0,))
+UNEVEN = AsymmetricFriction("pan")
 PLANTED = {"amplitude": 0.05, "coulomb": 0.02}
 
 
@@ -51,9 +52,11 @@ def told(state: State) -> dict[str, Parameter]:
 @given(SEEDS)
 def test_a_further_clustering_only_adds_doubt_and_the_order_of_rows_says_nothing(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    basis, residual = orthonormal(seed, 60, 4), rng.normal(size=60)
+    basis = orthonormal(seed, 60, 4)
+    residual = rng.normal(size=60)
     labels = [rng.permutation(60) % 6 for _ in range(3)]
-    first, every = cluster_covariance(basis, residual, labels[:1], 2), cluster_covariance(basis, residual, labels, 2)
+    first = cluster_covariance(basis, residual, labels[:1], 2)
+    every = cluster_covariance(basis, residual, labels, 2)
     assert np.linalg.eigvalsh(every - first).min() > -1e-9 * np.trace(every)
     turn = rng.permutation(60)
     turned = cluster_covariance(basis[turn], residual[turn], [label[turn] for label in labels], 2)
@@ -68,15 +71,18 @@ def test_an_error_that_comes_back_with_the_angle_is_in_the_interval_of_bins_and_
         waves = np.cos(np.outer(np.arange(3, 7), angle) + rng.uniform(0, 6, size=(4, 1)))
         target = rng.normal(size=4) @ waves + 0.1 * rng.normal(size=800)  # the slope's true value is zero
         basis = np.linalg.qr(np.stack([angle, np.ones(800)], axis=1))[0]
-        slope, residual = basis[:, 0] @ target, target - basis @ (basis.T @ target)
-        block, bins = np.arange(800) // 20, bin_rows(angle[:, None])
+        slope = basis[:, 0] @ target
+        residual = target - basis @ (basis.T @ target)
+        block = np.arange(800) // 20
+        bins = bin_rows(angle[:, None])
         for name, labels in (("blocks", [block]), ("bins", [block, bins])):
             held[name] += abs(slope) < 1.96 * np.sqrt(cluster_covariance(basis, residual, labels, 1)[0, 0])
     assert held["blocks"] < 60 and held["bins"] > 75
 
 
 def test_planted_figures_lie_in_their_intervals_over_several_seeds(log: Log) -> None:
-    off, width = [], []
+    off = []
+    width = []
     for seed in range(16):
         assert log.tau is not None
         noise = 0.02 * np.random.default_rng(seed).normal(size=log.tau.shape)

@@ -62,7 +62,8 @@ def evidence(rig: Rig, clean: Log) -> Evidence:
 
 def test_white_torque_noise_becomes_rows_of_unit_noise(rig: Rig) -> None:
     """A rig whose only misfit is white torque noise: unit variance after whitening, whatever the joint's torque."""
-    t, steady = 0.002 * np.arange(15_001), 1e-3 * np.ones((15_001, rig.n))
+    t = 0.002 * np.arange(15_001)
+    steady = 1e-3 * np.ones((15_001, rig.n))
     noise = np.random.default_rng(3).standard_normal(steady.shape) * [0.02, 0.3]
     still = Log("still", rig.joints, t, np.cumsum(steady, axis=0), None, noise)
     found = gather(rig, [still], DIAGNOSIS_BAND)
@@ -242,8 +243,10 @@ def test_the_unit_of_torque_changes_no_finding(rig: Rig, cogged: Log, plainly: D
 
 def test_more_noise_makes_nobody_surer(rig: Rig, cogged: Log, plainly: Diagnosis) -> None:
     """Names go, and none come; deviations and what would be found grow."""
-    noise, tau = np.random.default_rng(9).standard_normal(cogged.q.shape), np.asarray(cogged.tau)
-    before, names = plainly, {(one.cause, one.joint) for one in plainly.findings}
+    noise = np.random.default_rng(9).standard_normal(cogged.q.shape)
+    tau = np.asarray(cogged.tau)
+    before = plainly
+    names = {(one.cause, one.joint) for one in plainly.findings}
     for size in (0.02, 0.3):
         found = said(rig, replace(cogged, tau=tau + size * noise), FEW)
         own = {(one.cause, one.joint) for one in found.findings}
@@ -320,7 +323,8 @@ def test_what_the_library_does_not_have_gets_no_name_of_it(
 
 def test_a_stop_that_rubs_has_at_most_its_pull_named(rig: Rig, other: Log) -> None:
     """Of a stiff cable with friction in proportion to its pull nobody may take the friction for a bearing's."""
-    q, v = other.q[:, 0], np.asarray(other.v)[:, 0]
+    q = other.q[:, 0]
+    v = np.asarray(other.v)[:, 0]
     push = 0.3 * np.maximum(q - 0.1, 0.0) * (1 + 0.5 * np.sign(v))
     rubbed = replace(other, tau=np.asarray(other.tau) + np.stack([push, 0 * push], axis=1))
     found = said(rig, rubbed, ("cable-spring", "position-dependent-friction", "load-dependent-friction"))
@@ -408,7 +412,8 @@ def test_a_cause_is_the_same_in_every_log_of_one_rig(rig: Rig, sizes: tuple[floa
     """A constant torque explains the logs of one rig together, and not those of a rig that was touched in between."""
     models = [plant_with(nominal(rig), [parse_effect(f"torque-bias:tilt:bias={x}", rig)]).plant for x in sizes]
     logs = [prescribed(model, k, seconds=16.0, torque_noise=0.02, dt=0.002) for k, model in enumerate(models)]
-    few, exact = {"torque-bias": CAUSES["torque-bias"]}, replace(DIAGNOSIS_BAND, alignment=0.0)
+    few = {"torque-bias": CAUSES["torque-bias"]}
+    exact = replace(DIAGNOSIS_BAND, alignment=0.0)
     found = diagnose(rig, logs, few, rng=np.random.default_rng(0), filtering=exact)
     named, spoilt = ([one.cause for one in part] for part in (found.findings, found.spoiling))
     assert (named, spoilt) == ((["torque-bias"], []) if len(set(sizes)) == 1 else ([], ["logs-disagree"]))

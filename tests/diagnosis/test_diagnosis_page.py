@@ -130,7 +130,8 @@ def test_a_rival_is_ruled_out_where_the_others_hold_the_probability(found: Diagn
 
 
 def test_every_finding_states_its_probability(found: Diagnosis) -> None:
-    (finding,), told = found.findings, found.to_dict()
+    (finding,) = found.findings
+    told = found.to_dict()
     assert finding.probability == told["findings"][0]["probability"] > 0.95 * LISTED
     assert told["causes"][0] == {"cause": "cogging", "joint": "tilt", "probability": finding.probability}
     assert sum(each["probability"] for each in told["causes"]) <= LISTED * (1 + 1e-12)
@@ -157,7 +158,8 @@ def test_what_is_left_is_praised_nowhere(found: Diagnosis) -> None:
 
 def test_the_table_of_gains_holds_the_figures_of_the_json(rig: Rig, found: Diagnosis) -> None:
     pan, tilt = list_shown_joints(rig)
-    rows, told = tables.gain(found, (pan, tilt)).rows, found.to_dict()
+    rows = tables.gain(found, (pan, tilt)).rows
+    told = found.to_dict()
     for column, model in enumerate(("stated", "rubbing", "baseline", "extended"), start=1):
         assert tilt.text(told[model]["rollout_rmse"]["tilt"], digits=2) in str(rows[1][column])
 
@@ -166,7 +168,8 @@ def test_a_payload_that_a_finding_is_about_is_said_once(found: Diagnosis) -> Non
     """Its place by the stated mass would be a second answer to the same question; how to balance it is none."""
     about = replace(found, findings=(replace(found.findings[0], cause="payload-shift"),))
     place, *_ = found.given.lines
-    apart, once = str(show_diagnosis(found)), str(show_diagnosis(about))
+    apart = str(show_diagnosis(found))
+    once = str(show_diagnosis(about))
     assert place in apart and place not in once
     assert found.given.advice and all(said in apart and said in once for said in found.given.advice)
 
@@ -218,7 +221,8 @@ def test_a_diagnosis_has_a_page_of_its_own(
     page = tmp_path / "wrong" / "report.html"
     assert code == 0 and f"report: {page}" in out, err
     tree = lxml.html.fromstring(page.read_text(encoding="utf-8"))
-    (head,), words = tree.xpath("//header/details"), tree.text_content()
+    (head,) = tree.xpath("//header/details")
+    words = tree.text_content()
     assert head.xpath("summary/code")[0].text == "gimbal-pin diagnose turret log.csv -o wrong"
     assert hashlib.sha256((tmp_path / "log.csv").read_bytes()).hexdigest()[:12] in head.text_content()
     assert f"gimbal_pin {__version__}" in head.text_content() and str(tmp_path) not in head.text_content()

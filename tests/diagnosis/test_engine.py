@@ -55,8 +55,11 @@ def explained(size: float = 0.0, seed: int = 1) -> Explained:
 
 def test_what_a_spring_takes_off_the_noise_of_an_acceleration_is_no_spring() -> None:
     """A slow motion whose rates are noisy, and nothing in it: a spring would smooth what is known of the motion."""
-    rig, rng, t = Rig.load(RIG), np.random.default_rng(0), DT * np.arange(5000)
-    w, size = np.array([[1.38, 2.28], [2.62, 3.2]])[:, None], np.array([0.125, 0.0875])
+    rig = Rig.load(RIG)
+    rng = np.random.default_rng(0)
+    t = DT * np.arange(5000)
+    w = np.array([[1.38, 2.28], [2.62, 3.2]])[:, None]
+    size = np.array([0.125, 0.0875])
     phase = t[:, None] * w
     q, v, a = (np.sum(size * x, axis=0) for x in (np.sin(phase), w * np.cos(phase), -(w**2) * np.sin(phase)))
     tau = nominal(rig).inverse(q, v, a) + 3e-3 * rng.standard_normal(q.shape)

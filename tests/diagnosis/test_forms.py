@@ -78,7 +78,8 @@ def test_a_bias_is_coulomb_friction_that_differs_by_direction() -> None:
     """While it slides, and at rest both leave it anything between ``b - c`` and ``b + c``: they are one class."""
     ways = np.array([-1.0, 1.0])
     at = Sample(0.0, 0.0, ways, 0.0, slide=ways, tau=0.0)
-    bias, uneven = TorqueBias("tilt"), AsymmetricFriction("tilt")
+    bias = TorqueBias("tilt")
+    uneven = AsymmetricFriction("tilt")
     np.testing.assert_array_equal(Term(bias, (0.3,)).torque(at) * np.ones(2), Term(uneven, (0.3, 0.0)).torque(at))
     assert uneven.name in bias.blurred(SEEN)
 
@@ -86,7 +87,8 @@ def test_a_bias_is_coulomb_friction_that_differs_by_direction() -> None:
 def test_stribecks_speeds_that_are_passed_within_a_bristles_stroke_are_bristles() -> None:
     """Of one joint that swings by an angle A at Ω: it is at ``v = A Ω² t`` after ``A Ω² t²/2`` of way."""
     assert Presliding.shapes[0].lower == 0.0001
-    slow, quick = Stribeck("tilt", 0.02), Stribeck("tilt", 0.01)
+    slow = Stribeck("tilt", 0.02)
+    quick = Stribeck("tilt", 0.01)
     assert "presliding" in quick.blurred(SEEN) and "presliding" not in slow.blurred(SEEN)
     assert "presliding" in slow.blurred(SEEN._replace(rate=4.0, travel=2.0))
     assert "presliding" not in quick.blurred(SEEN._replace(rate=0.5))
@@ -116,7 +118,8 @@ def test_ripple_of_many_poles_is_sought_six_times_per_electrical_turn() -> None:
 
 def test_what_repeats_with_a_tooth_is_sought_at_its_overtones_whatever_the_grid_holds() -> None:
     """A steep tooth's second harmonic, which the coarse grid leaves out, enters as a part of the first one's cause."""
-    tooth, second = Cogging("tilt", (90.0,)), Cogging("tilt", (180.0,))
+    tooth = Cogging("tilt", (90.0,))
+    second = Cogging("tilt", (180.0,))
     model = replace(nominal(RIG), terms=(*nominal(RIG).terms, Term(tooth, (0.1, 0.0)), Term(second, (0.03, 0.03))))
     found = fitted(model, tooth)
     kinds: dict[str, type[Cause]] = {"cogging": Cogging, "torque-ripple": TorqueRipple}
@@ -229,7 +232,8 @@ def test_a_base_that_sinks_is_found_with_its_rate() -> None:
 
 def test_a_switch_is_found_from_a_gap_that_is_none() -> None:
     """The command that gives half of itself is told whatever the sharpness: both are found, polished as often."""
-    start, truth = DeadZone("tilt", 1.1, 4.0), DeadZone("tilt", 0.02, 150.0)
+    start = DeadZone("tilt", 1.1, 4.0)
+    truth = DeadZone("tilt", 0.02, 150.0)
     found = evidence(nominal(RIG))
     j = RIG.joint_index("tilt")
     low = 0.5 * float(np.quantile(np.abs(found.torque[0][:, j]), 0.5))
@@ -240,7 +244,8 @@ def test_a_switch_is_found_from_a_gap_that_is_none() -> None:
     problem = Problem.of(
         replace(found, parts=(part._replace(channels=part.channels._replace(tau=tau)),)), reduce_parameters(RIG)
     )
-    base, best = solve_causes(problem, (), solve_causes(problem, ())), replace(start, width=start.width * low)
+    base = solve_causes(problem, (), solve_causes(problem, ()))
+    best = replace(start, width=start.width * low)
     for _ in range(4):
         best = refined(base, best)
     assert isinstance(best, DeadZone) and best.sharpness > 60.0
@@ -263,7 +268,9 @@ def test_the_side_of_a_limit_can_be_planted(given: str, side: int) -> None:
 @pytest.mark.parametrize(("knee", "side"), [(1.5, 0), (2.0, 0), (2.0, 1), (4.0, -1)])
 def test_a_soft_limit_is_a_clip_that_begins_early(knee: float, side: int) -> None:
     """Next to nothing is lost of small torques, never more than the limit passes, and the inverse gives it back."""
-    soft, clip, x = Saturation("tilt", 0.5, side, knee), Saturation("tilt", 0.5, side), np.linspace(-5.0, 5.0, 401)
+    soft = Saturation("tilt", 0.5, side, knee)
+    clip = Saturation("tilt", 0.5, side)
+    x = np.linspace(-5.0, 5.0, 401)
     y = np.asarray(soft.passed(x))
     assert np.all(np.abs(y) <= np.abs(clip.passed(x)) + 1e-15)
     assert np.all(np.diff(y) > 0)
@@ -284,7 +291,8 @@ def growing(joint: str, stiffness: float, rest: float, growth: float) -> Term:
 
 @pytest.mark.parametrize(("stiffness", "rest", "growth"), [(0.3, 0.2, 0.15), (0.05, -0.4, 0.4), (0.8, 0.0, 5.0)])
 def test_a_pull_that_grows_is_the_hyperbolic_sine_about_its_rest(stiffness: float, rest: float, growth: float) -> None:
-    term, q = growing("tilt", stiffness, rest, growth), np.linspace(-1.0, 1.0, 41)
+    term = growing("tilt", stiffness, rest, growth)
+    q = np.linspace(-1.0, 1.0, 41)
     pull = np.asarray(term.torque(Sample(0.0 * q, q, *([0.0 * q] * 4))))
     np.testing.assert_allclose(pull, stiffness * growth * np.sinh((q - rest) / growth), rtol=1e-9, atol=1e-12)
     assert {p.name: p.value for p in term.effect.shown(term.values)} == pytest.approx(
@@ -316,7 +324,8 @@ def slack(joint: str, above: float, below: float, upper: float, lower: float) ->
 
 @pytest.mark.parametrize(("above", "below"), [(0.3, 0.3), (0.1, 0.4), (0.2, 0.0), (0.0, 0.5)])
 def test_a_slack_cable_pulls_in_proportion_once_it_is_taut(above: float, below: float) -> None:
-    term, q = slack("tilt", above, below, 0.4, -0.1), np.linspace(-1.0, 1.0, 41)
+    term = slack("tilt", above, below, 0.4, -0.1)
+    q = np.linspace(-1.0, 1.0, 41)
     pull = np.asarray(term.torque(Sample(0.0 * q, q, *([0.0 * q] * 4))))
     np.testing.assert_allclose(pull, np.where(q > 0.4, above * (q - 0.4), np.where(q < -0.1, below * (q + 0.1), 0.0)))
     for at in (-0.7, 0.1, 0.9):

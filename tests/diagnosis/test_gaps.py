@@ -39,16 +39,23 @@ def test_flanks_without_a_gap_are_a_spring(flank: float, damping: float, share: 
 @settings(max_examples=8)
 def test_flanks_pass_on_what_the_rigid_joint_would_ask_for(share: float, flank: float, load: float, seed: int) -> None:
     """``∫(y - load) dt = (I + J) v`` of two masses that push on each other through a gap with flanks that give."""
-    dt, rotor, rng = 1e-4, 0.004, np.random.default_rng(seed)
-    link, gap = rotor * (1 / share - 1), 0.01
+    dt = 1e-4
+    rotor = 0.004
+    rng = np.random.default_rng(seed)
+    link = rotor * (1 / share - 1)
+    gap = 0.01
     one = Backlash(JOINT, gap, rotor, share, flank, 0.5)
     k = link * (2 * np.pi * flank) ** 2
     command = load + 0.5 * np.sin(2 * np.pi * rng.uniform(2, 4) * dt * np.arange(8000) + 0.3)
-    place, v, u, rates = one.start(command[0] + share / (1 - share) * load)[0], 0.0, 0.0, []
+    place = one.start(command[0] + share / (1 - share) * load)[0]
+    v = 0.0
+    u = 0.0
+    rates = []
     for push in command.tolist():
         deep = place - np.clip(place, -gap / 2, gap / 2)
         held = (k * deep + 2 * 0.5 * sqrt(k * link) * (v - u)) if deep else 0.0
-        v, u = v + (push - held) / rotor * dt, u + (held - load) / link * dt
+        v = v + (push - held) / rotor * dt
+        u = u + (held - load) / link * dt
         place += (v - u) * dt
         rates.append(v)
     beside = share / (1 - share) * load
@@ -59,7 +66,8 @@ def test_flanks_pass_on_what_the_rigid_joint_would_ask_for(share: float, flank: 
 
 def test_a_gap_in_which_the_loop_chatters_is_told_by_every_sample() -> None:
     """At 27 Hz and more, far beyond the band: each flight lasts but a few samples, and its jumps are no noise."""
-    true, controller = Backlash(RIG.joints[0], 0.012, 0.01), tune(nominal(RIG), bandwidth_hz=8.0).controller
+    true = Backlash(RIG.joints[0], 0.012, 0.01)
+    controller = tune(nominal(RIG), bandwidth_hz=8.0).controller
     reference = fourier(RIG, 3, 8.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(3), drive=(true,))
     first = plain(replace(log, tau=log.tau + 0.01 * np.random.default_rng(4).normal(size=log.tau.shape)))

@@ -164,7 +164,8 @@ def test_what_no_body_makes_is_not_laid_on_further_ones(clean: BaseDifference) -
 
 def test_causes_that_hide_each_other_are_found_together(clean: BaseDifference) -> None:
     """A link's products and a shift that change the model alike, hundreds of deviations each."""
-    rng, response = RNG(0), GivenResponse(clean)
+    rng = RNG(0)
+    response = GivenResponse(clean)
     causes: list[RigEffect] = [
         OffDiagonalInertia("tilt", **dict(zip(("Ixy", "Ixz", "Iyz"), 1e-4 * rng.normal(size=3)))),
         PayloadShift(*(1e-4 * rng.normal(size=3))),

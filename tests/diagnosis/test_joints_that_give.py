@@ -30,7 +30,10 @@ HARD = 3.0
 
 def two_masses(push: Array, gap: float, rotor: float, link: float, load: float, dt: float) -> Array:
     """Rate of a rotor that `push`, N m, drives through a gap, landing without a bounce, a link that bears a load."""
-    place, rates, out, touching = gap / 2, [0.0, 0.0], [], True
+    place = gap / 2
+    rates = [0.0, 0.0]
+    out = []
+    touching = True
     for u in push.tolist():
         between = (link * u + rotor * load) / (rotor + link)  # what holds the two together while they touch
         touching = touching and between * place >= 0
@@ -42,7 +45,8 @@ def two_masses(push: Array, gap: float, rotor: float, link: float, load: float, 
             place += (before + rates[0] - rates[1]) / 2 * dt
             if abs(place) >= gap / 2:
                 rates = [(rotor * rates[0] + link * rates[1]) / (rotor + link)] * 2
-                place, touching = copysign(gap / 2, place), True
+                place = copysign(gap / 2, place)
+                touching = True
         out.append(rates[0])
     return np.array(out)
 
@@ -50,14 +54,17 @@ def two_masses(push: Array, gap: float, rotor: float, link: float, load: float, 
 @given(st.floats(0.5, 500.0), st.floats(1e-3, 0.5), st.floats(1e-6, 0.95))
 def test_a_spring_within_its_bounds_is_felt(frequency: float, damping: float, share: float) -> None:
     """Whatever a search comes by on its way can be computed: it refused a soft spring before a light rotor."""
-    load, inertial = np.ones((40, 1)), np.linspace(-1.0, 1.0, 40)[:, None]
+    load = np.ones((40, 1))
+    inertial = np.linspace(-1.0, 1.0, 40)[:, None]
     assert np.all(np.isfinite(JointFlexibility(JOINT, frequency, damping, share).felt(load, inertial, 0.005)))
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.6), st.floats(-0.3, 0.3), st.floats(0.0, 0.2))
 def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(seed: int, share: float, load: float, brake: float) -> None:
     """Impulse of what acts, less friction and load, is the momentum of both masses at the rotor's rate."""
-    rng, dt, inertia = np.random.default_rng(seed), 1e-4, 0.004
+    rng = np.random.default_rng(seed)
+    dt = 1e-4
+    inertia = 0.004
     t = dt * np.arange(8000)
     friction = brake * np.sign(np.sin(2 * np.pi * t + rng.uniform(0, 6)))
     command = load + friction + 0.5 * np.sin(2 * np.pi * rng.uniform(2, 4) * t + 0.3)
@@ -71,7 +78,8 @@ def test_a_gap_passes_on_what_the_rigid_joint_would_ask_for(seed: int, share: fl
 
 def test_who_knows_nothing_of_a_joint_takes_it_to_bear_nothing() -> None:
     x = np.sin(np.arange(500) / 20)
-    gap, ring = Backlash(JOINT, 0.01, 1e-3, 0.3), JointFlexibility(JOINT, 9.0, 0.05, 0.3)
+    gap = Backlash(JOINT, 0.01, 1e-3, 0.3)
+    ring = JointFlexibility(JOINT, 9.0, 0.05, 0.3)
     np.testing.assert_array_equal(gap.along(x, 1e-3, None), gap.acting(x, 1e-3))
     np.testing.assert_allclose(gap.along(x, 1e-3, JointLoad(0 * x, 0 * x)), gap.acting(x, 1e-3))
     np.testing.assert_array_equal(ring.along(x, 1e-3, None), ring.acting(x, 1e-3))
@@ -90,10 +98,15 @@ class Swung(NamedTuple):
 
 def swung(ring: JointFlexibility, inertia: float, dry: float, load: Array, push: Array, dt: float) -> Swung:
     """Integrate them, the link swinging already; the rotor sticks where the friction can hold it."""
-    rotor, link = ring.rotor_share * inertia, (1 - ring.rotor_share) * inertia
+    rotor = ring.rotor_share * inertia
+    link = (1 - ring.rotor_share) * inertia
     w = 2 * np.pi * ring.frequency
-    k, c = w * w * rotor * link / inertia, 2 * ring.damping * w * rotor * link / inertia
-    bend, bending, rate, rows = 0.3 / k, 0.0, 0.0, []
+    k = w * w * rotor * link / inertia
+    c = 2 * ring.damping * w * rotor * link / inertia
+    bend = 0.3 / k
+    bending = 0.0
+    rate = 0.0
+    rows = []
     for u, asked in zip(push.tolist(), load.tolist()):
         spring = k * bend + c * bending
         free = rate + (u - spring) / rotor * dt
@@ -112,8 +125,11 @@ def test_a_spring_passes_on_what_the_link_asks_for_while_the_rotor_sticks_too(
     frequency: float, damping: float, share: float, dry: float, seed: int
 ) -> None:
     """``y = (I + J) a + friction + load``, whatever friction is taken to hold the rotor where it stands."""
-    dt, inertia, rng = 1e-4, 0.01, np.random.default_rng(seed)
-    ring, t = JointFlexibility(JOINT, frequency, damping, share), 1e-4 * np.arange(15000)
+    dt = 1e-4
+    inertia = 0.01
+    rng = np.random.default_rng(seed)
+    ring = JointFlexibility(JOINT, frequency, damping, share)
+    t = 1e-4 * np.arange(15000)
     load = 0.1 + 0.05 * np.sin(2 * np.pi * 0.7 * t + rng.uniform(0, 6))
     push = load + 0.25 * np.sin(2 * np.pi * rng.uniform(1, 3) * t) + 0.05 * np.sin(2 * np.pi * 5 * t)
     was = swung(ring, inertia, dry, load, push, dt)
@@ -135,10 +151,12 @@ def test_a_resonance_is_moved_along_its_zero(frequency: float, share: float, fac
 
 def brisk(joint: int, seed: int, seconds: float, dt: float) -> Motion:
     """A slow motion of all joints, and fast sines of one."""
-    slow, rng = fourier(RIG, 0, seconds, dt), np.random.default_rng(seed)
+    slow = fourier(RIG, 0, seconds, dt)
+    rng = np.random.default_rng(seed)
     q, v, a = map(np.array, (slow.q, slow.v, slow.a))
     for w in 2 * np.pi * np.linspace(1.0, 11.0, 21):
-        size, phase = 0.3 / w**1.5, w * slow.t + rng.uniform(0, 2 * np.pi)
+        size = 0.3 / w**1.5
+        phase = w * slow.t + rng.uniform(0, 2 * np.pi)
         for x, y in zip((q, v, a), (np.sin(phase), w * np.cos(phase), -w * w * np.sin(phase))):
             x[:, joint] += size * y
     return Motion(slow.t, q, v, a)
@@ -146,7 +164,8 @@ def brisk(joint: int, seed: int, seconds: float, dt: float) -> Motion:
 
 def test_a_spring_is_found_by_its_zero() -> None:
     """Simulation and fit are of one formula, with dry friction on the rotor, which turns round and sticks."""
-    true, controller = JointFlexibility(JOINT, 13.0, 0.08, 0.2), tune(nominal(RIG), bandwidth_hz=2.0).controller
+    true = JointFlexibility(JOINT, 13.0, 0.08, 0.2)
+    controller = tune(nominal(RIG), bandwidth_hz=2.0).controller
     reference = brisk(RIG.joint_index(JOINT), 5, 6.0, controller.dt)
     log = simulate(nominal(RIG), controller, reference, rng=np.random.default_rng(5), drive=(true,))
     problem = Problem.of(gather(RIG, [log], DIAGNOSIS_BAND), reduce_parameters(RIG))
@@ -183,7 +202,8 @@ def test_far_under_its_resonance_a_spring_shows_one_figure_of_two(hertz: float, 
 
 
 def test_what_a_spring_that_hardens_holds_bends_it_back() -> None:
-    spring, torque = JointFlexibility("pan", 8.0, hardening=HARD), np.linspace(-3.0, 3.0, 61)
+    spring = JointFlexibility("pan", 8.0, hardening=HARD)
+    torque = np.linspace(-3.0, 3.0, 61)
     z = np.array([spring.start(level)[0] for level in torque.tolist()])
     np.testing.assert_allclose(z * (1 + HARD * z**2), torque, atol=1e-12)
     assert replace(spring, hardening=0.0).start(2.0) == (2.0, 0.0)
@@ -192,9 +212,12 @@ def test_what_a_spring_that_hardens_holds_bends_it_back() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_a_spring_that_hardens_steps_as_its_equation_says(share: float) -> None:
     """``z'' = ω² (x - z - h z³) - 2 ζ ω z'`` by a solver, its momentum passed on, and at rest what it bends to."""
-    spring, dt, w = JointFlexibility("pan", 3.0, 0.3, share, HARD), 1e-3, 6 * np.pi
+    spring = JointFlexibility("pan", 3.0, 0.3, share, HARD)
+    dt = 1e-3
+    w = 6 * np.pi
     command = np.sin(7.0 * dt * np.arange(1000))
-    memory, passed = spring.start(), []
+    memory = spring.start()
+    passed = []
     for x in command.tolist():
         memory, y = spring.step(memory, x, dt)
         passed.append(y)

@@ -36,7 +36,8 @@ def carrying(size: int, rng: np.random.Generator) -> Platform:
 
 
 def test_weight_is_gravitys_generalised_torque() -> None:
-    where, rng = rig(), np.random.default_rng(0)
+    where = rig()
+    rng = np.random.default_rng(0)
     model = Model(where, (Term(BEARING, (0.3,)),))
     q = rng.uniform(-1, 1, (20, where.n))
     data = where.model.createData()
@@ -47,9 +48,13 @@ def test_weight_is_gravitys_generalised_torque() -> None:
 
 
 def test_plant_and_inverse_agree_where_the_base_moves() -> None:
-    where, rng = rig(), np.random.default_rng(1)
-    model, base = Model(where, (*nominal(where).terms, Term(BEARING, (0.3,)))), carrying(5, np.random.default_rng(2))
-    plant, tau, t = Plant(model, base), rng.normal(size=where.n), float(base.t[2])
+    where = rig()
+    rng = np.random.default_rng(1)
+    model = Model(where, (*nominal(where).terms, Term(BEARING, (0.3,))))
+    base = carrying(5, np.random.default_rng(2))
+    plant = Plant(model, base)
+    tau = rng.normal(size=where.n)
+    t = float(base.t[2])
     state = State(rng.uniform(-0.5, 0.5, where.n), rng.uniform(0.5, 1.0, where.n))
     a = plant.acceleration(t, state, tau)
     row = (x[None] for x in (state.q, state.v, a))

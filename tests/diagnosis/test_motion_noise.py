@@ -17,13 +17,15 @@ PENDULUM = """<robot name="pendulum"><link name="base"/>
 <joint name="swing" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
 <limit lower="-3" upper="3" effort="20" velocity="20"/></joint></robot>
 """
-INERTIA, WEIGHT = 0.1, 9.80665 * 0.3
+INERTIA = 0.1
+WEIGHT = 9.80665 * 0.3
 """About the axis, kg m², and what the arm weighs at its radius, N m."""
 
 
 def swing(seed: int, shaken: float, inertia: float = INERTIA) -> Log:
     """Half a minute of an arm whose joint shakes by so much from 4 to 12 Hz, rad; its controller damps that."""
-    rng, t = np.random.default_rng(seed), np.arange(0.0, 30.0, 0.004)
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 30.0, 0.004)
     slow, fast = (2 * np.pi * rng.uniform(*band, 12) for band in ((0.1, 1.0), (4.0, 12.0)))
     phase = rng.uniform(0.0, 2 * np.pi, (2, 12))
     q, v, a = (sum(0.2 * w**k * np.sin(w * t + p + k * np.pi / 2) for w, p in zip(slow, phase[0])) for k in range(3))
@@ -56,7 +58,8 @@ def test_a_quiet_motion_tells_the_inertia_and_a_shaken_one_does_not(pendulum: Ri
 
 @pytest.mark.parametrize("shaken", [False, True])
 def test_nothing_that_an_inertia_feels_is_named_where_noise_may_hide_it(pendulum: Rig, shaken: bool) -> None:
-    log, joint = swing(0, 0.02 if shaken else 0.0), pendulum.joints[0]
+    log = swing(0, 0.02 if shaken else 0.0)
+    joint = pendulum.joints[0]
     first = explain(gather(pendulum, [log], DIAGNOSIS_BAND), reduce_parameters(pendulum), {}).first
     springs = JointFlexibility(joint, 8.0, rotor_share=0.3), Armature(joint), TorqueGain(joint)
     assert [is_hidden_by_noise(first, cause) for cause in springs] == [shaken] * 3

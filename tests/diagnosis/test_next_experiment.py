@@ -45,7 +45,9 @@ def few(*names: str) -> Mapping[str, type[Cause]]:
 def small(travel: float, seconds: float = 18.0) -> Motion:
     """Two joints to and fro over a part of their travel, at two incommensurable rates."""
     t = DT * np.arange(round(seconds / DT) + 1)
-    size, slow, fast = travel / 4 * np.array([1.0, 0.7]), np.array([1.38, 2.28]), np.array([2.62, 3.2])
+    size = travel / 4 * np.array([1.0, 0.7])
+    slow = np.array([1.38, 2.28])
+    fast = np.array([2.62, 3.2])
     q, v, a = (np.zeros((len(t), 2)) for _ in range(3))
     for w in (slow, fast):
         q += size * np.sin(np.outer(t, w))
@@ -57,7 +59,8 @@ def small(travel: float, seconds: float = 18.0) -> Motion:
 def recorded(rig: Rig, motion: Motion, planted: str, seed: int) -> Log:
     """A log of the motion on a rig that hides a cause; sensors whose noise does not depend on the motion."""
     plant = plant_with(nominal(rig), [parse_effect(planted, rig)]).plant
-    rng, shape = np.random.default_rng(seed), motion.q.shape
+    rng = np.random.default_rng(seed)
+    shape = motion.q.shape
     q, v = (x + std * rng.standard_normal(shape) for x, std in ((motion.q, 1e-5), (motion.v, 1e-3)))
     tau = plant.inverse(motion.q, motion.v, motion.a, t=motion.t) + 3e-3 * rng.standard_normal(shape)
     return Log(f"log {seed}", rig.joints, motion.t, q, v, tau)
@@ -84,7 +87,8 @@ AMBIGUOUS = {
 @cache
 def begun(planted: str) -> tuple[Log, Diagnosis]:
     """The first log of a rig that hides one of `AMBIGUOUS`, and what it says."""
-    rig, (name, rival, travel) = Rig.load("turret"), AMBIGUOUS[planted]
+    rig = Rig.load("turret")
+    (name, rival, travel) = AMBIGUOUS[planted]
     log = recorded(rig, small(travel), planted, 0)
     return log, said(rig, [log], few(name, rival))
 
@@ -99,7 +103,8 @@ def follows(planted: str) -> NextExperiment:
 def test_the_next_experiment_parts_what_was_ambiguous(rig: Rig, planted: str) -> None:
     """Ambiguous on a first log, named with the next one, as is promised: one pair by its range, two by their odds."""
     name, rival, _ = AMBIGUOUS[planted]
-    causes, (first, before) = few(name, rival), begun(planted)
+    causes = few(name, rival)
+    (first, before) = begun(planted)
     assert before.verdict == "ambiguous" and {name, rival} <= set(before.findings[0].alike)
     plan = follows(planted)
     promised = next(p for p in plan.partings if {p.cause, p.rival} == {name, rival})
@@ -188,7 +193,8 @@ def parted(rival: str, now: Apart, expected: Apart | None) -> Parting:
 
 def test_rivals_that_fare_alike_are_told_together() -> None:
     """One line for each thing that is to be said, with every figure; what is promised is rounded down."""
-    far, near = Apart(12.0, 0.6, 0.9999, 1.0), Apart(1.4, 0.5, 0.52, 0.52)
+    far = Apart(12.0, 0.6, 0.9999, 1.0)
+    near = Apart(1.4, 0.5, 0.52, 0.52)
     rivals = [("a", near, far), ("b", near, far), ("d", near, near), ("e", near, None)]
     lines = NextExperiment(("pan",), None, tuple(parted(*row) for row in rivals)).lines
     assert all(line.count("slow sweeps") <= 1 for line in lines)
@@ -200,7 +206,8 @@ def test_rivals_that_fare_alike_are_told_together() -> None:
 
 
 def test_a_motion_that_leaves_every_finding_a_rival_is_said_to_name_none() -> None:
-    far, near = Apart(12.0, 0.6, SURE, 1.0), Apart(1.4, 0.5, 0.99 * SURE, 1.0)
+    far = Apart(12.0, 0.6, SURE, 1.0)
+    near = Apart(1.4, 0.5, 0.99 * SURE, 1.0)
     motion = small(1.0)
     for rest, named in ((far, True), (near, False)):
         rivals = (parted("a", near, far), parted("b", near, rest))
@@ -241,7 +248,8 @@ def test_a_joint_bears_on_the_same_motion_imagined_what_it_bears_along_the_log()
 
 def test_a_joint_that_the_logs_hold_is_held_by_the_next_one(rig: Rig, tmp_path: Path) -> None:
     """What is planned for the joints that move is a motion of all: the whole rig plays it."""
-    held, both = Rig.load("turret", fixed={"tilt": 0.1}), small(0.4)
+    held = Rig.load("turret", fixed={"tilt": 0.1})
+    both = small(0.4)
     alone = replace(both, **{name: getattr(both, name)[:, :1] for name in "qva"})
     causes = few("cogging", "cable-spring")
     found = said(held, [recorded(held, alone, "cogging:pan:amplitude=0.05,harmonic=3", 0)], causes)

@@ -61,7 +61,8 @@ def test_a_joint_of_which_half_the_torque_is_left_is_not_explained(
     """It is said first, with the way on; the other joint is explained."""
     log = touch(prescribed(nominal(rig), seconds=12.0, torque_noise=0.01, dt=4e-3), size, joint, hertz)
     found = identify(rig, [log])
-    name, other = rig.joints[joint], rig.joints[1 - joint]
+    name = rig.joints[joint]
+    other = rig.joints[1 - joint]
     assert found.held_out is not None and found.held_out.fit_percent[name] < 50 < found.held_out.fit_percent[other]
     assert found.opinions[name] is Opinion.NOT_EXPLAINED
     assert found.warnings[0].startswith(f"{name} is not explained") and "gimbal-pin diagnose" in found.warnings[0]

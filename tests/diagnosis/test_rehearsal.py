@@ -44,7 +44,9 @@ def row(found: Rehearsal, cause: str, joint: str | None = "pan") -> Rehearsed:
 
 def said(effect: str, factor: float, seed: int) -> Diagnosis:
     """What a log says of a rig with a cause of so many times the size."""
-    term, m, rng = parse_effect(effect, rig()), motion(), np.random.default_rng(seed)
+    term = parse_effect(effect, rig())
+    m = motion()
+    rng = np.random.default_rng(seed)
     assert isinstance(term, Term)
     larger = replace(term, values=tuple(factor * x for x in term.values))
     tau = plant_with(nominal(rig()), [larger]).plant.inverse(m.q, m.v, m.a, t=m.t)
@@ -113,8 +115,10 @@ def test_every_size_is_an_effect_that_simulate_plants(name: str) -> None:
 
 def test_the_command_line_tells_what_simulated_logs_show(run: Run, tmp_path: Path) -> None:
     """A joint that the motion holds shows nothing; what is planted at twice the size told is found in a log of it."""
-    path, log = tmp_path / "motion.csv", tmp_path / "log.csv"
-    still, only = fourier(rig(), 3, 16.0), np.array([1.0, 0.0])
+    path = tmp_path / "motion.csv"
+    log = tmp_path / "log.csv"
+    still = fourier(rig(), 3, 16.0)
+    only = np.array([1.0, 0.0])
     write_motion(replace(still, q=still.q * only, v=still.v * only, a=still.a * only), rig().joints, path)
     found = result(run, "rehearse", "turret", path)
     held = {one["why"] for one in found["causes"] if one["joint"] == "tilt"}

@@ -40,7 +40,8 @@ def column(values: Array, joint: int | None = 0, shared: Array | None = None) ->
 def test_a_columns_size_is_nothing_to_its_gain(seed: int, width: int, power: float) -> None:
     """Down to where it is none, and never with a warning: friction that dies away with speed leaves any size."""
     rng = RNG(seed)
-    now, values = fitted(coloured(rng, 0.5)), rng.normal(size=(ROWS, width))
+    now = fitted(coloured(rng, 0.5))
+    values = rng.normal(size=(ROWS, width))
     size = 10.0**power
     with np.errstate(over="raise", invalid="raise", divide="raise"):
         scaled = gained(now, column(size * values), False)
@@ -54,7 +55,8 @@ def test_a_columns_size_is_nothing_to_its_gain(seed: int, width: int, power: flo
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.integers(0, 1))
 def test_a_column_at_one_joint_is_one_that_is_zero_at_the_others(seed: int, width: int, joint: int) -> None:
     rng = RNG(seed)
-    base, own = rng.normal(size=(ROWS, 2, 3)), rng.normal(size=(ROWS, width))
+    base = rng.normal(size=(ROWS, 2, 3))
+    own = rng.normal(size=(ROWS, width))
     now = fit(base, rng.normal(size=(ROWS, 2)) * [1.0, 3.0], np.ones(2), np.arange(ROWS) * BLOCKS // ROWS)
     everywhere = np.zeros((ROWS, 2, width))
     everywhere[:, joint] = own

@@ -50,7 +50,8 @@ def test_only_friction_shares_with_friction() -> None:
 
 def test_a_wave_of_friction_may_be_larger_than_the_torque() -> None:
     """A cosine of seven times the largest torque, about its top, beside Coulomb friction as large against it."""
-    wave, large = PositionDependentFriction(AT, (1.0,)), 40.0
+    wave = PositionDependentFriction(AT, (1.0,))
+    large = 40.0
     q = np.concatenate([part.channels.q[:, 1] for part in first().problem.evidence.parts])
     top = (np.max(q) + np.min(q)) / 2
     values = (-large * float(np.cos(top)), -large * float(np.sin(top)))

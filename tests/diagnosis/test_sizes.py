@@ -80,7 +80,8 @@ def test_friction_that_is_told_is_positive_and_known(
     bare = replace(rig, friction=np.zeros_like(rig.friction))
     known = found.before.estimated
     assert known is not None
-    theta, std = known.theta.copy(), known.std
+    theta = known.theta.copy()
+    std = known.std
     rows = {name: k for k, name in enumerate(known.names)}
     covariance = np.diag(std**2)
     places = [rows[name] for name in rows if name.startswith("tilt.")]

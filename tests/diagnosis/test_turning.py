@@ -50,7 +50,8 @@ def turning(rig: Rig, ramp: float, dt: float = DT) -> Motion:
     t = dt * np.arange(round(SECONDS / dt) + 1)
     v = np.empty((len(t), rig.n))
     for j in range(rig.n):
-        period, top = 1.9 + 0.5 * j, 0.7 + 0.3 * np.sin(0.7 * t + j)
+        period = 1.9 + 0.5 * j
+        top = 0.7 + 0.3 * np.sin(0.7 * t + j)
         # A triangle of slope 2 / ramp about its zeros, cut at the top.
         triangle = 1 - 4 * np.abs((t / period + 0.25 * j) % 1.0 - 0.5)
         v[:, j] = np.clip(triangle * period / (2 * ramp), -top, top)
@@ -112,19 +113,23 @@ def test_the_smoother_shifts_a_turn_by_the_jump_of_the_acceleration(share: float
 @pytest.mark.parametrize("jumps", ["torque", "acceleration"])
 def test_the_moment_of_a_turn_is_known(rig: Rig, jumps: str) -> None:
     """Whether the motor makes up for the friction or the motion bends: to half of what it might be late."""
-    model, filtering = nominal(rig), EXACT if jumps == "torque" else DIAGNOSIS_BAND
+    model = nominal(rig)
+    filtering = EXACT if jumps == "torque" else DIAGNOSIS_BAND
     motion = turning(rig, 0.12, 1e-3)
     log = Log("exact", rig.joints, motion.t, motion.q, motion.v, model.inverse(motion.q, motion.v, motion.a))
     if jumps == "acceleration":
         law = ComputedTorque(replace(model, terms=()), (Pid.placed(5.0, 1.0, 0.2),) * rig.n, 1e-3, lead=1.5e-3)
         log = simulate(model, law, motion, rng=np.random.default_rng(1))
     problem = Problem.of(gather(rig, [log], filtering), reduce_parameters(rig))
-    gliding, (part,) = solve_causes(problem, ()), problem.evidence.parts
-    c, friction = part.channels, get_dry_friction(gliding)
+    gliding = solve_causes(problem, ())
+    (part,) = problem.evidence.parts
+    c = part.channels
+    friction = get_dry_friction(gliding)
     turns = np.zeros(c.v.shape, dtype=bool)
     turns[1:] = c.v[1:] * c.v[:-1] < 0
     corner = compute_corners(part, turns, gliding, friction, filtering)
-    errors, sizes = [], []
+    errors = []
+    sizes = []
     for j in range(rig.n):
         k = np.flatnonzero(turns[:, j])[2:-2]
         rate = np.asarray(log.v)[:, j]
@@ -162,7 +167,8 @@ def test_a_drive_that_saturates_only_where_joints_turn_is_found(rig: Rig, motion
 
 def test_a_livelier_held_out_part_is_no_surprise(rig: Rig) -> None:
     """Coefficients that slow motion hardly shows are known as badly as the fit says; a fast part is off by as much."""
-    log, model = prescribed(nominal(rig), seconds=40.0, dt=DT), nominal(rig)
+    log = prescribed(nominal(rig), seconds=40.0, dt=DT)
+    model = nominal(rig)
     pace = 0.08 + 0.92 / (1.0 + np.exp(-2.0 * (log.t - 2 * LATE)))
     clock = np.cumsum(pace) * DT
     accelerations = np.gradient(np.asarray(log.v), DT, axis=0)

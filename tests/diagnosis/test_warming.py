@@ -29,17 +29,22 @@ DT = 2e-3
 def uneven(seed: int, seconds: float) -> Motion:
     """A motion that swells and ebbs: the torque's square is not the same all the time."""
     f = fourier(RIG, seed, seconds, DT)
-    w, mid = 2 * np.pi / seconds * np.array([1.0, 1.5]), np.mean(f.q, axis=0)
+    w = 2 * np.pi / seconds * np.array([1.0, 1.5])
+    mid = np.mean(f.q, axis=0)
     t = f.t[:, None]
-    g, dg, ddg = 0.6 - 0.4 * np.cos(w * t), 0.4 * w * np.sin(w * t), 0.4 * w**2 * np.cos(w * t)
+    g = 0.6 - 0.4 * np.cos(w * t)
+    dg = 0.4 * w * np.sin(w * t)
+    ddg = 0.4 * w**2 * np.cos(w * t)
     q = f.q - mid
     return Motion(f.t, mid + g * q, g * f.v + dg * q, g * f.a + 2 * dg * f.v + ddg * q)
 
 
 def warming(seed: int, *terms: Term, seconds: float = 24.0) -> Log:
     """The log of such a motion under terms that read the losses of the very torque that they are a part of."""
-    motion, model = uneven(seed, seconds), Model(RIG, (*nominal(RIG).terms, *terms))
-    t, losses = motion.t - motion.t[0], None
+    motion = uneven(seed, seconds)
+    model = Model(RIG, (*nominal(RIG).terms, *terms))
+    t = motion.t - motion.t[0]
+    losses = None
     for _ in range(8):
         tau = model.inverse(motion.q, motion.v, motion.a, t=t, losses=losses)
         losses = [Losses.along(t, x, t) for x in tau.T]
@@ -73,7 +78,8 @@ def test_what_a_motor_did_before_a_part_of_its_log_warmed_it() -> None:
     rng = np.random.default_rng(0)
     t = np.cumsum(rng.uniform(1e-3, 9e-3, 4000))
     tau = rng.standard_normal(4000)
-    whole, part = Losses.along(t, tau, t), Losses.along(t, tau, t[2500:])
+    whole = Losses.along(t, tau, t)
+    part = Losses.along(t, tau, t[2500:])
     np.testing.assert_array_equal(whole.warmth(5.0)[2500:], part.warmth(5.0))
 
 
@@ -90,7 +96,8 @@ def test_the_plant_warms_as_the_log_says_it_does() -> None:
     plant = Plant(Model(RIG, (*nominal(RIG).terms, Term(effect, (0.02, 0.01)))))
     t = DT * np.arange(2500)
     tau = np.stack([0.3 * np.sin(2 * t), 0.2 + 0.4 * np.cos(3 * t)], axis=1)
-    state, j = At(np.zeros(2), np.zeros(2)), RIG.joint_index("tilt")
+    state = At(np.zeros(2), np.zeros(2))
+    j = RIG.joint_index("tilt")
     for k in range(len(t) - 1):
         state = plant.step(t[k], state, tau[k], DT)
     still: Array = np.zeros(len(t))
@@ -103,7 +110,10 @@ def test_the_plant_warms_as_the_log_says_it_does() -> None:
 
 def test_friction_that_a_motor_warms_by_its_own_torque_is_found() -> None:
     """By its losses it is told to the noise, with span and size; by time it is not. The held-out part began warm."""
-    seed, joint, span, change = 3, "tilt", 4.0, -0.3
+    seed = 3
+    joint = "tilt"
+    span = 4.0
+    change = -0.3
     dry = float(RIG.friction[RIG.joint_index(joint)][0])
     plain = warming(seed)
     held = float(np.sqrt(np.mean(plain.tau[:, RIG.joint_index(joint)] ** 2)))

@@ -52,7 +52,8 @@ THREE = hnp.arrays(float, 3, elements=st.floats(-3, 3, allow_subnormal=False))
 
 def turns(q: np.ndarray) -> list[np.ndarray]:
     """R_01, R_02, R_03 from R_{i-1,i} (3.15, 3.18, 3.21)."""
-    out, R = [], np.eye(3)
+    out = []
+    R = np.eye(3)
     for c, s in zip(np.cos(q), np.sin(q)):
         R = R @ np.array([[-s, 0, c], [c, 0, s], [0, 1, 0]])
         out.append(R)
@@ -61,7 +62,8 @@ def turns(q: np.ndarray) -> list[np.ndarray]:
 
 def spins(q: np.ndarray) -> list[np.ndarray]:
     """J_ω of the three bodies (3.32, 3.33)."""
-    (c1, c2, _), (s1, s2, _) = np.cos(q), np.sin(q)
+    (c1, c2, _) = np.cos(q)
+    (s1, s2, _) = np.sin(q)
     full = np.array([[0 * c1, c1, -s1 * c2], [0 * c1, s1, c1 * c2], [1 + 0 * c1, 0 * c1, s2]])
     return [full * np.array([1, 0, 0]), full * np.array([1, 1, 0]), full]
 
@@ -84,7 +86,8 @@ def C(q: np.ndarray, v: np.ndarray, bodies: list[pin.Inertia]) -> np.ndarray:
 
 def G(q: np.ndarray, bodies: list[pin.Inertia]) -> np.ndarray:
     """g1 = 0, (3.64), (3.65); l.m.. is mass · lever · 9.81."""
-    (_, c2, c3), (_, s2, s3) = np.cos(q), np.sin(q)
+    (_, c2, c3) = np.cos(q)
+    (_, s2, s3) = np.sin(q)
     l2mx, _, l2mz = bodies[1].mass * bodies[1].lever * 9.81
     l3mx, l3my, l3mz = bodies[2].mass * bodies[2].lever * 9.81
     g2 = l3my * c2 + l2mz * c2 - l2mx * s2 - l3mz * c3 * s2 + l3mx * s2 * s3
@@ -93,9 +96,11 @@ def G(q: np.ndarray, bodies: list[pin.Inertia]) -> np.ndarray:
 
 def drawn(rig: Rig, seed: int) -> Rig:
     """The rig with other bodies: clouds of point masses off centre, so that every inertia is full and physical."""
-    rng, phi = np.random.default_rng(seed), []
+    rng = np.random.default_rng(seed)
+    phi = []
     for _ in range(rig.n):
-        masses, points = rng.uniform(0.1, 1, 6), rng.uniform(-0.3, 0.3, (6, 3)) + rng.uniform(-0.2, 0.2, 3)
+        masses = rng.uniform(0.1, 1, 6)
+        points = rng.uniform(-0.3, 0.3, (6, 3)) + rng.uniform(-0.2, 0.2, 3)
         com = masses @ points / masses.sum()
         arms = points - com
         inertia = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms))
@@ -114,7 +119,8 @@ def test_pose_of_the_cradle_is_equation_3_24(q: np.ndarray) -> None:
     rig = bundled("thesis")
     data = rig.model.createData()
     pin.forwardKinematics(rig.model, data, q)
-    (c1, c2, c3), (s1, s2, s3) = np.cos(q), np.sin(q)
+    (c1, c2, c3) = np.cos(q)
+    (s1, s2, s3) = np.sin(q)
     R_03 = [
         [c1 * c3 - s1 * s2 * s3, -s1 * c2, c1 * s3 + s1 * s2 * c3],
         [s1 * c3 + c1 * s2 * s3, c1 * c2, s1 * s3 - c1 * s2 * c3],
@@ -186,11 +192,13 @@ def test_torque_is_mujocos_on_any_other_urdf(name: str) -> None:
 def power_balance(rig: Rig, seed: int) -> None:
     """d/dt (T + V) = q̇ᵀ τ along a random Fourier motion; five-point differences err by (ω h)⁴/30 < 2e-11."""
     rng = np.random.default_rng(seed)
-    omega, phase = rng.uniform(0.5, 5, (3, rig.n)), rng.uniform(0, 6, (3, rig.n))
+    omega = rng.uniform(0.5, 5, (3, rig.n))
+    phase = rng.uniform(0, 6, (3, rig.n))
     size = rng.uniform(0.1, 1, (3, rig.n))
 
     def motion(t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        s, c = np.sin(omega * t + phase), np.cos(omega * t + phase)
+        s = np.sin(omega * t + phase)
+        c = np.cos(omega * t + phase)
         return (size * s).sum(0), (size * omega * c).sum(0), (-size * omega**2 * s).sum(0)
 
     h = 1e-3

@@ -139,7 +139,9 @@ def closed_form(q: float, v: float, push: float, dry: float, mass: float, second
         stop = -v / a if a * v < 0 else inf
         if stop >= seconds:
             return q + (v + a * seconds / 2) * seconds, v + a * seconds
-        q, v, seconds = q + v * stop / 2, 0.0, seconds - stop
+        q = q + v * stop / 2
+        v = 0.0
+        seconds = seconds - stop
 
 
 FORCE = st.floats(0, 5).map(lambda x: round(x, 3))
@@ -184,8 +186,10 @@ def test_breakaway_is_sharp(share: float, moves: bool, way: float) -> None:
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SMOOTH))
 def test_below_breakaway_nothing_moves_at_all(seed: int, name: str) -> None:
-    rig, rng = known(name), np.random.default_rng(seed)
-    q, dry = rng.uniform(-1, 1, rig.n), rng.uniform(0.01, 1, rig.n)
+    rig = known(name)
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1, 1, rig.n)
+    dry = rng.uniform(0.01, 1, rig.n)
     tau = gravity(rig, q) + rng.uniform(-0.999, 0.999, rig.n) * dry
     after = run(rubbing(rig, dry, dry), State(q, np.zeros(rig.n)), tau, 0.05, 50)
     np.testing.assert_array_equal(after.q, q)
@@ -194,8 +198,11 @@ def test_below_breakaway_nothing_moves_at_all(seed: int, name: str) -> None:
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SMOOTH), st.floats(1.01, 3))
 def test_above_breakaway_the_pushed_joint_moves(seed: int, name: str, share: float) -> None:
-    rig, rng = known(name), np.random.default_rng(seed)
-    q, dry, joint = rng.uniform(-1, 1, rig.n), rng.uniform(0.01, 1, rig.n), int(rng.integers(rig.n))
+    rig = known(name)
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1, 1, rig.n)
+    dry = rng.uniform(0.01, 1, rig.n)
+    joint = int(rng.integers(rig.n))
     way = rng.choice([-1.0, 1.0])
     tau = gravity(rig, q) + way * share * dry * (np.arange(rig.n) == joint)
     after = run(rubbing(rig, dry), State(q, np.zeros(rig.n)), tau, 1e-3, 1)
@@ -205,9 +212,12 @@ def test_above_breakaway_the_pushed_joint_moves(seed: int, name: str, share: flo
 def consistent_modes(rig: Rig, q: np.ndarray, tau: np.ndarray, dry: np.ndarray) -> list[tuple[tuple, np.ndarray]]:
     """Every way to slide or stick from rest that keeps its promises, by trying all 3^n."""
     upper = np.triu(pin.crba(rig.model, rig.model.createData(), q))
-    D, net, out = upper + np.triu(upper, 1).T, tau - gravity(rig, q), []
+    D = upper + np.triu(upper, 1).T
+    net = tau - gravity(rig, q)
+    out = []
     for mode in product((-1.0, 0.0, 1.0), repeat=rig.n):
-        free, a = np.flatnonzero(mode), np.zeros(rig.n)
+        free = np.flatnonzero(mode)
+        a = np.zeros(rig.n)
         a[free] = np.linalg.solve(D[np.ix_(free, free)], (net - dry * mode)[free])
         holding = net - D @ a
         if all(s * x >= 0 if s else abs(h) <= f for s, x, h, f in zip(mode, a, holding, dry)):
@@ -218,11 +228,14 @@ def consistent_modes(rig: Rig, q: np.ndarray, tau: np.ndarray, dry: np.ndarray) 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["pendulum", "pendulum", *SMOOTH]))
 def test_from_rest_the_joints_slide_in_the_one_consistent_way(seed: int, name: str) -> None:
     """A joint that another one drags may not go the way that it was pushed at first."""
-    rig, rng = known(name), np.random.default_rng(seed)
-    q, dry = rng.uniform(-1, 1, rig.n), rng.uniform(0.01, 0.3, rig.n)
+    rig = known(name)
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1, 1, rig.n)
+    dry = rng.uniform(0.01, 0.3, rig.n)
     tau = gravity(rig, q) + 0.5 * rng.normal(size=rig.n)
     ((mode, a),) = consistent_modes(rig, q, tau, dry)
-    plant, state = Plant(rubbing(rig, dry)), State(q, np.zeros(rig.n))
+    plant = Plant(rubbing(rig, dry))
+    state = State(q, np.zeros(rig.n))
     contact = plant.contact(0.0, state, tau)
     assert contact.slide == mode
     np.testing.assert_allclose(plant.acceleration(0.0, state, tau), a, atol=1e-9 * (1 + np.abs(a).max()))
@@ -232,10 +245,13 @@ def test_from_rest_the_joints_slide_in_the_one_consistent_way(seed: int, name: s
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(SMOOTH))
 def test_energy_never_grows_without_torque(seed: int, name: str) -> None:
-    rig, rng = known(name), np.random.default_rng(seed)
-    dry, viscous = rng.uniform(0, 0.3, rig.n) * (rng.random(rig.n) < 0.8), rng.uniform(0, 0.1, rig.n)
+    rig = known(name)
+    rng = np.random.default_rng(seed)
+    dry = rng.uniform(0, 0.3, rig.n) * (rng.random(rig.n) < 0.8)
+    viscous = rng.uniform(0, 0.1, rig.n)
     state, _ = drawn(rig, seed)
-    plant, none = Plant(rubbing(rig, dry, viscous)), np.zeros(rig.n)
+    plant = Plant(rubbing(rig, dry, viscous))
+    none = np.zeros(rig.n)
     levels = [energy(rig, state.q, state.v)]
     for k in range(300):
         state = plant.step(k * 1e-3, state, none, 1e-3)
@@ -252,14 +268,18 @@ def test_a_stuck_joint_is_a_weld_until_the_others_pull_too_hard(tmp_path: Path, 
     path.write_text(head + f'<joint name="{rig.joints[joint]}" type="fixed"' + tail)
     welded = Rig.load(path)
     moving = np.arange(rig.n) != joint
-    q, v = np.full(rig.n, 0.0), np.where(moving, [1.5, -1.2, 2.0][: rig.n], 0.0)
-    plant, fixed = Plant(rubbing(rig, 5.0 * ~moving)), Plant(Model(welded, ()))
-    state, other = State(q, v), State(q[moving], v[moving])
+    q = np.full(rig.n, 0.0)
+    v = np.where(moving, [1.5, -1.2, 2.0][: rig.n], 0.0)
+    plant = Plant(rubbing(rig, 5.0 * ~moving))
+    fixed = Plant(Model(welded, ()))
+    state = State(q, v)
+    other = State(q[moving], v[moving])
     reaction = []
     for k in range(300):
         a = plant.acceleration(0.0, state, 0 * q)
         reaction.append(-pin.rnea(rig.model, rig.model.createData(), state.q, state.v, a)[joint])
-        state, other = plant.step(k * 1e-3, state, 0 * q, 1e-3), fixed.step(k * 1e-3, other, 0 * q[moving], 1e-3)
+        state = plant.step(k * 1e-3, state, 0 * q, 1e-3)
+        other = fixed.step(k * 1e-3, other, 0 * q[moving], 1e-3)
     assert state.q[joint] == state.v[joint] == 0
     np.testing.assert_allclose(state.q[moving], other.q, atol=1e-10)
     assert np.abs(state.q[moving]).min() > 0.01
@@ -290,13 +310,16 @@ def test_mujoco_slides_alike(name: str) -> None:
     rig = known(name)
     model = rigid_bodies(etree.fromstring(rig.urdf.encode()))
     at = [int(model.joint(joint).dofadr[0]) for joint in rig.joints]
-    dry, viscous = np.full(rig.n, 0.05), np.full(rig.n, 0.02)
+    dry = np.full(rig.n, 0.05)
+    viscous = np.full(rig.n, 0.02)
     model.dof_frictionloss[at], model.dof_damping[at] = dry, viscous
     model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 1e-4
     data = mujoco.MjData(model)
-    q, v = np.full(rig.n, 0.2), np.array([2.0, -2.0, 3.0])[: rig.n]
+    q = np.full(rig.n, 0.2)
+    v = np.array([2.0, -2.0, 3.0])[: rig.n]
     data.qpos[at], data.qvel[at] = q, v
-    state, plant = State(q, v), Plant(rubbing(rig, dry, viscous))
+    state = State(q, v)
+    plant = Plant(rubbing(rig, dry, viscous))
     for k in range(100):
         state = plant.step(k * 1e-3, state, 0 * q, 1e-3)
         mujoco.mj_step(model, data, 10)

@@ -57,7 +57,8 @@ def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity
     h = 1e-3
     t = h * np.arange(-2, 3)[:, None]
     e = e0 + e1 * np.sin(t) + e2 * np.cos(2 * t)
-    de, dde = e1 * np.cos(t) - 2 * e2 * np.sin(2 * t), -e1 * np.sin(t) - 4 * e2 * np.cos(2 * t)
+    de = e1 * np.cos(t) - 2 * e2 * np.sin(2 * t)
+    dde = -e1 * np.sin(t) - 4 * e2 * np.cos(2 * t)
     moving = Platform.turning(t[:, 0], e, de, dde, np.tile(a, (5, 1)))
     R = Rotation.from_euler("xyz", e).as_matrix()
     weights = np.array([1, -8, 0, 8, -1]) / (12 * h)
@@ -71,7 +72,8 @@ def test_rates_are_the_attitudes_derivative_and_specific_force_is_turned_gravity
 
 def test_profile_s_is_what_control_says_of_it_whatever_the_sampling() -> None:
     t = 2.5e-3 * np.arange(24_001)
-    one, fine = profile_s(t, np.random.default_rng(1)), profile_s(t[:101] / 2, np.random.default_rng(1))
+    one = profile_s(t, np.random.default_rng(1))
+    fine = profile_s(t[:101] / 2, np.random.default_rng(1))
     np.testing.assert_allclose(one.f[:51], fine.f[::2], atol=1e-9)
     spread = np.sqrt(sum(band.rms**2 for band in ACCELERATION))
     assert np.sqrt(np.mean((np.linalg.norm(one.f, axis=1) - GRAVITY) ** 2)) == pytest.approx(spread, rel=0.1)
@@ -87,8 +89,11 @@ def test_profile_s_is_what_control_says_of_it_whatever_the_sampling() -> None:
 
 def test_a_measured_motion_is_the_true_one_below_the_cutoff() -> None:
     t = 1e-3 * np.arange(6001)
-    e, w = np.array([0.2, 0.1, 0.3]), 2 * np.pi * np.array([0.7, 1.1, 0.4])
-    angles, rates, accelerations = e * np.sin(t[:, None] * w), e * w * np.cos(t[:, None] * w), 0 * t[:, None]
+    e = np.array([0.2, 0.1, 0.3])
+    w = 2 * np.pi * np.array([0.7, 1.1, 0.4])
+    angles = e * np.sin(t[:, None] * w)
+    rates = e * w * np.cos(t[:, None] * w)
+    accelerations = 0 * t[:, None]
     true = Platform.turning(t, angles, rates, accelerations - e * w**2 * np.sin(t[:, None] * w), 0 * angles + 0.5)
     seen = Platform.measured(t, Imu(true.w, true.f, true.quat), "log")
     for name, size in (("f", 2e-3), ("w", 2e-3), ("dw", 2e-2), ("quat", 1e-5)):
@@ -114,11 +119,9 @@ def mujoco_torque(rig: Rig, q: Array, v: Array, a: Array, platform: Platform, wo
     """mj_inverse with the base where the world sees it: MuJoCo's free joint has its rate in the body's frame."""
     assert platform.quat is not None
     place, speed = np.random.default_rng(0).normal(size=(2, len(q), 3))  # no joint feels them
-    pose, rate, push = (
-        np.hstack([place, platform.quat]),
-        np.hstack([speed, platform.w]),
-        np.hstack([world, platform.dw]),
-    )
+    pose = np.hstack([place, platform.quat])
+    rate = np.hstack([speed, platform.w])
+    push = np.hstack([world, platform.dw])
     return torque(mujoco_model(rig), rig.joints, q, v, a, list(zip(pose, rate, push)))
 
 
@@ -135,7 +138,8 @@ def test_torque_is_mujocos_on_every_bundled_rig(name: str, payload: str) -> None
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_a_fixed_base_is_a_platform_at_rest_and_a_lean_is_turned_gravity(name: str) -> None:
-    rig, t = bundled(name), np.arange(20.0)
+    rig = bundled(name)
+    t = np.arange(20.0)
     at = states(rig.n, 4)
     np.testing.assert_allclose(compute_rnea(rig, *at, Platform.still(t)), compute_rnea(rig, *at), atol=1e-12)
     np.testing.assert_allclose(compute_regressor(rig, *at, Platform.still(t)), compute_regressor(rig, *at), atol=1e-12)
@@ -148,9 +152,11 @@ def test_a_fixed_base_is_a_platform_at_rest_and_a_lean_is_turned_gravity(name: s
 
 def test_what_turns_evenly_on_a_platform_moves_as_both_turns_at_once() -> None:
     """About one axis the angles add up; a base that sinks leans by its rate's time."""
-    t, pushed = np.linspace(0.0, 2.0, 30), np.tile([0.4, 0.5, 0.6], (30, 1))
+    t = np.linspace(0.0, 2.0, 30)
+    pushed = np.tile([0.4, 0.5, 0.6], (30, 1))
     pitch = np.stack([0 * t, 0.3 * np.sin(3 * t), 0 * t], axis=1)
-    rate, more = np.gradient(pitch, t, axis=0), np.tile([0.0, 0.05, 0.0], (30, 1))
+    rate = np.gradient(pitch, t, axis=0)
+    more = np.tile([0.0, 0.05, 0.0], (30, 1))
     own = Platform.turning(t, pitch, rate, 0.2 * rate, pushed)
     both = Platform.turning(t, pitch + more * t[:, None], rate + more, 0.2 * rate, pushed)
     sunk = BaseTilt(pitch_rate=0.05).carried(t, own)
@@ -165,8 +171,10 @@ def test_what_turns_evenly_on_a_platform_moves_as_both_turns_at_once() -> None:
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_the_regressor_is_inverse_dynamics_for_any_bodies(name: str) -> None:
-    rig, platform = bundled(name), shaken(5)[0]
-    at, phi = states(rig.n, 6), rig.phi * np.random.default_rng(7).uniform(0.5, 2, 10 * rig.n)
+    rig = bundled(name)
+    platform = shaken(5)[0]
+    at = states(rig.n, 6)
+    phi = rig.phi * np.random.default_rng(7).uniform(0.5, 2, 10 * rig.n)
     expected = compute_rnea(rig.with_phi(phi), *at, platform)
     np.testing.assert_allclose(compute_regressor(rig, *at, platform) @ phi, expected, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(Model(rig.with_phi(phi), ()).inverse(*at, platform=platform), expected, atol=0)
@@ -178,15 +186,20 @@ def test_power_at_joints_and_base_is_the_rate_of_energy(name: str) -> None:
     rig = bundled(name)
     world = rig.floating.copy()
     world.gravity.linear = -UP
-    data, h, rng = world.createData(), 1e-3, np.random.default_rng(8)
-    w, size = rng.uniform(1, 4, (3, rig.n + 6)), rng.uniform(0.1, 0.6, (3, rig.n + 6))
+    data = world.createData()
+    h = 1e-3
+    rng = np.random.default_rng(8)
+    w = rng.uniform(1, 4, (3, rig.n + 6))
+    size = rng.uniform(0.1, 0.6, (3, rig.n + 6))
 
     def motion(t: float) -> tuple[Array, Array, Array]:
-        s, c = size * np.sin(w * t), size * np.cos(w * t)
+        s = size * np.sin(w * t)
+        c = size * np.cos(w * t)
         return s.sum(0), (w * c).sum(0), (-(w**2) * s).sum(0)
 
     def at(t: float) -> tuple[Platform, Array, Array]:
-        (x, dx, ddx), one = motion(t), np.zeros(1)
+        (x, dx, ddx) = motion(t)
+        one = np.zeros(1)
         platform = Platform.turning(one, x[None, 3:6], dx[None, 3:6], ddx[None, 3:6], ddx[None, :3])
         R = Rotation.from_euler("xyz", x[None, 3:6]).as_matrix()[0]
         q = np.concatenate([x[:3], pin.Quaternion(R).coeffs(), x[6:]])
@@ -235,8 +248,10 @@ def test_a_lean_adds_two_and_turning_four_more(name: str, diagonal: bool) -> Non
 
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_one_lean_shows_as_much_as_many_and_translation_adds_nothing_to_turning(name: str) -> None:
-    rig, (names, places) = bundled(name), name_columns(bundled(name))
-    at, lean = states(rig.n, 9, 200), Platform.still(np.arange(200.0), 0.4, 0.3)
+    rig = bundled(name)
+    (names, places) = name_columns(bundled(name))
+    at = states(rig.n, 9, 200)
+    lean = Platform.still(np.arange(200.0), 0.4, 0.3)
     turning, R, _ = shaken(10, 200)
     in_place = Platform(turning.t, R.transpose(0, 2, 1) @ UP, turning.w, turning.dw)
     for base, platform in (("tilted", lean), ("rotating", in_place)):
@@ -261,7 +276,9 @@ def test_the_level_of_a_motion_is_told_from_it() -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_the_plants_acceleration_inverts_inverse_dynamics(name: str) -> None:
     rig = bundled(name)
-    platform, model, t = shaken(11)[0], nominal(rig), np.arange(20)
+    platform = shaken(11)[0]
+    model = nominal(rig)
+    t = np.arange(20)
     q, v, a = states(rig.n, 12)
     tau = model.inverse(q, v, a, platform=platform)
     plant = Plant(model, platform)
@@ -274,11 +291,15 @@ def test_the_plants_acceleration_inverts_inverse_dynamics(name: str) -> None:
 def test_a_base_too_heavy_to_be_moved_moves_as_prescribed(name: str) -> None:
     """One ABA of the heavy base is ``D⁻¹(τ - C v - G)`` with RNEA's bias and CRBA's D, at samples and between them."""
     rig = bundled(name)
-    (platform, *_), armature, rng = shaken(11), np.linspace(1e-4, 1e-2, rig.n), np.random.default_rng(3)
-    carrier, own = MovingBase(rig, platform, armature), rig.model.copy()
+    (platform, *_) = shaken(11)
+    armature = np.linspace(1e-4, 1e-2, rig.n)
+    rng = np.random.default_rng(3)
+    carrier = MovingBase(rig, platform, armature)
+    own = rig.model.copy()
     own.armature = armature
     for t in (0.0, 3.0, 3.4, float(platform.t[-1])):
-        x, net = rng.uniform(-2, 2, 2 * rig.n), rng.uniform(-3, 3, rig.n)
+        x = rng.uniform(-2, 2, 2 * rig.n)
+        net = rng.uniform(-3, 3, rig.n)
         upper = pin.crba(own, own.createData(), x[: rig.n])
         D = np.triu(upper) + np.triu(upper, 1).T
         expected = np.linalg.solve(D, net - carrier.bias(t, *np.split(x, 2)))
@@ -289,13 +310,17 @@ def test_a_base_too_heavy_to_be_moved_moves_as_prescribed(name: str) -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_a_platform_at_rest_carries_the_plant_along_the_fixed_ones_way(name: str) -> None:
     """Friction, sticking and all: the two ways of computing the same torque part by rounding alone."""
-    rig, dt = bundled(name), 1e-3
-    model, n = nominal(rig), 300
-    still, fixed = Plant(model, Platform.still(dt / 2 * np.arange(2 * n + 1))), Plant(model)
+    rig = bundled(name)
+    dt = 1e-3
+    model = nominal(rig)
+    n = 300
+    still = Plant(model, Platform.still(dt / 2 * np.arange(2 * n + 1)))
+    fixed = Plant(model)
     one = other = State(np.full(rig.n, 0.2), np.full(rig.n, 0.4))
     for k in range(n):
         tau = 0.2 * np.sin(20 * k * dt + np.arange(rig.n))
-        one, other = still.step(k * dt, one, tau, dt), fixed.step(k * dt, other, tau, dt)
+        one = still.step(k * dt, one, tau, dt)
+        other = fixed.step(k * dt, other, tau, dt)
     np.testing.assert_allclose(one.q, other.q, atol=1e-10)
     np.testing.assert_allclose(one.v, other.v, atol=1e-9)
 
@@ -303,12 +328,15 @@ def test_a_platform_at_rest_carries_the_plant_along_the_fixed_ones_way(name: str
 @pytest.mark.parametrize(("rate", "order"), [(3.0, 4), (0.5, 2)])
 def test_the_plant_on_a_shaken_platform_converges(rate: float, order: int) -> None:
     """Of fourth order while the joints slide; stops and starts, where dry friction jumps, leave two orders."""
-    rig, ends = bundled("turret"), []
-    model, v = nominal(rig), rate * np.array([1.0, -1.0])
+    rig = bundled("turret")
+    ends = []
+    model = nominal(rig)
+    v = rate * np.array([1.0, -1.0])
     for parts in (1, 2, 16):
         dt = 1e-3 / parts
         platform = profile_s(dt / 2 * np.arange(200 * parts + 1), np.random.default_rng(5))
-        plant, state = Plant(model, platform), State(np.array([0.3, 0.2]), v)
+        plant = Plant(model, platform)
+        state = State(np.array([0.3, 0.2]), v)
         for k in range(100 * parts):
             state = plant.step(k * dt, state, np.array([0.05, -0.05]), dt)
         ends.append(state.q)
@@ -317,13 +345,16 @@ def test_the_plant_on_a_shaken_platform_converges(rate: float, order: int) -> No
 
 
 def test_shaking_moves_a_joint_only_when_it_breaks_its_dry_friction() -> None:
-    rig, dt = bundled("turret"), 1e-3
+    rig = bundled("turret")
+    dt = 1e-3
     platform = profile_s(dt / 2 * np.arange(201), np.random.default_rng(5))
-    q, none = np.array([0.3, 0.2]), np.zeros(2)
+    q = np.array([0.3, 0.2])
+    none = np.zeros(2)
     need = np.abs(compute_rnea(rig, *(np.tile(x, (201, 1)) for x in (q, none, none)), platform)).max(axis=0)
     for share, moves in ((1.001, False), (0.5, True)):
         rubbing = tuple(Term(Coulomb(joint), (share * level,)) for joint, level in zip(rig.joints, need.tolist()))
-        plant, state = Plant(Model(rig, rubbing), platform), State(q, none)
+        plant = Plant(Model(rig, rubbing), platform)
+        state = State(q, none)
         for k in range(100):
             state = plant.step(k * dt, state, none, dt)
         assert bool(np.any(state.q != q)) == moves

@@ -58,7 +58,8 @@ def rig() -> Rig:
 def reference(seconds: float = 1.0, dt: float = DT) -> Motion:
     """Both axes at once, through reversals."""
     t = dt * np.arange(round(seconds / dt))
-    w, size = 2 * np.pi * np.array([0.8, 1.1]), np.array([0.25, 0.2])
+    w = 2 * np.pi * np.array([0.8, 1.1])
+    size = np.array([0.25, 0.2])
     angle = t[:, None] * w
     return Motion(t, size * np.sin(angle), size * w * np.cos(angle), -size * w**2 * np.sin(angle))
 
@@ -82,7 +83,8 @@ def clean() -> Log:
 
 def replayed(plant: Model, log: Log, acting: Array) -> Array:
     """Angles of the plant alone under given torques."""
-    system, out = Plant(plant), np.empty_like(log.q)
+    system = Plant(plant)
+    out = np.empty_like(log.q)
     state = State(log.q[0].copy(), reference().v[0].copy())
     for k, t in enumerate(log.t.tolist()):
         out[k] = state.q
@@ -146,7 +148,8 @@ def test_the_log_keeps_the_command_and_the_plant_gets_what_the_drive_makes_of_it
     signal = parse_effect(text, rig())
     assert isinstance(signal, Signal)
     log = run(nominal(rig()), (signal,))
-    acting, j = np.array(log.tau), rig().joint_index("tilt")
+    acting = np.array(log.tau)
+    j = rig().joint_index("tilt")
     states = map(State, log.q, log.v)
     bears = [compute_joint_load(nominal(rig()), j, now, x) for now, x in zip(states, log.tau[:, j].tolist())]
     brake, load = (np.array([0.0, *x]) for x in ([one.brake for one in bears], [one.load for one in bears]))
@@ -166,7 +169,8 @@ def test_under_a_base_that_sinks_the_plant_leans_by_its_rates_time() -> None:
     t = DT * np.arange(round(1.0 / DT) + 1)
     q = np.tile([0.2, 0.1], (len(t), 1))
     stand = Motion(t, q, 0 * q, 0 * q)
-    sense, known = Sensors.exact(2), law(smooth)
+    sense = Sensors.exact(2)
+    known = law(smooth)
     ends = [simulate(one, known, stand, rng=np.random.default_rng(0), sensors=sense) for one in (sinking, still)]
     assert not ends[0].imus
     np.testing.assert_allclose(ends[0].tau[-1], ends[1].tau[-1], atol=0.02 * np.abs(ends[1].tau[-1]).max())
@@ -184,7 +188,8 @@ def test_several_causes_at_once_and_in_order() -> None:
     np.testing.assert_array_equal(plant.rig.phi, single[0].phi)
     np.testing.assert_array_equal(plant.rig.model.gravity.linear, single[1].model.gravity.linear)
     assert np.abs(run(plant, drive).q - reference().q).max() < 0.1
-    motors, x = Drive(drive, rig(), DT), np.array([0.5, 0.015])
+    motors = Drive(drive, rig(), DT)
+    x = np.array([0.5, 0.015])
     out = [motors.acting(x) for _ in range(4)]
     np.testing.assert_allclose(np.array(out)[:, 0], 0.5)
     np.testing.assert_allclose(np.array(out)[:, 1], 0.0)
@@ -203,7 +208,8 @@ def test_the_plant_converges_as_its_step_shrinks(texts: list[str]) -> None:
     terms = tuple(thing for thing in things if isinstance(thing, Term))
     system = Plant(Model(rig(), (*nominal(rig()).terms, *terms)))
     coarse = fine = State(np.array([0.1, 0.2]), np.array([0.3, -0.4]))
-    rng, t = np.random.default_rng(len(texts)), 0.0
+    rng = np.random.default_rng(len(texts))
+    t = 0.0
     for _ in range(12):
         tau = 0.5 * rng.normal(size=2)
         for _ in range(10):
@@ -220,9 +226,11 @@ def test_a_plant_at_rest_with_presliding_springs_back() -> None:
     level, stroke = 0.05, 0.01
     term = parse_effect(f"presliding:pan:stroke={stroke},level={level}", rig())
     assert isinstance(term, Term)
-    system, tau = Plant(Model(rig(), (term,))), np.array([0.01, 0.0])
+    system = Plant(Model(rig(), (term,)))
+    tau = np.array([0.01, 0.0])
     assert system.contact(0.0, State(np.zeros(2), np.zeros(2)), tau).stuck == ()
-    state, top = State(np.zeros(2), np.zeros(2)), 0.0
+    state = State(np.zeros(2), np.zeros(2))
+    top = 0.0
     for k in range(600):
         state = system.step(k * DT, state, tau if k < 300 else 0 * tau, DT)
         top = max(top, abs(state.q[0]))
@@ -281,7 +289,8 @@ def test_noise_is_drawn_from_the_generator_alone_and_encoders_round() -> None:
 @pytest.mark.parametrize("gain", [20.0, 40.0, 1e3, 1e9])
 def test_a_loop_that_cannot_be_is_refused(gain: float) -> None:
     """However fast it diverges: before it is where no machine can be, which no log may hold."""
-    model, rng = nominal(rig()), np.random.default_rng(0)
+    model = nominal(rig())
+    rng = np.random.default_rng(0)
     with pytest.raises(UsageError, match=r"reference: is not sampled every 0.001 s"):
         simulate(model, law(model), reference(dt=0.002), rng=rng)
     wild = ComputedTorque(nominal(rig()), (Pid(gain, 0.0, -gain),) * 2, DT)
@@ -300,7 +309,8 @@ def test_causes_on_two_joints_are_told_apart() -> None:
     texts = ["cogging:pan:amplitude=0.04,harmonic=14,phase=1", "stribeck:tilt:speed=0.1,extra=0.08"]
     terms = [thing for thing in (parse_effect(text, rig()) for text in texts) if isinstance(thing, Term)]
     t = dt * np.arange(6000)
-    w, size = 2 * np.pi * np.array([[0.13, 0.17], [0.41, 0.36]]), np.array([[0.7, 0.5], [0.2, 0.2]])
+    w = 2 * np.pi * np.array([[0.13, 0.17], [0.41, 0.36]])
+    size = np.array([[0.7, 0.5], [0.2, 0.2]])
     angle = t[:, None, None] * w
     motion = Motion(
         t, (size * np.sin(angle)).sum(1), (size * w * np.cos(angle)).sum(1), (-size * w**2 * np.sin(angle)).sum(1)

@@ -114,9 +114,11 @@ def drawn(parameter: Parameter, rng: np.random.Generator) -> float:
     """A value within the parameter's bounds, of a size that a rig may have."""
     if parameter.name in ("harmonic", "harmonic_2"):
         return float(rng.integers(1, 60))
-    low, high = max(parameter.lower, -0.3), min(parameter.upper, 0.4)
+    low = max(parameter.lower, -0.3)
+    high = min(parameter.upper, 0.4)
     if low >= 0.4 or high <= low:
-        low, high = parameter.lower, min(parameter.upper, 10 * parameter.lower)
+        low = parameter.lower
+        high = min(parameter.upper, 10 * parameter.lower)
     return float(rng.uniform(low, high))
 
 
@@ -148,7 +150,8 @@ def test_every_cause_of_the_contract_is_here() -> None:
 @pytest.mark.parametrize("name", sorted(CAUSES))
 def test_a_cause_says_what_it_is(name: str) -> None:
     thing = planted(name, np.random.default_rng(0))
-    sentence, kind = thing.sentence(), CAUSES[name]
+    sentence = thing.sentence()
+    kind = CAUSES[name]
     assert sentence.startswith(f"{thing.effect.joint if isinstance(thing, Term) else thing.place}: {name}, ")
     assert any(letter.isdigit() for letter in sentence) and "nan" not in sentence
     assert len(kind.experiment) > 20 and len(kind.compensation) > 20
@@ -167,7 +170,8 @@ def test_floats_and_arrays_agree(name: str, seed: int) -> None:
     effect: Effect = planted(name, rng).effect
     many = states(rng)
     whole = np.column_stack([np.broadcast_to(column, np.shape(many.t)) for column in effect.basis(many)])
-    memory, q = effect.start(), np.asarray(many.q)
+    memory = effect.start()
+    q = np.asarray(many.q)
     for i in range(len(q)):
         if memory is not None and i:
             memory = effect.evolve(memory, float(q[i] - q[i - 1]))
@@ -194,7 +198,8 @@ def test_what_an_effect_declares_is_true(name: str, seed: int) -> None:
     np.testing.assert_allclose(basis(a=2.0) - basis(a=0.0), 2 * (basis(a=1.0) - basis(a=0.0)), atol=1e-12)
     if effect.affine:
         zero = np.array(effect.basis(Sample(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
-        per_slide, per_rate = basis(slide=1.0, v=0.0) - zero, basis(slide=0.0, v=1.0) - zero
+        per_slide = basis(slide=1.0, v=0.0) - zero
+        per_rate = basis(slide=0.0, v=1.0) - zero
         np.testing.assert_allclose(basis(), zero + at.slide * per_slide + at.v * per_rate, atol=1e-12)
 
 
@@ -202,7 +207,8 @@ def test_what_an_effect_declares_is_true(name: str, seed: int) -> None:
 @given(seed=st.integers(0, 2**32 - 1), factor=st.floats(-3, 3))
 def test_torque_is_linear_in_the_coefficients(name: str, seed: int, factor: float) -> None:
     rng = np.random.default_rng(seed)
-    effect, many = planted(name, rng).effect, states(rng)
+    effect = planted(name, rng).effect
+    many = states(rng)
     x, y = rng.normal(size=(2, len(effect.coefficients)))
     sum_of_torques = Term(effect, tuple(x)).torque(many) + factor * np.asarray(Term(effect, tuple(y)).torque(many))
     np.testing.assert_allclose(Term(effect, tuple(x + factor * y)).torque(many), sum_of_torques, atol=1e-10)
@@ -239,7 +245,8 @@ def test_the_plant_obeys_the_equation_that_is_fitted(name: str, seed: int) -> No
     """Accelerate by `Plant`, then ask `Model.inverse` for the torque of that motion: it is the torque put in."""
     rng = np.random.default_rng(seed)
     model = Model(rig(), (*nominal(rig()).terms, planted(name, rng)))
-    plant, tau = Plant(model), rng.normal(size=3)
+    plant = Plant(model)
+    tau = rng.normal(size=3)
     state = State(rng.uniform(-0.6, 0.6, 3), rng.choice([-1, 1], 3) * rng.uniform(0.1, 2, 3))
     t = float(rng.uniform(0, 10))
     contact = plant.contact(t, state, tau)
@@ -262,7 +269,8 @@ def test_presliding_slides_after_its_stroke_and_forgets_no_small_reversal() -> N
 
 def test_bristles_of_many_lengths_obey_masing_and_close_every_loop() -> None:
     """Back from sliding ``z = 1 - 2 F(x/2)``, F the first curve; a loop within a way leaves no trace; Dahl's does."""
-    many, one = Presliding("tilt", 0.01, slips=True), Presliding("tilt", 0.01)
+    many = Presliding("tilt", 0.01, slips=True)
+    one = Presliding("tilt", 0.01)
     x = np.linspace(0.0, 0.05, 301)
 
     def bend(q: Array) -> Array:
@@ -342,7 +350,8 @@ def excitation(joints: int) -> Motion:
 
 def recorded(term: Term, where: Rig) -> Log:
     """A closed-loop log of a rig with a term on top, with sensor noise."""
-    model, n = nominal(where), where.n
+    model = nominal(where)
+    n = where.n
     law = ComputedTorque(model, (Pid.placed(5.0, 1.0, 0.2),) * n, DT, lead=1.5 * DT)
     sensors = Sensors(np.full(n, 2 * np.pi / 2**20), np.full(n, 1e-4), np.full(n, 2e-3))
     plant, drive = plant_with(model, [term])
@@ -356,7 +365,8 @@ def test_identification_finds_what_was_planted(name: str) -> None:
     assert isinstance(term, Term)
     found = identify(where, [recorded(term, where)], [term.effect], holdout="none")
     k = len(term.values)
-    theta, covariance = found.estimate.theta[-k:], found.estimate.covariance[-k:, -k:]
+    theta = found.estimate.theta[-k:]
+    covariance = found.estimate.covariance[-k:, -k:]
     away = theta - np.array(term.values)
     std = np.sqrt(np.diag(covariance))
     assert np.all(np.abs(away) < 4 * std)
@@ -377,9 +387,12 @@ def test_a_torque_gain_shows_through_the_coupling_of_axes() -> None:
     where = rig()
     term = parse_effect("torque-gain:tilt:gain=0.9", where)
     assert isinstance(term, Term)
-    model, motion = Model(where, (term,)), excitation(3)
+    model = Model(where, (term,))
+    motion = excitation(3)
     rows = slice(None, None, 20)
-    q, v, a = motion.q[rows], motion.v[rows], motion.a[rows]
+    q = motion.q[rows]
+    v = motion.v[rows]
+    a = motion.a[rows]
     total = model.inverse(q, v, a)
     column = np.zeros((*q.shape, 1))
     column[:, 2, 0] = term.effect.basis(Sample(*([0.0] * 5), tau=total[:, 2]))[0]
@@ -462,8 +475,10 @@ def test_uncertainty_is_carried_to_what_is_shown() -> None:
 def test_signals_settle_and_arrays_run_the_same_line(name: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     signal: Signal = planted(name, rng)
-    dt, x = float(rng.uniform(5e-4, 5e-3)), rng.normal(size=30)
-    memory, out = signal.start(float(x[0])), []
+    dt = float(rng.uniform(5e-4, 5e-3))
+    x = rng.normal(size=30)
+    memory = signal.start(float(x[0]))
+    out = []
     for value in x.tolist():
         memory, y = signal.step(memory, value, dt)
         assert isinstance(y, float)
@@ -482,7 +497,8 @@ def test_signals_settle_and_arrays_run_the_same_line(name: str, seed: int) -> No
     part=st.floats(0, 1, exclude_max=True),
 )
 def test_a_delay_shifts_and_mixes_within_one_interval(seed: int, whole: int, part: float) -> None:
-    x, dt = np.random.default_rng(seed).normal(size=60), 0.002
+    x = np.random.default_rng(seed).normal(size=60)
+    dt = 0.002
     y = Delay("tilt", (whole + part) * dt).acting(x, dt)
     k = np.arange(13, 60)
     np.testing.assert_allclose(y[k], (1 - part) * x[k - whole] + part * x[k - whole - 1], atol=1e-6)
@@ -491,7 +507,8 @@ def test_a_delay_shifts_and_mixes_within_one_interval(seed: int, whole: int, par
 
 @given(T=st.floats(1e-3, 0.2), dt=st.floats(1e-4, 0.01))
 def test_the_step_response_of_a_lag_is_exponential(T: float, dt: float) -> None:
-    lag, memory = ActuatorLag("tilt", T), (0.0,)
+    lag = ActuatorLag("tilt", T)
+    memory = (0.0,)
     for k in range(1, 40):
         memory, mean = lag.step(memory, 1.0, dt)
         assert memory[0] == pytest.approx(1 - np.exp(-k * dt / T), rel=1e-9)
@@ -503,23 +520,28 @@ def test_the_step_response_of_a_lag_is_exponential(T: float, dt: float) -> None:
 def test_joint_flexibility_is_two_masses_on_a_spring(f: float, zeta: float, share: float, on_rotor: bool) -> None:
     """Rotor, spring, link integrated exactly, against the rigid joint behind the signal: the same encoder angle."""
     dt, total = 1e-3, 0.2
-    J, K = share * total, (1 - share) * total
+    J = share * total
+    K = (1 - share) * total
     w = 2 * np.pi * f
     reduced = J * K / total
-    k, c = w**2 * reduced, 2 * zeta * w * reduced
+    k = w**2 * reduced
+    c = 2 * zeta * w * reduced
     A = np.zeros((5, 5))
     A[0, 1] = A[2, 3] = 1.0
     A[1] = [-k / J, -c / J, k / J, c / J, 1 / J]
     A[3] = [k / K, c / K, -k / K, -c / K, 0.0]
     flow = expm(A * dt)
-    x, read = np.random.default_rng(3).normal(size=200), []
+    x = np.random.default_rng(3).normal(size=200)
+    read = []
     state = np.zeros(5)
     for torque in x:
         state[4] = torque
         state = flow @ state
         read.append(state[1 if on_rotor else 3])
     signal = JointFlexibility("tilt", f, zeta, share if on_rotor else 0.0)
-    memory, rate, rigid = signal.start(), 0.0, []
+    memory = signal.start()
+    rate = 0.0
+    rigid = []
     for torque in x.tolist():
         memory, y = signal.step(memory, torque, dt)
         rate += y / total * dt
@@ -529,10 +551,13 @@ def test_joint_flexibility_is_two_masses_on_a_spring(f: float, zeta: float, shar
 
 @given(st.integers(0, 2**32 - 1), st.floats(1e-4, 0.1), st.floats(1e-4, 1e-2), st.sampled_from([0.0, 0.25, 0.5]))
 def test_backlash_keeps_the_momentum_and_the_gap(seed: int, gap: float, inertia: float, share: float) -> None:
-    rng, dt = np.random.default_rng(seed), 1e-3
+    rng = np.random.default_rng(seed)
+    dt = 1e-3
     moved = inertia * (1 - 1 / share if share else 1.0)  # the rotor's, or less the link's that no encoder sees
-    signal, x = Backlash("tilt", gap, inertia, share), rng.normal(size=200) + 0.5 * np.sin(np.arange(200) / 10)
-    memory, passed = signal.start(), 0.0
+    signal = Backlash("tilt", gap, inertia, share)
+    x = rng.normal(size=200) + 0.5 * np.sin(np.arange(200) / 10)
+    memory = signal.start()
+    passed = 0.0
     for k, torque in enumerate(x.tolist()):
         before = memory
         memory, y = signal.step(memory, torque, dt)
@@ -560,7 +585,8 @@ def test_static_signals() -> None:
 @given(sharpness=st.floats(1.0, 200.0), width=st.floats(1e-3, 2.0))
 def test_a_sharp_dead_zone_halves_a_command_of_its_width_and_passes_large_ones(sharpness: float, width: float) -> None:
     """Odd, growing with the command, never more than it; half at the width; the sharper, the more like a threshold."""
-    zone, x = DeadZone("tilt", width, sharpness), np.linspace(-5.0, 5.0, 201) * width
+    zone = DeadZone("tilt", width, sharpness)
+    x = np.linspace(-5.0, 5.0, 201) * width
     y = zone.acting(x, 1e-3)
     np.testing.assert_allclose(y, -y[::-1], atol=1e-15)
     assert np.all(np.diff(y) >= 0) and np.all(np.abs(y) <= np.abs(x))
@@ -582,7 +608,8 @@ def test_drag_grows_by_its_power(power: float) -> None:
 
 @pytest.mark.parametrize("name", RIGS)
 def test_a_rig_effect_of_nothing_changes_nothing_and_none_touches_its_rig(name: str) -> None:
-    rng, where = np.random.default_rng(0), rig()
+    rng = np.random.default_rng(0)
+    where = rig()
     q, v, a = rng.uniform(-0.6, 0.6, (3, 5, 3))
     before = compute_rnea(where, q, v, a)
     kind = KINDS[name]
@@ -599,7 +626,8 @@ def test_a_shifted_payload_takes_the_centre_of_mass_with_it(name: str) -> None:
     where = rig(name)
     shift = np.array([0.004, -0.002, 0.003])
     moved = PayloadShift(*shift).apply(where)
-    before, after = where.model, moved.model
+    before = where.model
+    after = moved.model
     q = np.zeros(where.n)
     change = pin.centerOfMass(after, after.createData(), q) - pin.centerOfMass(before, before.createData(), q)
     frame = where.model.getFrameId(str(where.payload_link))
@@ -635,7 +663,8 @@ def test_a_payload_shifted_there_and_back_is_where_it_was() -> None:
 
 
 def test_payload_mass_scales_the_payload() -> None:
-    where, extra = rig(), 0.5
+    where = rig()
+    extra = 0.5
     _, own, _ = get_payload(where)
     assert own.mass == pytest.approx(payload_mass(where))
     heavier = PayloadMass(extra).apply(where)
@@ -653,7 +682,8 @@ def test_no_payload_no_shift() -> None:
 
 @given(offset=st.floats(-3, 3), joint=st.sampled_from(["yaw", "roll", "tilt"]), seed=st.integers(0, 2**32 - 1))
 def test_an_offset_encoder_reads_another_angle_of_the_same_rig(offset: float, joint: str, seed: int) -> None:
-    where, rng = rig(), np.random.default_rng(seed)
+    where = rig()
+    rng = np.random.default_rng(seed)
     q, v, a = rng.uniform(-1, 1, (3, 4, 3))
     read = q.copy()
     read[:, where.joint_index(joint)] += offset
@@ -662,8 +692,10 @@ def test_an_offset_encoder_reads_another_angle_of_the_same_rig(offset: float, jo
 
 
 def test_a_base_on_its_head_turns_gravity_round() -> None:
-    where, rng = rig(), np.random.default_rng(0)
-    q, zero = rng.uniform(-1, 1, (4, 3)), np.zeros((4, 3))
+    where = rig()
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1, 1, (4, 3))
+    zero = np.zeros((4, 3))
     fallen = compute_rnea(BaseTilt(roll=np.pi).apply(where), q, zero, zero)
     np.testing.assert_allclose(fallen, -compute_rnea(where, q, zero, zero), atol=1e-12)
     tilt = BaseTilt(roll=0.3, pitch=-0.2).apply(where).model.gravity.linear
@@ -672,7 +704,8 @@ def test_a_base_on_its_head_turns_gravity_round() -> None:
 
 
 def test_products_of_inertia_are_those_of_the_regressor() -> None:
-    where, rng = rig(), np.random.default_rng(0)
+    where = rig()
+    rng = np.random.default_rng(0)
     q, v, a = rng.uniform(-1, 1, (3, 4, 3))
     changed = OffDiagonalInertia("roll", Ixy=1e-3, Iyz=-2e-3).apply(where)
     Y = compute_regressor(where, q, v, a)
@@ -696,7 +729,8 @@ def test_products_of_a_payload_stand_in_the_frame_it_is_mounted_in() -> None:
     """``I' - I = R P Rᵀ``, and P alone where it is mounted straight; a joint that carries no payload has none of it."""
     for turn in (np.zeros(3), np.array([0.1, -0.2, 0.3])):
         where = mounted(turn)
-        R, carrier = pin.rpy.rpyToMatrix(*turn), where.joints[get_payload(where)[0]]
+        R = pin.rpy.rpyToMatrix(*turn)
+        carrier = where.joints[get_payload(where)[0]]
         before, after = (
             one.model.inertias[where.joint_index(carrier) + 1].inertia
             for one in (where, OffDiagonalInertia(carrier, payload_Ixy=1e-4, payload_Iyz=-2e-4).apply(where))
@@ -714,7 +748,8 @@ def test_products_of_a_payload_stand_in_the_frame_it_is_mounted_in() -> None:
 @given(seed=st.integers(0, 2**32 - 1))
 def test_what_is_written_is_what_is_planted(name: str, seed: int) -> None:
     """text → planted → shown gives the figures of the text back; so does planted → JSON → planted."""
-    rng, kind = np.random.default_rng(seed), CAUSES[name]
+    rng = np.random.default_rng(seed)
+    kind = CAUSES[name]
     values = {p.name: drawn(p, rng) for p in kind.stated()}
     assume(any(values.values()))
     joint = "roll:" if kind.of_joint else ""
@@ -772,7 +807,8 @@ def test_a_link_that_swings_slower_than_any_resonance_swings_at_the_slowest() ->
 
 
 def test_planted_bristles_are_the_joints_dry_friction() -> None:
-    rig, joint = Rig.load("turret"), "pan"
+    rig = Rig.load("turret")
+    joint = "pan"
     plain = nominal(rig)
     plant = plant_with(plain, [Term(Presliding(joint, 0.02), (0.1,))]).plant
     coulomb, before = (

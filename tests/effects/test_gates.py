@@ -38,7 +38,8 @@ def first(*terms: Term, seed: int = 3) -> State:
 
 @pytest.mark.parametrize(("joint", "seed"), [(0, 3), (1, 5)])
 def test_a_short_stroke_shows_though_bristles_slide_most_of_the_time(joint: int, seed: int) -> None:
-    place, level = RIG.joints[joint], 0.5
+    place = RIG.joints[joint]
+    level = 0.5
     state = first(Term(Presliding(place, 6e-3), (level,)), seed=seed)
     found = refined(state, Presliding(place, 1.2e-2))
     assert isinstance(found, Presliding)
@@ -66,9 +67,11 @@ def test_a_joint_is_simulated_as_warm_as_its_motor() -> None:
 
 
 def test_a_gap_at_rest_does_not_knock_at_the_noise_of_a_rate() -> None:
-    rng, count = np.random.default_rng(0), 400
+    rng = np.random.default_rng(0)
+    count = 400
     command = np.full(count, 0.1)
-    brake, load = 0.5 * np.sign(rng.standard_normal(count)), np.full(count, 0.05)
+    brake = 0.5 * np.sign(rng.standard_normal(count))
+    load = np.full(count, 0.05)
     gap = Backlash("tilt", 2e-3, 0.01, 0.3)
     held = JointLoad.along(brake, load, command, np.full(count, True))
     np.testing.assert_allclose(gap.along(command, 2e-3, held), command)

@@ -27,7 +27,8 @@ def test_what_sets_in_at_once_is_dry_and_what_sets_in_beyond_all_rates_is_viscou
 
 
 def test_at_its_speed_half_of_it_is_there_either_way_and_at_rest_none() -> None:
-    effect, rates = AsymmetricFriction("tilt", 0.4), np.array([-0.4, 0.0, 0.4])
+    effect = AsymmetricFriction("tilt", 0.4)
+    rates = np.array([-0.4, 0.0, 0.4])
     np.testing.assert_allclose(effect.basis(MOVING._replace(v=rates, slide=np.sign(rates)))[0], [0.5, 0.0, 0.5])
     assert "half of that is there at 0.4 rad/s" in effect.says((0.1,))
     assert "half of" not in AsymmetricFriction("tilt").says((0.1, 0.0))

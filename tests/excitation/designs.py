@@ -40,7 +40,8 @@ def problem(
 
 def differences(function, x: Array, along: Array | None = None) -> Array:
     """Central differences of a function of a vector along its entries, or other directions (k, n), one column each."""
-    step, ways = 1e-6, np.eye(len(x)) if along is None else along
+    step = 1e-6
+    ways = np.eye(len(x)) if along is None else along
     return np.stack([(function(x + step * e) - function(x - step * e)) / (2 * step) for e in ways], axis=-1)
 
 
@@ -59,7 +60,8 @@ def assert_within(rig: Rig, model: Model, found: Excitation, margin: float) -> N
     t = np.sort(np.random.default_rng(7).uniform(0.0, found.seconds, 20_000))
     motion = found.series.motion(found.coefficients, t)
     tau = model.inverse(motion.q, motion.v, motion.a)
-    share, slack = 1 - margin, 1e-3
+    share = 1 - margin
+    slack = 1e-3
     for j, limit in enumerate(rig.limits):
         trimmed = margin / 2 * (limit.upper - limit.lower) if np.isfinite(limit.upper - limit.lower) else 0.0
         assert motion.q[:, j].min() >= limit.lower + trimmed - slack

@@ -91,7 +91,8 @@ def test_derivative_of_the_distance_is_exact(tmp_path: Path) -> None:
     rig = beside(tmp_path)
     at = replace(Clearance.of(rig, 0.01, Envelope.of(rig)), watched=(0, 1, 2))
     q = Envelope.of(rig).spread().q[:30]
-    exact, step = at.differentiate_room(q), 1e-3
+    exact = at.differentiate_room(q)
+    step = 1e-3
     rough = np.stack(
         [(at.compute_room(q + step * e) - at.compute_room(q - step * e)) / (2 * step) for e in np.eye(2)], axis=-1
     )
@@ -116,7 +117,8 @@ def test_links_that_a_joint_connects_are_left_out_and_what_is_built_close(tmp_pa
 
 @pytest.mark.parametrize("name", RIGS)
 def test_short_cut_to_the_smallest_distance_misses_nothing(name: str) -> None:
-    rig, found = Rig.load(name), designed(name, 0)
+    rig = Rig.load(name)
+    found = designed(name, 0)
     q = found.series.motion(found.coefficients, np.linspace(0.0, found.seconds, 301)).q
     at = Clearance.of(rig, 0.005, Envelope.of(rig))
     gap = at.find_smallest_gap(q)

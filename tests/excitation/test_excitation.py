@@ -57,7 +57,8 @@ PENDULUM = Path(__file__).parents[3] / "shared/data/dfki_double_pendulum/double_
 def test_a_crest_between_samples_is_found(seed: int) -> None:
     """Of sines sampled thirty times a period: within a hundredth of what the samples miss, and no less than they."""
     rng = np.random.default_rng(seed)
-    size, phase = rng.uniform(0.1, 2.0, 3), rng.uniform(0, 2 * np.pi, 3)
+    size = rng.uniform(0.1, 2.0, 3)
+    phase = rng.uniform(0, 2 * np.pi, 3)
     sampled = size * np.sin(2 * np.pi * np.arange(40)[:, None] / 30 + phase)
     assert np.abs(find_crest(sampled) - size).max() < 0.01 * (1 - np.cos(np.pi / 30)) * size.max()
     assert (find_crest(sampled) >= sampled.max(axis=0)).all()
@@ -81,7 +82,8 @@ def test_gradient_is_that_of_the_criterion(name: str, criterion: Criterion) -> N
         rng = np.random.default_rng(seed)
         x = at.draw_start(rng)
         along = rng.standard_normal((6, len(x)))
-        exact, rough = along @ at.evaluate(x)[1], differences(lambda x: at.evaluate(x)[0], x, along)
+        exact = along @ at.evaluate(x)[1]
+        rough = differences(lambda x: at.evaluate(x)[0], x, along)
         assert np.abs(exact - rough).max() < 1e-5 * np.abs(rough).max()
 
 
@@ -139,7 +141,8 @@ def test_rate_and_acceleration_are_the_derivatives(name: str) -> None:
 
 @pytest.mark.parametrize("name", RIGS)
 def test_much_better_than_random_motions_within_the_same_limits(name: str) -> None:
-    rig, rng = Rig.load(name), np.random.default_rng(5)
+    rig = Rig.load(name)
+    rng = np.random.default_rng(5)
     at = problem(rig)
     grid = replace(at, per_period=48).coarse
     chance = [at.columns.compute_condition_number(at.motion(at.draw_start(rng), grid)) for _ in range(10)]
@@ -148,7 +151,8 @@ def test_much_better_than_random_motions_within_the_same_limits(name: str) -> No
 
 @pytest.mark.parametrize("name", RIGS)
 def test_friction_shows_on_both_sides_of_standstill(name: str) -> None:
-    rig, v = Rig.load(name), designed(name, 0).motion.v
+    rig = Rig.load(name)
+    v = designed(name, 0).motion.v
     fast = 0.3 * np.array([limit.velocity for limit in rig.limits])
     for side in (v, -v):
         assert (np.mean(side > 0, axis=0) > 0.25).all()
@@ -162,7 +166,8 @@ def test_same_seed_same_motion() -> None:
 
 
 def test_each_criterion_is_best_by_its_own_measure() -> None:
-    rig, determinant = Rig.load("turret"), Determinant()
+    rig = Rig.load("turret")
+    determinant = Determinant()
     by_condition = designed("turret", 0)
     by_determinant = excite(rig, starts=1, rng=np.random.default_rng(0), criterion=determinant)
     columns = ExcitationColumns.of(rig)
@@ -321,7 +326,8 @@ def test_arguments_out_of_range_are_named(arguments: dict[str, object], place: s
 
 def test_a_longer_motion_is_never_worse_than_the_usual_one() -> None:
     """With five harmonics whatever the length 20 s were two to four times worse; a long one repeats a shorter one."""
-    rig, usual = Rig.load("turret"), designed("turret", 0).condition_number
+    rig = Rig.load("turret")
+    usual = designed("turret", 0).condition_number
     for seconds, periods in ((20.0, 1), (24.0, 2)):
         found = excite(rig, seconds=seconds, starts=1, rng=np.random.default_rng(0), dt=0.01)
         assert found.condition_number <= usual and found.seconds == seconds
@@ -355,7 +361,8 @@ def test_the_default_motion_is_the_same_in_every_period_and_says_why(run: Run, t
 
 @given(seconds=st.floats(0.5, 5000.0))
 def test_the_highest_harmonic_has_half_a_hertz(seconds: float) -> None:
-    series, shorter = Series.of(seconds), Series(seconds, 3)
+    series = Series.of(seconds)
+    shorter = Series(seconds, 3)
     fastest = series.harmonics / series.seconds
     assert fastest >= 0.5 * (1 - 1e-12) and (fastest <= 0.6 or series.harmonics == 5) and series.seconds <= 20.0
     assert seconds / series.seconds == pytest.approx(round(seconds / series.seconds), rel=1e-12)
@@ -366,7 +373,8 @@ def test_the_highest_harmonic_has_half_a_hertz(seconds: float) -> None:
 
 
 def test_interrupted_it_returns_the_best_so_far() -> None:
-    rig, calls = Rig.load("turret"), []
+    rig = Rig.load("turret")
+    calls = []
 
     class Interrupted:
         name = "interrupted"
@@ -441,7 +449,8 @@ def test_every_series_in_the_rest_basis_ends_at_rest(seconds: float, harmonics: 
 def one_joint(rig: Rig, moving: int) -> Log:
     """A log in which one joint alone swings, the others standing."""
     t = 0.005 * np.arange(3001)
-    q, v = np.zeros((len(t), rig.n)), np.zeros((len(t), rig.n))
+    q = np.zeros((len(t), rig.n))
+    v = np.zeros((len(t), rig.n))
     q[:, moving], v[:, moving] = 0.5 * np.sin(1.7 * t), 0.85 * np.cos(1.7 * t)
     return Log("one joint", rig.joints, t, q, v, np.zeros_like(q))
 
@@ -449,7 +458,8 @@ def one_joint(rig: Rig, moving: int) -> Log:
 def test_information_of_a_log_is_that_of_its_motion() -> None:
     """The integral over the true motion, away from its reversals and from the ends, where the filters settle."""
     rig = Rig.load("turret")
-    log, columns = one_joint(rig, 0), ExcitationColumns.of(rig)
+    log = one_joint(rig, 0)
+    columns = ExcitationColumns.of(rig)
     ends = compute_settling_time(Filtering())
     moving = (np.abs(log.v[:, 0]) > 0.1) & (log.t > ends) & (log.t < log.t[-1] - ends)
     a = np.zeros_like(log.q)
@@ -479,7 +489,9 @@ def test_the_next_motion_teaches_what_the_earlier_log_left_open() -> None:
 def test_gradient_with_prior_information_and_sampling(seed: int) -> None:
     """Its factors are its derivative, and rows that are given twice, for half the time each, count once."""
     rng = np.random.default_rng(seed)
-    a, change, root = rng.standard_normal((12, 3)), rng.standard_normal((12, 3)), rng.standard_normal((5, 3))
+    a = rng.standard_normal((12, 3))
+    change = rng.standard_normal((12, 3))
+    root = rng.standard_normal((5, 3))
     criterion = Determinant(root.T @ root, 4.0)
     left, right = criterion.factors(a)
     slope = (criterion.value(a + 1e-6 * change) - criterion.value(a - 1e-6 * change)) / 2e-6
@@ -505,11 +517,14 @@ rpy="0.3 -0.2 0.5"/><axis xyz="{axis}"/><limit lower="-1" upper="1" effort="5" v
 
 @pytest.mark.parametrize("which", [*RIGS, "tree"])
 def test_gradient_of_the_regressor_is_exact_on_chains_and_trees(which: str, tmp_path: Path) -> None:
-    rig, rng, count = branched(tmp_path) if which == "tree" else Rig.load(which), np.random.default_rng(0), 5
+    rig = branched(tmp_path) if which == "tree" else Rig.load(which)
+    rng = np.random.default_rng(0)
+    count = 5
     states = rng.standard_normal((3, count, rig.n))
     weights = rng.standard_normal((count, rig.n, 10 * rig.n))
     by_body = weights.reshape(count, rig.n, rig.n, 10).transpose(2, 3, 1, 0)
-    links, gravity = build_links(rig.model), rig.model.gravity.linear
+    links = build_links(rig.model)
+    gravity = rig.model.gravity.linear
     exact = compute_regressor_gradient(links, gravity, Motion(np.zeros(count), *states), by_body)
 
     def total(flat: Array) -> Array:
@@ -545,7 +560,9 @@ def test_ctrl_c_writes_the_best_so_far_and_a_bar_is_shown(tmp_path: Path) -> Non
     command = [sys.executable, "-m", "gimbal_pin.cli", *arguments]
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # a new terminal has no size
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=theirs, text=True, preexec_fn=heard) as running:
-        shown, last, asked = b"", monotonic() + 120, False
+        shown = b""
+        last = monotonic() + 120
+        asked = False
         while running.poll() is None and monotonic() < last:  # a terminal that nobody reads stops who writes to it
             if select([ours], [], [], 0.1)[0]:
                 shown += os.read(ours, 1000)

@@ -33,12 +33,15 @@ def test_predicted_deviations_are_the_spread_of_what_is_identified(name: str) ->
     """
     rig = Rig.load(name)
     whole = excite(rig, seconds=25, periods=5, starts=1, rng=0).motion
-    motion, tau = thinned(whole, 5), nominal(rig).inverse(whole.q, whole.v, whole.a)
-    found, thetas = predict_estimate(nominal(rig), motion, form_error=0.0, rng=0), []
+    motion = thinned(whole, 5)
+    tau = nominal(rig).inverse(whole.q, whole.v, whole.a)
+    found = predict_estimate(nominal(rig), motion, form_error=0.0, rng=0)
+    thetas = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
         moved = replace(motion, q=motion.q + rng.uniform(-1e-3, 1e-3, rig.n))
-        log, when = record_log(nominal(rig), moved, 0.01, rng), rng.normal(motion.t[1] / 2, LAG_DEVIATION, rig.n)
+        log = record_log(nominal(rig), moved, 0.01, rng)
+        when = rng.normal(motion.t[1] / 2, LAG_DEVIATION, rig.n)
         acting = [
             np.interp(motion.t + late, whole.t, x) - np.interp(motion.t, whole.t, x) for late, x in zip(when, tau.T)
         ]
@@ -53,8 +56,10 @@ def test_predicted_deviations_are_the_spread_of_what_is_identified(name: str) ->
 
 def test_twice_the_noise_is_twice_the_deviation() -> None:
     """Of exact angles and rates, and as long as it is the log that says when the torque acts."""
-    rig, motion = Rig.load("turret"), thinned(designed("turret", 0).motion, 5)
-    noise, motors = replace(rig.config.noise, gyro=0.0), [replace(motor, encoder_bits=None) for motor in rig.motors]
+    rig = Rig.load("turret")
+    motion = thinned(designed("turret", 0).motion, 5)
+    noise = replace(rig.config.noise, gyro=0.0)
+    motors = [replace(motor, encoder_bits=None) for motor in rig.motors]
     exact = nominal(replace(rig, config=replace(rig.config, noise=noise), motors=tuple(motors)))
     once, twice = (
         predict_estimate(exact, motion, torque_noise=share, form_error=0.0, rng=0).std for share in (5e-4, 1e-3)
@@ -65,14 +70,16 @@ def test_twice_the_noise_is_twice_the_deviation() -> None:
 @pytest.mark.parametrize("name", ["thesis", "turret"])
 def test_what_a_model_misses_is_in_the_predicted_deviations(name: str) -> None:
     """A ripple, a spring and stiction of together 3 % of each torque: `identify` errs by what was predicted."""
-    rig, rng = Rig.load(name), np.random.default_rng(0)
+    rig = Rig.load(name)
+    rng = np.random.default_rng(0)
     motion = thinned(excite(rig, seconds=25, periods=5, starts=1, rng=0).motion, 5)
     found = predict_estimate(nominal(rig), motion, form_error=0.03, rng=0)
     errors = []
     for _ in range(12):
         log = record_log(nominal(rig), motion, 0.01, rng)
         size = np.sqrt(np.mean(log.tau**2, axis=0))
-        q, v = motion.q, motion.v
+        q = motion.q
+        v = motion.v
         parts = (
             np.sin(14 * q + rng.uniform(0, 6)),
             np.tanh(3 * (q - q.mean(axis=0))),
@@ -102,7 +109,8 @@ def test_the_model_of_a_log_predicts_what_a_second_log_of_its_motion_states() ->
 
 def test_friction_that_nobody_states_is_told() -> None:
     """The deviations are shares of a torque that lacks it; the model of a log knows its friction, noise and misfit."""
-    bare, motion = nominal(Rig.load("turret")), thinned(designed("turret", 0).motion, 5)
+    bare = nominal(Rig.load("turret"))
+    motion = thinned(designed("turret", 0).motion, 5)
     bare = replace(bare, terms=())
     assert any("pan, tilt state no friction" in one for one in predict_estimate(bare, motion, rng=0).warnings)
     log = record_log(nominal(bare.rig), motion, 0.05, np.random.default_rng(0))
@@ -112,7 +120,8 @@ def test_friction_that_nobody_states_is_told() -> None:
 
 
 def test_a_joint_held_still_shows_none_of_its_friction() -> None:
-    rig, motion = Rig.load("turret"), thinned(designed("turret", 0).motion, 5)
+    rig = Rig.load("turret")
+    motion = thinned(designed("turret", 0).motion, 5)
     q, v, a = (x.copy() for x in (motion.q, motion.v, motion.a))
     q[:, 1], v[:, 1], a[:, 1] = 0.0, 0.0, 0.0
     found = predict_estimate(nominal(rig), Motion(motion.t, q, v, a), rng=0)
@@ -123,7 +132,8 @@ def test_a_joint_held_still_shows_none_of_its_friction() -> None:
 
 def predict_swing(hz: float, rate: float) -> ExpectedEstimate:
     """What is to be expected of 20 s of two swings of each joint, the slower of the first at `hz`."""
-    t, w = np.arange(0, 20, 1 / rate), 2 * np.pi * hz * np.array([1.0, 1.3])
+    t = np.arange(0, 20, 1 / rate)
+    w = 2 * np.pi * hz * np.array([1.0, 1.3])
     swings = [(0.3, w, np.outer(t, w)), (0.15, 2.6 * w, 1 + np.outer(t, 2.6 * w))]
     q, v, a = (
         sum(size * u**order * way(angle) for size, u, angle in swings)

@@ -95,7 +95,9 @@ def test_the_equations_are_pinocchios(rig: Rig) -> None:
 
 @SEVERAL
 def test_the_view_is_pythons_near_singular_poses_too(rig: Rig) -> None:
-    sight, rng, view = Sight(rig), np.random.default_rng(0), NavigationEquations(Chain(rig)).build_view()
+    sight = Sight(rig)
+    rng = np.random.default_rng(0)
+    view = NavigationEquations(Chain(rig)).build_view()
     steep = []
     for _ in range(200):
         q = rng.uniform(-np.pi, np.pi, rig.n)
@@ -111,7 +113,8 @@ def test_the_view_is_pythons_near_singular_poses_too(rig: Rig) -> None:
 @pytest.mark.parametrize("name", TORQUES)
 def test_a_term_is_the_causes_own_formula(name: str) -> None:
     """At a sample whose memory nobody keeps, as a controller evaluates it."""
-    rng, rig = np.random.default_rng(1), bundled("thesis")
+    rng = np.random.default_rng(1)
+    rig = bundled("thesis")
     term: Term = planted(name, rng)
     function, values = terms(Model(rig, (term,)))
     j = rig.joint_index("tilt")
@@ -127,10 +130,15 @@ def test_a_term_is_the_causes_own_formula(name: str) -> None:
 
 def test_the_laws_equations_are_pythons(full: Twin) -> None:
     """In double precision, before the drives: what C is generated from gives what Python's law gives."""
-    model, rng = Model(full.stored.model.rig, full.stored.model.terms), np.random.default_rng(0)
-    law, made, n = replace(full.pointer.law, model=model), LawEquations(Chain(model.rig), model, True), model.rig.n
-    feedback, torque = made.build_feedback(), made.build_moving_torque()
-    loops, robust = list(zip(*law.outer.rows)), law.robust
+    model = Model(full.stored.model.rig, full.stored.model.terms)
+    rng = np.random.default_rng(0)
+    law = replace(full.pointer.law, model=model)
+    made = LawEquations(Chain(model.rig), model, True)
+    n = model.rig.n
+    feedback = made.build_feedback()
+    torque = made.build_moving_torque()
+    loops = list(zip(*law.outer.rows))
+    robust = law.robust
     redesign = np.ravel(robust.rows), robust.bounds.alpha, robust.bounds.inverse * robust.bounds.phi, robust.gain
     friction = law.friction.constant, law.friction.per_slide, law.friction.per_rate, made.values
     for _ in range(50):
@@ -147,11 +155,17 @@ def test_the_laws_equations_are_pythons(full: Twin) -> None:
 
 def test_the_levels_equation_is_pythons(full: Twin) -> None:
     """In double precision, from a world that is a tenth of a radian askew, seen from any attitude that is wanted."""
-    sight, rng, level = full.pointer.navigator.sight, np.random.default_rng(0), Level(0.01, span=1.0)
+    sight = full.pointer.navigator.sight
+    rng = np.random.default_rng(0)
+    level = Level(0.01, span=1.0)
     step = NavigationEquations(Chain(sight.rig)).build_level()
-    memory, wanted, count, means = level.start(sure=False), attitude(0.4, 0.3), 0.0, np.zeros(9)
+    memory = level.start(sure=False)
+    wanted = attitude(0.4, 0.3)
+    count = 0.0
+    means = np.zeros(9)
     for _ in range(200):
-        to, camera = sight.attitude(rng.normal(0, 0.5, sight.rig.n)), attitude(*rng.normal(0, 0.5, 3))
+        to = sight.attitude(rng.normal(0, 0.5, sight.rig.n))
+        camera = attitude(*rng.normal(0, 0.5, 3))
         f = to @ camera.T @ attitude(0, 0.1) @ rng.normal((0, 0, 9.81), 0.1)
         memory = level.step(memory, camera @ to.T @ f)
         here, own = Rotation.from_matrix([to, wanted.T @ camera]).as_quat(scalar_first=True)
@@ -228,7 +242,8 @@ def test_a_continuous_joints_torque_does_not_jump_where_its_encoder_wraps(kind: 
     text = bundled("turret").urdf.replace('name="pan" type="revolute"', 'name="pan" type="continuous"')
     tested = built(nominal(spelled(text)), tmp_path, kind)
     assert tested.stored.model.rig.continuous == (True, False)
-    v, zero = np.array([1.0, 0.0]), np.zeros(2)
+    v = np.array([1.0, 0.0])
+    zero = np.zeros(2)
     for law in (tested.stored.law, tested.law, tested.pointer.fallback):
         for turns in (-3, -1, 1):
             for angle in (3.1, np.pi, 3.2):
@@ -246,7 +261,8 @@ def test_a_continuous_joints_torque_does_not_jump_where_its_encoder_wraps(kind: 
 @pytest.mark.parametrize("faults", FAULTS)
 def test_the_same_sensors_give_the_same_torques(plain: Twin, faults: tuple[SensorFault, ...]) -> None:
     """Sample by sample from profile S with failing sensors, nothing fed back: what differs is rounding, integrated."""
-    model, side = plain.stored.model, Side(plain)
+    model = plain.stored.model
+    side = Side(plain)
     ground = draw_profile(model.rig, 0.6, 0)
     holder = FailingSensors(side, faults)  # type: ignore[arg-type]
     simulate_holding(model, holder, ground, rng=np.random.default_rng(0), seconds=0.6)
@@ -258,15 +274,20 @@ def test_the_same_sensors_give_the_same_torques(plain: Twin, faults: tuple[Senso
 def test_the_turn_at_the_start_is_the_same(which: str, request: pytest.FixtureRequest) -> None:
     """Sensors of a camera that turns as it should, on a base that stands: the same torques all along."""
     tested: Twin = request.getfixturevalue(which)
-    side, navigator, rng = Side(tested), tested.pointer.navigator, np.random.default_rng(0)
-    sight, n = navigator.sight, tested.library.n
+    side = Side(tested)
+    navigator = tested.pointer.navigator
+    rng = np.random.default_rng(0)
+    sight = navigator.sight
+    n = tested.library.n
     q = floats(np.array([1.0, -0.3, 0.4])[:n])
     turn = navigator.pace.turn(sight, np.eye(3), q, WANTED, 0.0)
     assert turn is not None
-    seen, memory = resting(tested, rng, 0)._replace(q=q), None
+    seen = resting(tested, rng, 0)._replace(q=q)
+    memory = None
     for k in range(1200):
         left, speed, _ = turn.progress(1e-3 * k)
-        q, v = turn.goal + left * turn.way, speed * turn.way
+        q = turn.goal + left * turn.way
+        v = speed * turn.way
         seen = resting(tested, rng, k)
         rates = sight.rates(q, v, np.zeros(3))
         seen = seen._replace(q=q, gyro=seen.gyro + rates[:3], links=seen.links + rates[3:])
@@ -278,12 +299,17 @@ def test_the_turn_at_the_start_is_the_same(which: str, request: pytest.FixtureRe
 @compiled_here
 def test_a_base_that_is_not_level_is_leveled_alike(plain: Twin) -> None:
     """The accelerometer says that the world is a milliradian askew: the same torques while that is corrected."""
-    navigator, rng, level = plain.pointer.navigator, np.random.default_rng(0), Level(1e-3)
-    pointer, camera = replace(plain.pointer, navigator=replace(navigator, level=level)), navigator.sight.attitude
+    navigator = plain.pointer.navigator
+    rng = np.random.default_rng(0)
+    level = Level(1e-3)
+    pointer = replace(plain.pointer, navigator=replace(navigator, level=level))
+    camera = navigator.sight.attitude
     start = resting(plain, rng, 0)
     held = pointer.start(start, camera(start.q), np.eye(3))
     held = held._replace(known=held.known._replace(upright=level.start(sure=False)))
-    c, gaps, sizes = plain.compiled.start(start, camera(start.q), np.eye(3), level.eased), [], []
+    c = plain.compiled.start(start, camera(start.q), np.eye(3), level.eased)
+    gaps = []
+    sizes = []
     for k in range(1500):
         seen = resting(plain, rng, k)
         seen = seen._replace(**{name: floats(getattr(seen, name)) for name in ("q", "gyro", "w", "links")})
@@ -298,13 +324,17 @@ def test_a_base_that_is_not_level_is_leveled_alike(plain: Twin) -> None:
 @compiled_here
 def test_one_sample_levels_alike(plain: Twin) -> None:
     """Attitudes of camera, base and what is wanted, by the accelerometer of one sample."""
-    rng, library, sight = np.random.default_rng(0), plain.library, plain.pointer.navigator.sight
+    rng = np.random.default_rng(0)
+    library = plain.library
+    sight = plain.pointer.navigator.sight
     for _ in range(50):
         seen = resting(plain, rng, 0)._replace(f=rng.normal(0, 10, 3), q=rng.normal(0, 1, library.n))
-        known, sensors = np.zeros(13, np.float32), single(0.0, *seen[1:])
+        known = np.zeros(13, np.float32)
+        sensors = single(0.0, *seen[1:])
         library.code.gimbal_attitudes_level(library.parameters, at(sensors), at(known))
         found = Rotation.from_quat(known[:12].reshape(3, 4), scalar_first=True).as_matrix()
-        base, camera = leveled(seen.f), leveled(seen.f) @ sight.attitude(seen.q)
+        base = leveled(seen.f)
+        camera = leveled(seen.f) @ sight.attitude(seen.q)
         assert np.abs(found - [camera, base, camera]).max() < 1e-6
         assert known[12] == 1.0
 
@@ -312,10 +342,14 @@ def test_one_sample_levels_alike(plain: Twin) -> None:
 @compiled_here
 def test_what_is_out_of_reach_is_refused_alike(plain: Twin) -> None:
     """Then the camera is held where it looks: torques are those of a start that wanted nothing else."""
-    navigator, rng, library = plain.pointer.navigator, np.random.default_rng(0), plain.library
-    sight, outcomes = navigator.sight, []
+    navigator = plain.pointer.navigator
+    rng = np.random.default_rng(0)
+    library = plain.library
+    sight = navigator.sight
+    outcomes = []
     for _ in range(60):
-        wanted, seen = attitude(*rng.uniform(-np.pi, np.pi, 3)), resting(plain, rng, 0)
+        wanted = attitude(*rng.uniform(-np.pi, np.pi, 3))
+        seen = resting(plain, rng, 0)
         camera = sight.attitude(seen.q)
         refused = sight.obstacle(sight.reached(np.eye(3), wanted, sight.home), np.eye(3), wanted) is not None
         turned, held = (CompiledPointer(library, replace(navigator, wanted=R)) for R in (wanted, camera))
@@ -332,7 +366,9 @@ def test_what_is_out_of_reach_is_refused_alike(plain: Twin) -> None:
 
 @compiled_here
 def test_hostile_sensors_never_give_a_torque_that_is_none(full: Twin) -> None:
-    rng, c, n = np.random.default_rng(0), full.compiled, full.library.n
+    rng = np.random.default_rng(0)
+    c = full.compiled
+    n = full.library.n
     good = Measurement(0.0, np.zeros(n), *(rng.normal(0, 0.1, 3) for _ in range(4)))
     memory = c.start(good, np.eye(3), np.eye(3))
     for k in range(1000):
@@ -362,7 +398,8 @@ def test_huge_finite_readings_are_refused_and_the_torque_comes_back(
     plain: Twin, channels: tuple[str, ...], huge: float
 ) -> None:
     for holder in (plain.compiled, plain.pointer):
-        rng, looking = np.random.default_rng(0), plain.pointer.navigator.sight.attitude(np.zeros(plain.library.n))
+        rng = np.random.default_rng(0)
+        looking = plain.pointer.navigator.sight.attitude(np.zeros(plain.library.n))
         memory = holder.start(resting(plain, rng, 0), WANTED, WANTED @ looking.T)
         torques = []
         for k in range(1, 600):
@@ -371,7 +408,8 @@ def test_huge_finite_readings_are_refused_and_the_torque_comes_back(
                 getattr(seen, name)[:] = huge
             tau, memory = holder.torque(seen, memory)
             torques.append(tau)
-        before, after = np.mean(torques[50:99], axis=0), np.mean(torques[-50:], axis=0)
+        before = np.mean(torques[50:99], axis=0)
+        after = np.mean(torques[-50:], axis=0)
         assert np.abs(after - before).max() < 0.05 * plain.library.limit.min() and after.any()
 
 
@@ -392,8 +430,10 @@ def test_a_law_without_numbers_begins_anew(plain: Twin) -> None:
 @compiled_here
 @pytest.mark.parametrize("huge", [1e6, 1e20, 3e38])
 def test_a_reference_is_followed_again_after_huge_readings(plain: Twin, huge: float) -> None:
-    n, law = plain.library.n, plain.law
-    still, memory = np.zeros(n), law.start()
+    n = plain.library.n
+    law = plain.law
+    still = np.zeros(n)
+    memory = law.start()
     reference = Reference(still, still, still)
     before, memory = law.torque(0.0, still, still, reference, memory)
     for q, v in ((huge, 0.0), (0.0, huge), (-huge, huge)):
@@ -477,7 +517,8 @@ def test_the_compiled_controller_holds_the_camera_as_pythons(plain: Twin) -> Non
 
 @compiled_here
 def test_a_foreign_library_is_refused_before_its_constructor_runs(tmp_path: Path) -> None:
-    touched, code = tmp_path / "touched", tmp_path / "other.c"
+    touched = tmp_path / "touched"
+    code = tmp_path / "other.c"
     code.write_text(
         f'#include <stdio.h>\n__attribute__((constructor)) static void run(void) {{ fopen("{touched}", "w"); }}\n'
         "const char *gimbal_about(void) { return 0; }\n"

@@ -114,7 +114,8 @@ def test_the_table_of_a_drive_is_the_models_torque(language: str, tmp_path: Path
     command = ["gcc", "-x", language, *flags, "-Wall", "-Wextra", "-Werror", "-pedantic", "-fPIC", "-shared"]
     subprocess.run([*command, "-o", "table.so", f"table.{language}", "-lm"], cwd=tmp_path, check=True)
     torque = ctypes.CDLL(str(tmp_path / "table.so")).torque
-    torque.argtypes, torque.restype = [ctypes.c_int, ctypes.c_float, ctypes.c_float], ctypes.c_float
+    torque.argtypes = [ctypes.c_int, ctypes.c_float, ctypes.c_float]
+    torque.restype = ctypes.c_float
     terms = model.by_joint[0]
     for q in np.random.default_rng(0).uniform(-20, 20, 300).tolist():
         for v in (0.0, 0.5, -0.5):
@@ -172,10 +173,12 @@ class Device:
 
     def __init__(self, twin: Twin, log: Log | None) -> None:
         """Take the log."""
-        self.code, self.log = twin.library.code, log
+        self.code = twin.library.code
+        self.log = log
         self.code.gimbal_link_log.restype = ctypes.c_size_t
         self.code.gimbal_link_receive.restype = ctypes.c_bool
-        self.link, self.out = ctypes.create_string_buffer(65536), ctypes.create_string_buffer(65536)
+        self.link = ctypes.create_string_buffer(65536)
+        self.out = ctypes.create_string_buffer(65536)
         self.code.gimbal_link_start(self.link)
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
@@ -233,8 +236,10 @@ class Device:
 @pytest.fixture(scope="module")
 def moved(twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Log:
     """A log of the simulated turret as the compiled controller moves it."""
-    rig, path = twin.stored.model.rig, tmp_path_factory.mktemp("log") / "log.csv"
-    motion, sensors = fourier(rig, 0, 8.0, twin.law.dt), Sensors.of(rig, twin.law.dt, torque_std=0.02)
+    rig = twin.stored.model.rig
+    path = tmp_path_factory.mktemp("log") / "log.csv"
+    motion = fourier(rig, 0, 8.0, twin.law.dt)
+    sensors = Sensors.of(rig, twin.law.dt, torque_std=0.02)
     write_log(simulate(nominal(rig), twin.law, motion, rng=np.random.default_rng(0), sensors=sensors), path)
     return read_log(path, rig)
 
@@ -249,7 +254,8 @@ def test_a_running_gimbal_is_identified(run: Run, twin: Twin, moved: Log, tmp_pa
     kept = np.setdiff1d(np.arange(len(moved)), np.arange(49, len(moved), 50))
     np.testing.assert_allclose(t, np.round(moved.t[kept], 6), atol=1e-9)
     np.testing.assert_allclose(np.concatenate([log.tau for log in heard]), moved.tau[kept], rtol=1e-6, atol=1e-9)
-    device, path = Device(twin, moved), tmp_path / "found.json"
+    device = Device(twin, moved)
+    path = tmp_path / "found.json"
     with device.running() as address:
         code, _, err = run("identify", "turret", address, "--follow", "--idle", 0.7, "--json", path)
     assert code == 0, err
@@ -262,7 +268,8 @@ def test_a_running_gimbal_is_identified(run: Run, twin: Twin, moved: Log, tmp_pa
 def test_the_link_asks_for_the_log_with_a_hello_alone(twin: Twin) -> None:
     """Hostile bytes, and the frames that once carried new gains, neither begin the log nor keep a HELLO from it."""
     device = Device(twin, None)
-    rng, hello = np.random.default_rng(0), encode_frame(Frame(HELLO, 0, b""))
+    rng = np.random.default_rng(0)
+    hello = encode_frame(Frame(HELLO, 0, b""))
     for kind in (0, 2, 3, 4, 255):
         assert not device.receive(encode_frame(Frame(kind, 7, rng.bytes(int(rng.integers(400))))))
     for _ in range(1000):
@@ -313,7 +320,8 @@ def test_samples_that_overtake_each_other_stand_in_order(block: int) -> None:
 @pytest.mark.parametrize("stamp", [10**12, 2**63, 2**64 - 1, 0])
 @pytest.mark.parametrize("count", [1, 30])
 def test_a_far_stamp_that_nothing_continues_is_left_out(stamp: int, count: int) -> None:
-    first, second = range(200, 230), range(230, 260)
+    first = range(200, 230)
+    second = range(230, 260)
     far = [sample(5, stamp=stamp)] * count
     heard = sent([*map(sample, first), *far, *map(sample, second)])
     assert angles(heard) == [*first, *second]
@@ -323,7 +331,8 @@ def test_a_far_stamp_that_nothing_continues_is_left_out(stamp: int, count: int) 
 @pytest.mark.parametrize("restart", [0, 10**9, 1_700_000_000_000_000], ids=["restart", "later", "clock set"])
 def test_a_gimbal_that_restarts_begins_a_trajectory_of_its_own(restart: int) -> None:
     """Its samples follow those before after 1 s, whatever its clock says, and a note names the time."""
-    first, second = range(200, 250), range(30)
+    first = range(200, 250)
+    second = range(30)
     heard = sent([*map(sample, first), *(sample(k, stamp=restart + 10_000 * k) for k in second)])
     t = np.concatenate([log.t for log in heard])
     assert angles(heard) == [*first, *second]

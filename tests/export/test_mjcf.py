@@ -98,7 +98,8 @@ def test_what_mujoco_cannot_hold_is_said_and_a_mass_below_zero_refused() -> None
 
 def test_export_writes_the_model_inside_a_controller(run: Run, tmp_path: Path) -> None:
     """Our own reader of MJCF finds the joints and the inertias again."""
-    rig, out = bundled("turret"), tmp_path / "turret.xml"
+    rig = bundled("turret")
+    out = tmp_path / "turret.xml"
     write_yaml(tune(modelled(rig, UNWRITTEN)).to_dict(), tmp_path / "controller.yaml")
     assert len(result(run, "export", tmp_path / "controller.yaml", "--mjcf", out)["notes"]) == len(UNWRITTEN)
     again = Rig.load(out)

@@ -112,7 +112,8 @@ def test_logs_models_and_pages_keep_a_name(tmp_path: Path) -> None:
     rig = Rig.load(write_rig(tmp_path, NAMES))
     t = np.arange(0, 12, 0.01)
     q = np.stack([np.sin(2 * t) + 0.3 * np.sin(5 * t), np.cos(3 * t) + 0.2 * np.sin(7 * t)], axis=1)
-    v, a = np.gradient(q, 0.01, axis=0), np.gradient(np.gradient(q, 0.01, axis=0), 0.01, axis=0)
+    v = np.gradient(q, 0.01, axis=0)
+    a = np.gradient(np.gradient(q, 0.01, axis=0), 0.01, axis=0)
     log = Log("log", rig.joints, t, q, v, nominal(rig).inverse(q, v, a))
     for suffix in (".csv", ".tsv", ".parquet"):
         write_log(log, tmp_path / f"log{suffix}")

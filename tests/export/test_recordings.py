@@ -70,7 +70,8 @@ def read_mcap(path: Path) -> dict[str, list[object]]:
 
 def test_mcaps_own_reader_finds_the_numbers(turret: Rig, traces: tuple[TorqueTrace, ...], tmp_path: Path) -> None:
     write_mcap(turret, traces[:1], tmp_path / "one.mcap")
-    (trace, _), found = traces, read_mcap(tmp_path / "one.mcap")
+    (trace, _) = traces
+    found = read_mcap(tmp_path / "one.mcap")
     assert set(found) == {"/robot_description", *(f"/{kind}" for kind in KINDS)}
     assert [said.data for _, said in found["/robot_description"]] == [turret.urdf]
     for kind in KINDS:
@@ -102,8 +103,10 @@ def test_reruns_own_reader_finds_the_numbers_and_the_poses(
     from rerun.chunk import RrdReader
 
     write_rrd(turret, traces[:1], tmp_path / "one.rrd")
-    trace, found = traces[0], read_rrd(tmp_path / "one.rrd")
-    model, data = turret.model, turret.model.createData()
+    trace = traces[0]
+    found = read_rrd(tmp_path / "one.rrd")
+    model = turret.model
+    data = turret.model.createData()
     for j, joint in enumerate(turret.joints):
         values = {kind: found[f"/torque/{joint}/{kind}"] for kind in KINDS}
         for kind, batch in values.items():
@@ -135,7 +138,8 @@ def test_a_verb_records_the_log_with_what_is_left(
     verb: str, run: Run, toothed: tuple[Model, Log], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of the logged torque; our own reader of bags finds it again. Without the package nothing is begun."""
-    log, out = tmp_path / "log.csv", tmp_path / "out.mcap"
+    log = tmp_path / "log.csv"
+    out = tmp_path / "out.mcap"
     write_log(toothed[1], log)
     monkeypatch.setattr("gimbal_pin.diagnosis.diagnose", partial(diagnose, causes={"cogging": Cogging}))
     assert run(verb, "turret", log, "--mcap", out, "--alignment", "0")[0] == 0

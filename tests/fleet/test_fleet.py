@@ -32,7 +32,8 @@ def record() -> Callable[..., None]:
     """Write the log of a unit of the turret, with its own tolerances and noise, all in one motion."""
     rig = Rig.load("turret")
     variation = make_variation(nominal(rig), TOLERANCES)
-    rigs, motion = draw_rigs(variation.inputs, 30), fourier(rig, 1, 6.5, dt=2.5e-3)
+    rigs = draw_rigs(variation.inputs, 30)
+    motion = fourier(rig, 1, 6.5, dt=2.5e-3)
 
     def write(file: Path, unit: int, seed: int = 0, mass: float = 0.0, joint: str = "", viscous: float = 1.0) -> None:
         values = variation.choose_values(rigs[unit].probabilities)
@@ -100,7 +101,8 @@ def test_odd_units_are_named_with_parameter_and_time(fleet: Fleet) -> None:
     assert list_verdicts(fleet) == {f"00{k}": (Verdict.PASS, ()) for k in range(8)} | planted
     found = {one.unit: {own.parameter: own for own in one.deviations} for one in fleet.units}
     assert set(found["thick"]) == {"tilt.Fv"} and set(found["worn"]) == {"pan.Fv"}
-    thick, worn = found["thick"]["tilt.Fv"], found["worn"]["pan.Fv"]
+    thick = found["thick"]["tilt.Fv"]
+    worn = found["worn"]["pan.Fv"]
     assert abs(thick.shift - 2 * 0.008) < 0.006 and (thick.kind, thick.since) == (DeviationKind.OFFSET, None)
     assert {"head_mount.mx", "head_mount.mz"} <= set(found["heavy"])
     assert worn.kind is not DeviationKind.OFFSET and worn.shift > 0.006 and worn.since in (None, *MONTHS[1:])
@@ -246,7 +248,8 @@ def test_manifests_in_yaml_parquet_and_csv_are_one(folder: Path, tmp_path: Path)
     assert found[0].logs[0].unit == "000" and found[0].logs[0].mapping == {"tau_pan": "tau_pan*1.0"}
 
 
-A, B = {"log": "a.csv"}, {"log": "b.csv"}
+A = {"log": "a.csv"}
+B = {"log": "b.csv"}
 
 
 @pytest.mark.parametrize(

@@ -84,8 +84,10 @@ def test_the_yield_is_the_share_with_wilsons_interval(rig: Rig, late: MonteCarlo
     bound = degrees(float(errors[5] + errors[6]) / 2)
     folder = tmp_path / "out"
     found = study(rig, spec=[f"rms_error < {bound!r} °", "peak_torque < 1.5"], folder=folder)
-    z, share = 1.959964, 6 / 8
-    middle, half = share + z**2 / 16, z * sqrt(share * (1 - share) / 8 + z**2 / 4 / 8**2)
+    z = 1.959964
+    share = 6 / 8
+    middle = share + z**2 / 16
+    half = z * sqrt(share * (1 - share) / 8 + z**2 / 4 / 8**2)
     assert found.yield_ is not None and (found.yield_.value, found.yield_.of) == (share, 8)
     assert np.allclose([found.yield_.low, found.yield_.high], (middle + np.array([-half, half])) / (1 + z**2 / 8))
     none = study(rig, spec=[f"rms_error < {bound!r}", "peak_torque < 1e-6"], folder=folder)
@@ -108,7 +110,8 @@ def test_parameters_are_drawn_from_the_covariance(rig: Rig) -> None:
     model = identify(rig, [prescribed(nominal(rig), seconds=10.0, torque_noise=0.02)], holdout="none").model
     variation = make_variation(model, Vary())
     assert variation.estimated is not None
-    covariance, names = variation.estimated.covariance, variation.estimated.names
+    covariance = variation.estimated.covariance
+    names = variation.estimated.names
     root = factor_covariance(covariance)
     assert np.allclose(root @ root.T, covariance, rtol=1e-9, atol=1e-12 * np.abs(covariance).max())
     reduction = reduce_parameters(rig)
@@ -122,7 +125,8 @@ def test_parameters_are_drawn_from_the_covariance(rig: Rig) -> None:
 
 
 def test_a_platform_and_planted_causes_from_the_command_line(run: Run, tmp_path: Path) -> None:
-    vary, out = tmp_path / "vary.yaml", tmp_path / "out"
+    vary = tmp_path / "vary.yaml"
+    out = tmp_path / "out"
     vary.write_text(
         "effects:\n  cogging:pan: {amplitude: [uniform, 0.01, 0.05], harmonic: 14}\npayload: {x: [normal, 0, 1]}"
     )

@@ -48,7 +48,8 @@ def test_balanced_fleets_have_the_variances_of_an_analysis_of_variance() -> None
 
 def test_the_mean_and_the_spread_are_covered() -> None:
     """Of unequal errors: the t interval of 95 % holds the mean, and the spread is without bias."""
-    inside, spreads = 0, []
+    inside = 0
+    spreads = []
     for seed in range(60):
         fleet = draw_fleet(seed, 20, error=1.0)
         fleet["stds"] = np.random.default_rng(1000 + seed).uniform(0.2, 1.5, fleet["stds"].shape)
@@ -72,7 +73,8 @@ def test_neither_units_of_measure_nor_order_matter() -> None:
         "units": [fleet["units"][k] for k in order],
         "times": fleet["times"][order],
     }
-    one, two = compare(fleet), compare(other)
+    one = compare(fleet)
+    two = compare(other)
     assert list_deviations(one) == list_deviations(two) != set()
     np.testing.assert_allclose(two.population["mean"] / scale - 5, one.population["mean"], atol=1e-9)
     np.testing.assert_allclose(two.population["spread"], one.population["spread"] * scale, rtol=1e-6)

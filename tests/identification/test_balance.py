@@ -44,7 +44,8 @@ def told(name: str, shift: tuple[float, ...] = ()) -> Balance:
 @pytest.mark.parametrize("name", RIGS)
 def test_slid_as_it_says_gravity_takes_what_it_says(name: str) -> None:
     """On the true rig: the load falls to what was foretold, and any other way of a millimetre makes it larger."""
-    rig, said = Rig.load(name), told(name)
+    rig = Rig.load(name)
+    said = told(name)
     load = compute_gravity_load(slid(rig, said.way).rig)
     for joint, torque in zip(rig.joints, load):
         assert torque == pytest.approx(said.after[joint], abs=0.02 * max(said.before.values()) + 1e-9)
@@ -67,7 +68,8 @@ def total(rig: Rig, way: Array) -> float:
 def test_a_camera_that_was_moved_is_to_be_moved_back(name: str) -> None:
     """The way changes by just what the camera was moved by, against its direction."""
     moved = (0.012, -0.006, 0.009)
-    before, after = told(name), told(name, moved)
+    before = told(name)
+    after = told(name, moved)
     shown = np.abs(before.way) > 0
     std = np.hypot(before.std, after.std)[shown]
     np.testing.assert_array_less(np.abs(after.way - before.way + np.array(moved))[shown], 4 * std + 1e-6)
@@ -120,7 +122,8 @@ def test_no_way_that_brute_force_tries_is_better(name: str) -> None:
 @pytest.mark.parametrize("mass", [0.4, 3.0])
 def test_twice_the_mass_is_slid_half_as_far(mass: float) -> None:
     """Joint torques show mass times way: with a mass that was weighed beside the URDF's the way alone changes."""
-    stated, weighed = told("turret"), compare_payload(found("turret"), mass).balance
+    stated = told("turret")
+    weighed = compare_payload(found("turret"), mass).balance
     assert weighed is not None and weighed.mass == pytest.approx(mass) and weighed.source == "weighed"
     np.testing.assert_allclose(mass * weighed.way, stated.mass * stated.way, rtol=1e-9, atol=1e-12)
     assert stated.source == "stated" and "half as far if it weighs twice that" in stated.how()

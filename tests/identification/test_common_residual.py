@@ -22,7 +22,8 @@ FEW = {name: CAUSES[name] for name in ("cogging",)}
 def disturb(rig: Rig, share: float, joints: slice = slice(None)) -> Log:
     """Add slow torque of other frequencies than the motion's, a share of each joint's rms."""
     log = prescribed(nominal(rig), seconds=20.0, dt=4e-3, torque_noise=5e-3)
-    rng, tau = np.random.default_rng(3), np.array(log.tau)
+    rng = np.random.default_rng(3)
+    tau = np.array(log.tau)
     waves = np.sin(
         2 * np.pi * np.multiply.outer(log.t, rng.uniform(0.3, 2.5, (40, rig.n))) + rng.uniform(0, 6, (40, rig.n))
     ).sum(axis=1)

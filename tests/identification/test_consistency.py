@@ -62,7 +62,8 @@ def mixing_of(rig: Rig) -> Array:
 def oracle(mixing: Array, rows: Array, target: Array) -> float:
     """The shortest residual that bodies reach, and friction's columns after theirs, none negative, by cvxpy."""
     cp = pytest.importorskip("cvxpy", reason="cvxpy is the oracle: pip install 'gimbal-pin[test]'")
-    phi, free = cp.Variable(mixing.shape[1]), cp.Variable(rows.shape[1] - len(mixing) + 1)
+    phi = cp.Variable(mixing.shape[1])
+    free = cp.Variable(rows.shape[1] - len(mixing) + 1)
     parts = cp.reshape(phi, (10, mixing.shape[1] // 10), order="F")
     exist = [sum(parts[k, i] * PSEUDO_INERTIA_BASIS[k] for k in range(10)) >> 0 for i in range(mixing.shape[1] // 10)]
     theta = cp.hstack([mixing @ phi, free[:-1]])
@@ -72,7 +73,8 @@ def oracle(mixing: Array, rows: Array, target: Array) -> float:
 
 def far_off(rig: Rig, seed: int) -> tuple[Array, Array]:
     """Base parameters that are wrong by several of their deviations, which span decades."""
-    rng, beta = np.random.default_rng(seed), mixing_of(rig) @ rig.phi
+    rng = np.random.default_rng(seed)
+    beta = mixing_of(rig) @ rig.phi
     std = 10.0 ** rng.uniform(-2.5, 0.0, len(beta)) * np.abs(beta) + 1e-4
     return beta + 3 * std * rng.standard_normal(len(beta)), std
 
@@ -93,9 +95,11 @@ def test_the_unit_of_length_does_not_matter(seed: int, unit: float) -> None:
     """First moments change by the unit, second moments by its square; the bodies stay the same."""
     rig = Rig.load("turret")
     beta, std = far_off(rig, seed)
-    rows, target = mixing_of(rig) / std[:, None], beta / std
+    rows = mixing_of(rig) / std[:, None]
+    target = beta / std
     change = np.tile([1.0, *[unit] * 3, *[unit**2] * 6], rig.n)
-    one, other = fit_bodies(rig.phi, rows, target), fit_bodies(change * rig.phi, rows / change, target)
+    one = fit_bodies(rig.phi, rows, target)
+    other = fit_bodies(change * rig.phi, rows / change, target)
     assert other.distance == pytest.approx(one.distance, rel=1e-4, abs=1e-5)
     assert np.allclose(other.phi / change, one.phi, rtol=2e-2, atol=1e-4 * np.abs(one.phi).max())
 
@@ -114,7 +118,8 @@ def loud(rig: Rig, seed: int) -> Log:
 def posed(rig: Rig, seed: int) -> tuple[DesignBlocks, Array, Array]:
     """A loud log's rows, what the physical fit minimises with its answer's weights, and the data's part of that."""
     blocks = compute_blocks(rows_of(rig, loud(rig, seed)))
-    factors, count = factor_rows(blocks), count_effective_rows(blocks)
+    factors = factor_rows(blocks)
+    count = count_effective_rows(blocks)
     scale = weigh_joints(compute_residual_power(factors, fit_physical(blocks).theta, count))
     stack = build_program(factors, factor_wide_states(blocks.design, factors.shape[2] - 1), scale, count)
     return blocks, stack, stack[: factors.shape[0] * factors.shape[1]]
@@ -124,7 +129,9 @@ def test_the_data_are_fitted_and_not_an_estimate_moved() -> None:
     """The residual of the program is a semidefinite solver's; the projected estimate's is no better."""
     rig = Rig.load("thesis")
     blocks, stack, _ = posed(rig, 1)
-    found, free, mixing = fit_physical(blocks), fit_weighted(blocks), blocks.design.mixing
+    found = fit_physical(blocks)
+    free = fit_weighted(blocks)
+    mixing = blocks.design.mixing
 
     def cost(theta: Array) -> float:
         return float(np.linalg.norm(stack @ np.append(theta, -1.0)))
@@ -147,7 +154,8 @@ def test_the_constraint_never_leads_away_from_the_truth(name: str, seed: int) ->
     free = np.linalg.lstsq(data[:, :-1], data[:, -1], rcond=None)[0]
     ours, theirs = (np.linalg.norm(stack[:, :-1] @ (theta - truth)) for theta in (fit_physical(blocks).theta, free))
     assert ours <= theirs * (1 + 1e-6)
-    U, held = np.linalg.qr(data[:, :-1], mode="r"), stack[len(data) :]
+    U = np.linalg.qr(data[:, :-1], mode="r")
+    held = stack[len(data) :]
     times = np.linalg.svd(held[:, :-1] @ np.linalg.inv(U), compute_uv=False) ** 2
     assert 0 < times.max() <= 30.0 * (1 + 1e-6)
     np.testing.assert_allclose(held[:, :-1] @ free, held[:, -1], atol=1e-6 * np.abs(held[:, -1]).max())
@@ -155,7 +163,8 @@ def test_the_constraint_never_leads_away_from_the_truth(name: str, seed: int) ->
 
 def test_what_no_log_shows_is_held_by_nothing() -> None:
     rng = np.random.default_rng(0)
-    data, wide = rng.standard_normal((30, 5)), rng.standard_normal((9, 4))
+    data = rng.standard_normal((30, 5))
+    wide = rng.standard_normal((9, 4))
     data[:, 2] = data[:, 0] - data[:, 1]  # of columns 0, 1 and 2 two combinations show
     held = anchor(data, wide)
     assert np.abs(held[:, :-1] @ [1.0, -1.0, -1.0, 0.0]).max() < 1e-9 * np.abs(held).max()
@@ -183,7 +192,8 @@ def test_what_is_written_loads_everywhere() -> None:
 def test_bodies_that_are_hardly_told_apart_stay_near_the_urdf(seed: int) -> None:
     """An estimate one deviation off: no body is another one by more than it could be told, and that for a deviation."""
     rig = Rig.load("handheld", "mirrorless")
-    mixing, rng = mixing_of(rig), np.random.default_rng(seed)
+    mixing = mixing_of(rig)
+    rng = np.random.default_rng(seed)
     std = 1e-2 * np.abs(mixing) @ np.abs(rig.phi) + 1e-5
     off = std * rng.standard_normal(len(std))
     exact, leant = (

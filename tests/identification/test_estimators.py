@@ -83,7 +83,8 @@ def test_noisy_angles_bias_least_squares_and_neither_of_those_that_simulate(turr
 
 
 def test_the_bias_test_flags_the_noisy_log_and_not_the_quiet_one(coarse: DesignBlocks, quiet: DesignBlocks) -> None:
-    flagged, clear = check_bias(coarse, "noisy"), check_bias(quiet, "always")
+    flagged = check_bias(coarse, "noisy")
+    clear = check_bias(quiet, "always")
     assert flagged is not None and flagged.test is not None and flagged.noise > NOISY
     assert (
         flagged.test.biased
@@ -103,7 +104,8 @@ def test_little_noise_is_not_worth_a_test_and_nobody_asked_gets_none(quiet: Desi
 def test_a_difference_that_noise_cannot_make_is_the_models() -> None:
     """Bias goes with the square of the noise's share: the same difference at a tenth of the noise has another cause."""
     test = Hausman(900.0, 12, 0.0, 0.04)
-    noisy, quiet = BiasCheck(0.2, test), BiasCheck(0.02, test)
+    noisy = BiasCheck(0.2, test)
+    quiet = BiasCheck(0.02, test)
     assert noisy.by_noise and "use --estimator output-error" in noisy.sentence
     used = BiasCheck(0.2, test, method=Method.OUTPUT_ERROR).sentence
     assert "biased" in used and "use --estimator" not in used
@@ -131,7 +133,9 @@ def test_trust_leads_from_the_data_to_the_urdf(turret: Rig, quiet: DesignBlocks)
     heavier = turret.with_phi(1.3 * turret.phi)
     rows = replace(quiet.design, rig=heavier)
     blocks = DesignBlocks(rows, quiet.blocks)
-    free, given, width = fit_weighted(blocks), given_beta(heavier, rows.reduction), len(rows.mixing)
+    free = fit_weighted(blocks)
+    given = given_beta(heavier, rows.reduction)
+    width = len(rows.mixing)
     loose, tight = (fit_ridge(blocks, trust) for trust in (1e4, 1e-9))
     assert np.allclose(loose.theta, free.theta, atol=1e-2 * free.std.min())
     assert np.allclose(tight.theta[:width], given, rtol=1e-4, atol=1e-6)

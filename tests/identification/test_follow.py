@@ -72,7 +72,8 @@ def test_the_stream_is_the_batch(rig: str) -> None:
     stated = Filtering(alignment=log.dt / 2)
     online = Online.of(body, filtering=stated)
     memory = online.advance(online.start(), log)
-    found, batch = online.identified(memory), identify(body, [log], holdout="none", filtering=stated)
+    found = online.identified(memory)
+    batch = identify(body, [log], holdout="none", filtering=stated)
     assert found.names == batch.names and found.estimate.rows == batch.estimate.rows
     assert np.all(np.abs(found.estimate.theta - batch.estimate.theta) < 0.1 * batch.estimate.std)
     np.testing.assert_allclose(found.estimate.std, batch.estimate.std, rtol=0.05)
@@ -95,7 +96,8 @@ def test_any_cut_into_blocks_gives_the_same(cuts: list[int], gap: bool) -> None:
     for begin, end in pairwise(sorted({0, *(cut for cut in cuts if cut < len(log)), len(log)})):
         cut = online.advance(cut, log.part(slice(begin, end)))
     assert cut.samples == len(log) and cut.t == log.t[-1]
-    one, other = learn(online, log), online.estimate(cut)
+    one = learn(online, log)
+    other = online.estimate(cut)
     np.testing.assert_allclose(one.theta, other.theta, rtol=1e-9)
     np.testing.assert_allclose(one.std, other.std, rtol=1e-9)
 
@@ -115,12 +117,14 @@ def size(thing: object) -> int:
 
 def test_memory_is_constant_and_what_is_not_held_still_counts() -> None:
     whole = Online.of(Rig.load("turret"))
-    little, log = replace(whole, most_rows=96), noisy(40.0, 4e-3)
+    little = replace(whole, most_rows=96)
+    log = noisy(40.0, 4e-3)
     early = little.advance(little.start(), log.part(slice(0, 5_000)))
     late = little.advance(early, log.part(slice(5_000, None)))
     assert late.learned.past.rows > early.learned.past.rows > 0
     assert size(late) <= 1.5 * size(early) < 4e5
-    few, all_ = little.answer(late)[0], whole.answer(whole.advance(whole.start(), log))[0]
+    few = little.answer(late)[0]
+    all_ = whole.answer(whole.advance(whole.start(), log))[0]
     assert few.rows == all_.rows
     np.testing.assert_allclose(few.theta, all_.theta, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(few.residual_std, all_.residual_std, rtol=1e-9)
@@ -158,20 +162,23 @@ def test_forgetting_follows_a_drift() -> None:
 
 def test_a_new_camera_on_a_known_gimbal() -> None:
     """With the gimbal known, ten seconds show the camera; friction keeps what is known of it."""
-    before, log = quiet("turret", "infrared", dt=1e-3), quiet("turret", "zoom-lens", late=True, dt=1e-3)
+    before = quiet("turret", "infrared", dt=1e-3)
+    log = quiet("turret", "zoom-lens", late=True, dt=1e-3)
     stated = Filtering(alignment=before.dt / 2)
     known = identify(Rig.load("turret", "infrared"), [before], holdout="none", filtering=stated).model
     rig = Rig.load("turret", "zoom-lens")
     online = Online.of(rig, known=known)
     memory = online.advance(online.start(), log)
-    estimate, free = online.estimate(memory), Online.of(rig)
+    estimate = online.estimate(memory)
+    free = Online.of(rig)
     alone = free.estimate(free.advance(free.start(), log))
     assert np.all(np.abs(estimate.theta - true_parameters(rig, online)) < 4 * estimate.std + 1e-6)
     assert np.all(estimate.std < 1.3 * alone.std) and np.all(estimate.std[-4:] < 0.6 * alone.std[-4:])
 
 
 def test_what_cannot_be_followed_is_refused() -> None:
-    rig, log = Rig.load("turret"), noisy()
+    rig = Rig.load("turret")
+    log = noisy()
     online = Online.of(rig)
     memory = online.advance(online.start("a.csv"), log.part(slice(0, 300)))
     with pytest.raises(LogError, match=r"a\.csv: time goes from"):
@@ -196,7 +203,8 @@ def test_what_cannot_be_followed_is_refused() -> None:
 
 
 def test_a_clock_that_goes_back_ends_the_log_and_loses_nothing_of_it(run: Run, tmp_path: Path) -> None:
-    log, path = noisy(), tmp_path / "log.csv"
+    log = noisy()
+    path = tmp_path / "log.csv"
     write_log(log, path)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join([*lines[:5_501], *lines[4_000:]]))
@@ -211,7 +219,8 @@ def test_a_clock_that_goes_back_ends_the_log_and_loses_nothing_of_it(run: Run, t
 
 
 def test_steps_come_once_a_second() -> None:
-    online, log = Online.of(Rig.load("turret")), noisy()
+    online = Online.of(Rig.load("turret"))
+    log = noisy()
     parts = [log.part(slice(0, 4500)), log.part(slice(4500, None))]
     times = [memory.t for memory in iterate_progress(online, parts, "x")]
     assert np.diff(times[1:]).max() < 1.01 and times[-1] == log.t[-1]
@@ -221,7 +230,9 @@ def test_steps_come_once_a_second() -> None:
 
 def test_a_pipe_through_the_command_line(tmp_path: Path) -> None:
     """A line of JSON each second; Ctrl-C, the pipe being open still, ends with the result and the files."""
-    log, path, model = noisy(), tmp_path / "log.csv", tmp_path / "m.yaml"
+    log = noisy()
+    path = tmp_path / "log.csv"
+    model = tmp_path / "m.yaml"
     write_log(log, path)
     command = [sys.executable, "-m", "gimbal_pin.cli", "identify", "turret", "-", "--follow", "--json", "-"]
     command += ["-o", str(model), "--alignment", "0"]

@@ -19,7 +19,8 @@ SECONDS = 12.0
 
 def mixed(rig: str, payloads: tuple[str, str]) -> Identified:
     """Identify a log of one motion with sensors' noise, its payload swapped half-way."""
-    rigs, rng = [Rig.load(rig, payload) for payload in payloads], np.random.default_rng(0)
+    rigs = [Rig.load(rig, payload) for payload in payloads]
+    rng = np.random.default_rng(0)
     first, second = (prescribed(nominal(one), 1, SECONDS) for one in rigs)
     tau = np.where(first.t[:, None] < SECONDS / 2, first.tau, second.tau)
     tau = tau + 0.02 * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
@@ -52,7 +53,8 @@ def test_a_log_almost_without_noise_is_of_one_rig(rig: str, seed: int) -> None:
 
 
 def test_a_refit_learns_from_all_and_is_judged_without_what_it_was_held_out() -> None:
-    rig, options = Rig.load("turret"), Filtering(alignment=0.0)
+    rig = Rig.load("turret")
+    options = Filtering(alignment=0.0)
     logs = [prescribed(nominal(rig), seed, 8.0, torque_noise=0.05) for seed in (1, 2)]
     held, everything = (identify(rig, logs, filtering=options, holdout=how) for how in (None, "none"))
     final = keep_held_out_accuracy(held, everything)

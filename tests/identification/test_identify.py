@@ -70,8 +70,11 @@ def test_a_rotor_that_the_rig_states_is_known_and_stays_in_the_model(turret: Rig
 
 def test_swings_to_and_fro_keep_their_turns(turret: Rig) -> None:
     """A swing faster than a second turns every few periods of the filter; there it accelerates most."""
-    w, t = 2 * np.pi * np.array([1.1, 1.4]), 1e-3 * np.arange(15000)[:, None]
-    q, v, a = 0.3 * np.sin(w * t), 0.3 * w * np.cos(w * t), -0.3 * w**2 * np.sin(w * t)
+    w = 2 * np.pi * np.array([1.1, 1.4])
+    t = 1e-3 * np.arange(15000)[:, None]
+    q = 0.3 * np.sin(w * t)
+    v = 0.3 * w * np.cos(w * t)
+    a = -0.3 * w**2 * np.sin(w * t)
     tau = nominal(turret).inverse(q, v, a)
     tau += 0.01 * np.std(tau, axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
     found = identify(turret, [Log("swings", turret.joints, t[:, 0], q, v, tau)], filtering=EXACT)
@@ -199,10 +202,8 @@ def test_what_is_wrong_with_the_logs_and_the_parameters_is_said_first(turret: Ri
 
 def test_every_effect_of_an_extended_model_is_fitted_again_or_said_not_to_be(turret: Rig) -> None:
     fitted = Term(Cogging("pan", (7.0,)), (0.05, 0.0))
-    loaded, table = (
-        Term(LoadDependentFriction("pan"), (0.1,)),
-        Term(TorqueTable("tilt", "angle", (0.0, 1.0)), (0.1, 0.2)),
-    )
+    loaded = Term(LoadDependentFriction("pan"), (0.1,))
+    table = Term(TorqueTable("tilt", "angle", (0.0, 1.0)), (0.1, 0.2))
     plain = nominal(turret)
     model = replace(plain, terms=(*plain.terms, fitted, loaded, table))
     assert refittable_effects(model) == (fitted.effect,)

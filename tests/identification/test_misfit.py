@@ -61,7 +61,8 @@ def test_a_torque_in_another_unit_is_refused_with_the_map_that_mends_it() -> Non
 
 def test_what_no_log_determines_stays_near_the_urdf(turret: Rig) -> None:
     """A value as vague as can be leaves the URDF's bodies as they are; a sharp one moves them all the way."""
-    rig, mixing = turret, rows_of(turret, prescribed(nominal(turret), 1, 4.0, dt=4e-3)).mixing
+    rig = turret
+    mixing = rows_of(turret, prescribed(nominal(turret), 1, 4.0, dt=4e-3)).mixing
     beta = mixing @ rig.phi
     vague = find_likeliest_bodies(rig.phi, mixing, 1.5 * beta, np.diag((100 * beta + 1.0) ** 2), 0.3)
     sharp = find_likeliest_bodies(rig.phi, mixing, 1.2 * beta, np.diag((1e-4 * np.abs(beta) + 1e-9) ** 2), 0.3)
@@ -107,7 +108,8 @@ def test_a_ripple_that_the_model_lacks_is_held_by_the_deviations(turret: Rig) ->
 def test_noise_is_nothing_that_the_model_misses(seed: int) -> None:
     """White noise beside columns of any kind; what is a function of them is found to its size."""
     rng = np.random.default_rng(seed)
-    A, X = rng.standard_normal((600, 5)), rng.standard_normal((600, len(GROUPS)))
+    A = rng.standard_normal((600, 5))
+    X = rng.standard_normal((600, len(GROUPS)))
     noise = rng.standard_normal(600)
     assert fit_misfit(A, X, A.sum(axis=1) + noise, 600.0).size < 0.25
     missed = 2.0 * X[:, GROUPS == 1] @ rng.standard_normal(int(np.sum(GROUPS == 1)))
@@ -117,9 +119,12 @@ def test_noise_is_nothing_that_the_model_misses(seed: int) -> None:
 
 def test_what_comes_back_with_the_motion_is_no_noise() -> None:
     """Any function of the motion drops out of five periods exactly, and noise of any size remains, joint by joint."""
-    rng, rows = np.random.default_rng(0), 5 * 80
+    rng = np.random.default_rng(0)
+    rows = 5 * 80
     phase = np.tile(2 * np.pi * np.arange(80) / 80, 5)[:, None] + np.array([0.0, 1.0])
-    q, v, size = np.sin(phase) + 0.3 * np.cos(2 * phase), np.cos(phase) - 0.6 * np.sin(2 * phase), np.array([0.1, 3.0])
+    q = np.sin(phase) + 0.3 * np.cos(2 * phase)
+    v = np.cos(phase) - 0.6 * np.sin(2 * phase)
+    size = np.array([0.1, 3.0])
     lacking = np.tanh(9 * v) + np.cos(14 * q)
     none = np.zeros((rows, 2))
     block = Block(np.arange(rows) / 8, np.zeros((rows, 2, 0)), lacking, q, v, none + 1, none, none)
@@ -133,14 +138,17 @@ def test_what_comes_back_with_the_motion_is_no_noise() -> None:
 
 def test_a_spring_that_passes_for_gravity_is_held_by_its_deviations() -> None:
     """A joint turns by 30° to 60° either way against gravity, friction and a spring; over draws, most are held."""
-    rng, held = np.random.default_rng(0), list[bool]()
+    rng = np.random.default_rng(0)
+    held = list[bool]()
     t = np.linspace(0.0, 10.0, 1000)[:, None]
     for _ in range(60):
-        size, phase = rng.normal(size=5) / np.arange(1, 6), rng.uniform(0, 2 * np.pi, 5)
+        size = rng.normal(size=5) / np.arange(1, 6)
+        phase = rng.uniform(0, 2 * np.pi, 5)
         turning = np.sin(0.86 * np.arange(1, 6) * t + phase) @ size
         q = rng.uniform(0.5, 1.0) * turning / np.abs(turning).max() + rng.uniform(-0.5, 0.5)
         v = np.gradient(q, t[:, 0])
-        A, X = np.column_stack([np.sin(q), np.cos(q), np.sign(v), v]), build_discrepancy_columns(q, v)
+        A = np.column_stack([np.sin(q), np.cos(q), np.sign(v), v])
+        X = build_discrepancy_columns(q, v)
         b = np.tanh(3 * (q - q.mean())) + 0.01 * rng.standard_normal(len(q))
         gain = np.linalg.inv(A.T @ A)
         root = propagate_misfit(gain, A.T @ X, fit_misfit(A, X, b, 1000.0))
@@ -152,7 +160,8 @@ def test_a_spring_that_passes_for_gravity_is_held_by_its_deviations() -> None:
 def test_a_joint_that_is_not_explained_is_said_first(turret: Rig) -> None:
     log = prescribed(nominal(turret), 1, 20.0, torque_noise=0.01, dt=4e-3)
     found = identify(turret, [rippling(log, 1.0)], filtering=EXACT)
-    first, fit = found.warnings[0], found.held_out.fit_percent["pan"]
+    first = found.warnings[0]
+    fit = found.held_out.fit_percent["pan"]
     assert first.startswith("pan is not explained: ") and "gimbal-pin diagnose" in first and fit < 90
     assert show_parameters(found, compare_payload(found)).to_text().startswith(f"Warning\n  {first}\n")
     assert not any(said.startswith("tilt is not explained") for said in found.warnings)
@@ -176,7 +185,8 @@ def test_the_urdf_has_the_bodies_of_the_extended_model(
     run: Run, tmp_path: Path, turret: Rig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """With the cogging that was found in the equations they are nearer to the truth, by either verb and as MJCF."""
-    log, folder = tmp_path / "log.csv", tmp_path / "found"
+    log = tmp_path / "log.csv"
+    folder = tmp_path / "found"
     teeth = parse_effect("cogging:pan:amplitude=0.05,harmonic=7", turret)
     write_log(prescribed(plant_with(nominal(turret), [teeth]).plant, 3, 8.0, torque_noise=0.01, dt=4e-3), log)
     urdfs = [tmp_path / f"{name}.urdf" for name in ("plain", "diagnosed", "extended")]
@@ -220,11 +230,13 @@ def test_an_effect_of_the_training_part_alone_is_left_out_and_said_first(turret:
     files = [tmp_path / f"{log.name}.csv" for log in logs]
     for log, file in zip(logs, files):
         write_log(log, file)
-    extended, model = tmp_path / "extended.yaml", tmp_path / "model.yaml"
+    extended = tmp_path / "extended.yaml"
+    model = tmp_path / "model.yaml"
     teeth = [Cogging("tilt", (4.0, 7.0))]
     write_extended(identify(turret, logs, teeth, filtering=EXACT, holdout="none").model, extended)
     found = result(run, "identify", "turret", *files, "--extended", extended, "--alignment", 0, "-o", model)
-    first, fit = found["warnings"][0], found["held_out"]["fit_percent"]["tilt"]
+    first = found["warnings"][0]
+    fit = found["held_out"]["fit_percent"]["tilt"]
     said = r"tilt: cogging left out: .* training part to 99.* %, the held-out part to [67].* %; without it to 9[89]"
     assert re.match(said, first) and fit > 98 and not any("cos_7" in x["name"] for x in found["base_parameters"])
     assert "effective_rows" in found["train"]
@@ -234,7 +246,8 @@ def test_an_effect_of_the_training_part_alone_is_left_out_and_said_first(turret:
 
 def swept(rig: Rig, seed: int, size: float) -> Log:
     """A log of a motion of so much of its usual size, with its noise."""
-    motion, model = fourier(rig, seed, 12.0, 4e-3), nominal(rig)
+    motion = fourier(rig, seed, 12.0, 4e-3)
+    model = nominal(rig)
     q = motion.q.mean(axis=0) + size * (motion.q - motion.q.mean(axis=0))
     tau = model.inverse(q, size * motion.v, size * motion.a)
     tau += 0.01 * np.std(tau, axis=0) * np.random.default_rng(seed).standard_normal(tau.shape)

@@ -41,7 +41,8 @@ PHANTOM = Path(__file__).parents[3] / "shared" / "data" / "phantom4_motion" / "p
 def swaying(t: Array, size: float = 0.2) -> Platform:
     """A few degrees and some m/s² on every axis, below 2 Hz: nothing that the filters would take away."""
     w = 2 * np.pi * np.array([0.7, 0.9, 1.3])
-    s, c = np.sin(t[:, None] * w), np.cos(t[:, None] * w)
+    s = np.sin(t[:, None] * w)
+    c = np.cos(t[:, None] * w)
     return Platform.turning(t, size * s, size * w * c, -size * w**2 * s, 5 * size * np.cos(t[:, None] * w[::-1]))
 
 
@@ -63,27 +64,36 @@ def times(seconds: float = 20.0) -> Array:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_an_imu_reports_how_its_link_turns_and_falls_in_the_world(name: str) -> None:
     """Rate and specific force by differentiating the link's pose in the world, the base's motion included."""
-    rig, h = bundled(name), 1e-3
+    rig = bundled(name)
+    h = 1e-3
     t = 0.4 + h * np.arange(-2, 3)
-    platform, size = swaying(t), 1.3 + np.arange(rig.n)
+    platform = swaying(t)
+    size = 1.3 + np.arange(rig.n)
     # Its origin's acceleration is 5 · 0.2 cos(w t): its place -cos(w t)/w².
     w = 2 * np.pi * np.array([1.3, 0.9, 0.7])
-    p, R = -np.cos(t[:, None] * w) / w**2, Rotation.from_euler("xyz", 0.2 * np.sin(t[:, None] * w[::-1])).as_matrix()
-    q, v, a = np.sin(t[:, None] * size), size * np.cos(t[:, None] * size), -(size**2) * np.sin(t[:, None] * size)
+    p = -np.cos(t[:, None] * w) / w**2
+    R = Rotation.from_euler("xyz", 0.2 * np.sin(t[:, None] * w[::-1])).as_matrix()
+    q = np.sin(t[:, None] * size)
+    v = size * np.cos(t[:, None] * size)
+    a = -(size**2) * np.sin(t[:, None] * size)
     links = rig.config.imus
     found = compute_imu_readings(rig, links, q, v, a, platform)
     assert set(found) == set(links) and rig.base in links
-    slope, curve = np.array([1, -8, 0, 8, -1]) / (12 * h), np.array([-1, 16, -30, 16, -1]) / (12 * h**2)
+    slope = np.array([1, -8, 0, 8, -1]) / (12 * h)
+    curve = np.array([-1, 16, -30, 16, -1]) / (12 * h**2)
     data = rig.model.createData()
     for link in links:
-        frame, turns, places = rig.model.getFrameId(link, pin.FrameType.BODY), [], []
+        frame = rig.model.getFrameId(link, pin.FrameType.BODY)
+        turns = []
+        places = []
         for angles, base_turn, base_place in zip(q, R, p):
             pin.framesForwardKinematics(rig.model, data, angles)
             turns.append(base_turn @ data.oMf[frame].rotation)
             places.append(base_place + base_turn @ data.oMf[frame].translation)
         spin = turns[2].T @ np.tensordot(slope, turns, 1)
         force = turns[2].T @ (curve @ np.array(places) + np.array([0, 0, GRAVITY]))
-        gyro, accel = found[link].gyro, found[link].accel
+        gyro = found[link].gyro
+        accel = found[link].accel
         assert gyro is not None and accel is not None
         np.testing.assert_allclose(gyro[2], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-7)
         np.testing.assert_allclose(accel[2], force, atol=1e-6)
@@ -105,10 +115,12 @@ def test_noise_has_its_density_and_comes_from_the_generator() -> None:
 
 def test_a_log_holds_what_moves_the_base_and_its_torque_is_inverse_dynamics() -> None:
     rig = bundled("turret")
-    model, reference = nominal(rig), fourier(rig, 0, 1.0)
+    model = nominal(rig)
+    reference = fourier(rig, 0, 1.0)
     platform = swaying(5e-4 * np.arange(2 * len(reference)))
     sensors = replace(Sensors.exact(rig.n), imus=rig.config.imus)
-    law, rng = tune(model).controller, np.random.default_rng(0)
+    law = tune(model).controller
+    rng = np.random.default_rng(0)
     log = simulate(model, law, reference, rng=rng, sensors=sensors, platform=platform)
     seen = log.imus[rig.base]
     np.testing.assert_array_equal(seen.gyro, platform.w[: 2 * len(log) : 2])
@@ -127,7 +139,8 @@ def test_a_log_holds_what_moves_the_base_and_its_torque_is_inverse_dynamics() ->
 def test_a_base_that_stands_changes_no_log_and_its_imus_change_no_estimate() -> None:
     rig = bundled("turret")
     reference = fourier(rig, 0, 5.0)
-    law, model = tune(nominal(rig)).controller, nominal(rig)
+    law = tune(nominal(rig)).controller
+    model = nominal(rig)
     plain, seen = (
         simulate(model, law, reference, rng=np.random.default_rng(1), sensors=replace(Sensors.of(rig, 1e-3), imus=imus))
         for imus in ((), rig.config.imus)
@@ -172,7 +185,8 @@ def test_what_the_base_does_is_told_and_what_it_shows_is_found(platform: Platfor
 @pytest.mark.parametrize("size", [0.05, 0.1, 0.2])
 def test_a_platform_that_moves_unseen_is_unknown(size: float) -> None:
     """Without its IMU no joint is explained, and no cause is named for what all of them feel."""
-    rig, rng = bundled("turret"), np.random.default_rng(2)
+    rig = bundled("turret")
+    rng = np.random.default_rng(2)
     clean = carried(nominal(rig), swaying(times(8.0), size), 8.0)
     assert clean.tau is not None
     log = replace(clean, tau=clean.tau + 1e-3 * rng.normal(size=clean.tau.shape), imus={})
@@ -183,7 +197,8 @@ def test_a_platform_that_moves_unseen_is_unknown(size: float) -> None:
 def test_a_platform_that_moves_is_a_finding_with_what_it_is_worth() -> None:
     """Against a model that stands."""
     size = 0.02
-    rig, rng = bundled("turret"), np.random.default_rng(2)
+    rig = bundled("turret")
+    rng = np.random.default_rng(2)
     clean = carried(nominal(rig), swaying(times(8.0), size), 8.0)
     assert clean.tau is not None
     log = replace(clean, tau=clean.tau + 1e-3 * rng.normal(size=clean.tau.shape))
@@ -211,16 +226,20 @@ def test_without_a_cause_to_look_for_nothing_is_found() -> None:
 def test_hidden_parameters_are_found_from_a_shaken_log_with_noise_within_their_deviations() -> None:
     """Profile S at half size, 25 s, the sensors' own noise; a model that ignores the platform is far worse."""
     rig = bundled("turret")
-    true, t = perturbed(rig, 0.1, np.random.default_rng(1)), times(25.0)
-    rng, clean = np.random.default_rng(2), carried(true, profile_s(t, np.random.default_rng(3), size=0.5), 25.0)
+    true = perturbed(rig, 0.1, np.random.default_rng(1))
+    t = times(25.0)
+    rng = np.random.default_rng(2)
+    clean = carried(true, profile_s(t, np.random.default_rng(3), size=0.5), 25.0)
     assert clean.v is not None and clean.tau is not None
     imus = {rig.base: add_imu_noise(clean.imus[rig.base], rig.config.noise, 1e-3, rng)}
     noise = [size * rng.standard_normal(clean.q.shape) for size in (1e-5, 2e-3, 0.01 * np.std(clean.tau))]
     q, v, tau = (x + e for x, e in zip((clean.q, clean.v, clean.tau), noise))
     found = identify(rig, [replace(clean, q=q, v=v, tau=tau, imus=imus)], filtering=EXACT, holdout="none")
-    expected, kept = given_beta(true.rig, found.reduction), reduce_parameters(rig).independent
+    expected = given_beta(true.rig, found.reduction)
+    kept = reduce_parameters(rig).independent
     hidden = [i for i, j in enumerate(found.reduction.independent) if j not in kept]
-    theta, std = found.estimate.theta[: len(expected)], found.estimate.std[: len(expected)]
+    theta = found.estimate.theta[: len(expected)]
+    std = found.estimate.std[: len(expected)]
     assert len(hidden) == 6 and np.all(np.abs(theta - expected)[hidden] < 4 * std[hidden])
     large = [i for i in hidden if abs(expected[i]) > 0.1 * np.abs(expected).max()]
     assert len(large) >= 2 and np.all(np.abs(theta / expected - 1)[large] < 0.1)
@@ -230,7 +249,8 @@ def test_hidden_parameters_are_found_from_a_shaken_log_with_noise_within_their_d
 
 def test_a_base_that_hardly_turns_keeps_what_it_hides_as_given() -> None:
     """A rate just over the threshold shows no inertia under the torque's noise: the fit falls back, and says so."""
-    rig, t = bundled("turret"), times(10.0)
+    rig = bundled("turret")
+    t = times(10.0)
     w = np.tile([0.0, 0.0, 0.0], (len(t), 1))
     w[:, 0] = 0.04 * np.sin(5 * t)
     platform = Platform(t, np.tile([0.0, 0.0, GRAVITY], (len(t), 1)), w, 0.0 * w)
@@ -255,7 +275,8 @@ def test_base_says_what_a_moving_base_adds() -> None:
 
 def test_simulate_shakes_the_rig_and_carries_it_along_a_log(run: Run, tmp_path: Path) -> None:
     one, again, other, along = (tmp_path / f"{name}.csv" for name in ("one", "again", "other", "along"))
-    quick, long = tmp_path / "quick.csv", tmp_path / "long.csv"
+    quick = tmp_path / "quick.csv"
+    long = tmp_path / "long.csv"
     for path, seconds in ((quick, 1.0), (long, 1.5)):
         write_motion(fourier(bundled("turret"), 0, seconds), bundled("turret").joints, path)
     shaken = ("simulate", "turret", "--reference", quick, "--platform", "S", "--seed")
@@ -279,7 +300,8 @@ def test_simulate_shakes_the_rig_and_carries_it_along_a_log(run: Run, tmp_path: 
 
 def test_a_torque_that_sticks_while_the_base_moves_is_told_by_what_the_rest_of_the_log_says() -> None:
     """The base moves only while the torque is stuck: the rest of the log, taken alone, would have other columns."""
-    t, rig = times(12.0), bundled("turret")
+    t = times(12.0)
+    rig = bundled("turret")
     moving = swaying(t)
     still = (t < 5.0) | (t > 8.0)
     platform = replace(moving, f=np.where(still[:, None], [0.0, 0.0, GRAVITY], moving.f), w=moving.w * ~still[:, None])
@@ -305,7 +327,8 @@ def test_a_real_platform_carries_the_rig(run: Run, tmp_path: Path) -> None:
     maps = [f"gyro_base_{axis}=Gyr_{axis.upper()}*pi/180" for axis in "xyz"]
     maps += [f"accel_base_{axis}=Acc_{axis.upper()}" for axis in "xyz"] + ["t=time"]
     options = [part for each in maps for part in ("--map", each)]
-    path, moves = tmp_path / "log.csv", tmp_path / "moves.csv"
+    path = tmp_path / "log.csv"
+    moves = tmp_path / "moves.csv"
     write_motion(fourier(bundled("turret"), 0, 10.0), bundled("turret").joints, moves)
     code, _, err = run("simulate", "turret", "--reference", moves, "--platform-log", PHANTOM, *options, "-o", path)
     assert code == 0, err

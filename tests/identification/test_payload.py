@@ -24,7 +24,8 @@ from tests.bench_logs import prescribed
 from tests.rigs import spelled
 
 RIGS = ("thesis", "handheld", "turret")
-SHIFT, MOVED = np.array([4.2, 2.0, -1.0]), "payload-shift:x=0.0042,y=0.002,z=-0.001"
+SHIFT = np.array([4.2, 2.0, -1.0])
+MOVED = "payload-shift:x=0.0042,y=0.002,z=-0.001"
 ALONG = "payload-shift:x=0.0042,y=0.0,z=0.0"
 
 
@@ -54,7 +55,8 @@ def describe(rig: Rig, log: Log) -> dict[str, Any]:
 @pytest.mark.parametrize("name", RIGS)
 def test_a_planted_shift_is_recovered_within_its_deviation(name: str) -> None:
     """In every direction that shows: within 3 standard deviations on average over seeds and directions (χ²)."""
-    rig, z = trust(Rig.load(name)), []
+    rig = trust(Rig.load(name))
+    z = []
     model = plant(rig, MOVED)
     for seed in range(2):
         row = describe(rig, record(model, seed))
@@ -67,7 +69,8 @@ def test_a_planted_shift_is_recovered_within_its_deviation(name: str) -> None:
 @pytest.mark.parametrize("name", RIGS)
 def test_nothing_planted_is_nothing_said(name: str) -> None:
     """Deviations are what they say, and no sentence sends anybody to slide a camera."""
-    rig, z = trust(Rig.load(name)), []
+    rig = trust(Rig.load(name))
+    z = []
     for seed in range(3):
         found = compare(rig, record(nominal(rig), seed))
         assert found.is_sufficient and len(found.lines) == 1 and "sits where its URDF says" in found.sentence
@@ -122,7 +125,8 @@ def test_a_mass_that_was_weighed_leaves_the_place_alone_open(name: str) -> None:
     rig = trust(Rig.load(name))
     stated = float(get_payload(rig)[1].mass)
     found = identify(rig, [record(plant(rig, MOVED, "payload-mass:extra=0.1"), 1)])
-    alone, weighed = compare_payload(found), compare_payload(found, stated + 0.1)
+    alone = compare_payload(found)
+    weighed = compare_payload(found, stated + 0.1)
     assert weighed.apart is not None and alone.apart is not None and alone.balance is not None
     row, free = (one.apart.to_dict()["camera"] for one in (weighed, alone) if one.apart is not None)
     assert row["weighed"] and row["mass"] == pytest.approx(100.0) and row["mass_std"] == 0.0
@@ -132,7 +136,8 @@ def test_a_mass_that_was_weighed_leaves_the_place_alone_open(name: str) -> None:
             assert x == pytest.approx(SHIFT[k], abs=3 * std)
             moments = std * (1e3 * stated + 100.0), free["com_std_mm"][k] * (1e3 * stated + (free["mass"] or 0.0))
             assert moments[0] <= moments[1] * 1.001  # a place is the first moment, of which this is said, over the mass
-    there, here = weighed.balance, alone.balance
+    there = weighed.balance
+    here = alone.balance
     assert there is not None and there.mass == pytest.approx(stated + 0.1)
     if name == "handheld":
         assert (np.abs(there.way - here.way) < 3 * here.std).all() and (there.std < here.std).all()
@@ -142,7 +147,8 @@ def test_a_mass_that_was_weighed_leaves_the_place_alone_open(name: str) -> None:
 
 def test_the_balance_is_as_uncertain_as_the_mass_it_stands_on() -> None:
     """Over logs it scatters as it says, with a mass that shows little; `(way - true) / std` over seeds and axes."""
-    rig, z = trust(Rig.load("handheld")), []
+    rig = trust(Rig.load("handheld"))
+    z = []
     model = plant(rig, MOVED, "payload-mass:extra=0.1")
     exact = compare_payload(identify(rig, [prescribed(model, 9, seconds=16.0, torque_noise=1e-6, dt=0.003)])).balance
     for seed in range(4):
@@ -182,8 +188,10 @@ def test_rotors_that_no_urdf_holds_hide_no_mass() -> None:
 def test_what_no_cause_explains_widens_the_payloads_interval(joint: str) -> None:
     """A detent of .05 N m between 10° and 20° at another joint."""
     rig = trust(Rig.load("handheld"))
-    log, j = record(plant(rig, MOVED), 1), rig.joint_index(joint)
-    q, tau = log.q[:, j], log.tau.copy()
+    log = record(plant(rig, MOVED), 1)
+    j = rig.joint_index(joint)
+    q = log.q[:, j]
+    tau = log.tau.copy()
     tau[:, j] += 0.05 * ((q > np.radians(10)) & (q < np.radians(20)))
     row = describe(rig, replace(log, tau=tau))
     np.testing.assert_array_less(np.abs(np.array(row["com_mm"]) - SHIFT), 3 * np.array(row["com_std_mm"]))
@@ -230,7 +238,8 @@ def test_the_sentence_does_not_know_how_a_frame_is_turned() -> None:
     """The same rig with the payload's and the cradle's link frames turned otherwise: the very same sentence."""
     rig = trust(Rig.load("handheld"))
     log = record(plant(rig, MOVED), 5)
-    one, other = describe(rig, log), describe(turn_payload_frame(rig), log)
+    one = describe(rig, log)
+    other = describe(turn_payload_frame(rig), log)
     assert one["sentence"] == other["sentence"] and not np.allclose(one["com_mm"], other["com_mm"])
 
 
@@ -241,7 +250,8 @@ def turn_payload_frame(rig: Rig) -> Rig:
     origin = joint.find("origin") if joint.find("origin") is not None else etree.SubElement(joint, "origin")
     origin.set("rpy", "0 0 1.5707963267948966")
     link = tree.find(f"link[@name='{rig.payload_link}']")
-    origin, tensor = link.find("inertial/origin"), link.find("inertial/inertia")
+    origin = link.find("inertial/origin")
+    tensor = link.find("inertial/inertia")
     x, y, z = map(float, origin.get("xyz").split())
     origin.set("xyz", f"{y} {-x} {z}")
     old = {key: float(tensor.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
@@ -293,7 +303,8 @@ def test_a_link_that_is_not_as_its_urdf_says_is_not_laid_on_the_payload(seed: in
 def test_bodies_as_far_off_as_the_trust_says_leave_the_place_true(name: str) -> None:
     """Each is stretched and sheared by `TRUST`, the payload is not: over draws its place is true to its deviations."""
     rig = spelled(PLANTS[name].write_urdf(payload=True)) if name == "mast" else Rig.load(name)
-    z, rng = list[float](), np.random.default_rng(2)
+    z = list[float]()
+    rng = np.random.default_rng(2)
     reduction = reduce_parameters(rig)
     body, inertia, _ = get_payload(rig)
     bare = rig.phi.copy()

@@ -51,7 +51,8 @@ def own_of(found: Several) -> CarrierEstimate:
 )
 def test_every_camera_has_its_own_parameters(name: str, payloads: tuple[str, ...]) -> None:
     """Within their deviations of what its URDF says, and each model predicts its own held-out part."""
-    found, z = several(name, payloads), []
+    found = several(name, payloads)
+    z = []
     assert found.reference == ("none" if "none" in payloads else payloads[0])
     for payload in payloads:
         camera = found.cameras[payload]
@@ -66,7 +67,8 @@ def test_every_camera_has_its_own_parameters(name: str, payloads: tuple[str, ...
 def test_the_gimbal_is_one_and_the_same_in_all() -> None:
     """Base parameters differ only within the reach of the camera's body; friction does not differ at all."""
     found = several("handheld", ("mirrorless", "cinema", "infrared"))
-    first, width = found.first, len(found.first.reduction.independent)
+    first = found.first
+    width = len(found.first.reduction.independent)
     reach = own_of(found).columns
     for one in found.identified.values():
         change = one.estimate.theta - first.estimate.theta
@@ -99,7 +101,8 @@ def new_camera(name: str, known: Identified, record, filtering: Filtering):  # t
     true = PayloadShift(0.01, -0.005, 0.012).apply(rig)
     found = identify_new(rig, [record(true)], known.model, filtering=filtering)
     camera = found.cameras["zoom-lens"]
-    own, reference = CarrierEstimate.of(rig, known.reduction), Rig.load(name, "mirrorless")
+    own = CarrierEstimate.of(rig, known.reduction)
+    reference = Rig.load(name, "mirrorless")
     mine = slice(10 * own.body, 10 * own.body + 10)
     truth = own.shown(get_stated_payload(reference) + true.phi[mine] - reference.phi[mine])
     away = camera.value - truth
@@ -113,7 +116,8 @@ def share(away: Array, truth: Array, units: Sequence[str], unit: str) -> float:
 
 
 def test_a_camera_whose_urdf_is_wrong_is_balanced_by_the_mass_that_was_found() -> None:
-    known, right = several("handheld", ("mirrorless", "cinema")).first, Rig.load("handheld", "zoom-lens")
+    known = several("handheld", ("mirrorless", "cinema")).first
+    right = Rig.load("handheld", "zoom-lens")
     found = identify_new(Rig.load("handheld", "mirrorless"), [log_of(right, 9, 10.0)], known.model, filtering=ALIGNED)
     told = found.to_dict()["balance"]
     true = (
@@ -135,7 +139,8 @@ def test_the_known_camera_itself_is_found_as_it_was() -> None:
 @pytest.mark.parametrize("extra", [0.0, 0.05])
 def test_a_camera_is_placed_relative_to_the_first_wherever_that_really_is(name: str, extra: float) -> None:
     """The first one's URDF is lent for the new one, and wrong: the way from one to the other shows all the same."""
-    rig, z = Rig.load(name, "mirrorless"), []
+    rig = Rig.load(name, "mirrorless")
+    z = []
     weighed = get_stated_payload(rig)[0] + extra
     for seed in range(4):
         away, way = np.random.default_rng(seed).uniform(-0.01, 0.01, (2, 3))
@@ -146,7 +151,8 @@ def test_a_camera_is_placed_relative_to_the_first_wherever_that_really_is(name: 
         (told,) = replace(several, mass=weighed).payloads.values()
         assert told.apart is not None and told.beside is not None and told.beside.sentence in told.lines
         assert told.beside.masses == pytest.approx((weighed, weighed - extra))
-        shown, std = np.array(told.beside.shift.axes), told.beside.shift.std
+        shown = np.array(told.beside.shift.axes)
+        std = told.beside.shift.std
         z += ((told.beside.shift.change - way)[shown] / std[shown]).tolist()
         assert extra or std.max() < 1e-4, "with equal masses it is as sharp as the logs, whoever carries the camera"
         row = told.to_dict()["relative_to_known"]
@@ -156,7 +162,8 @@ def test_a_camera_is_placed_relative_to_the_first_wherever_that_really_is(name: 
 
 def test_nothing_is_relative_to_a_camera_that_is_as_its_urdf_says_or_is_not_there() -> None:
     for first, second in (("mirrorless", "mirrorless"), ("none", "mirrorless")):
-        rig, known = Rig.load("turret", second), Rig.load("turret", first)
+        rig = Rig.load("turret", second)
+        known = Rig.load("turret", first)
         before = identify(known, [log_of(known, 0)], filtering=ALIGNED, holdout="none").model
         log = log_of(PayloadShift(0.004, 0.0, 0.0).apply(rig), 9, 10.0)
         (told,) = identify_new(rig, [log], before, filtering=ALIGNED).payloads.values()
@@ -168,7 +175,8 @@ def test_ten_seconds_do_in_closed_loop_too() -> None:
     """A simulated rig with its own encoders and gyros, stick friction and 1 % torque noise."""
 
     def moved(rig: Rig, seed: int = 2) -> Log:
-        plant, rng = nominal(rig), np.random.default_rng(seed)
+        plant = nominal(rig)
+        rng = np.random.default_rng(seed)
         mover = tune(plant, bandwidth_hz=4.0, dt=0.002).controller
         return bench_run(plant, mover, rng=rng, reference=fourier(rig, seed, 10.0, 0.002))
 
@@ -195,7 +203,8 @@ def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_pat
         log = log_of(Rig.load("turret", payload), k, 10.0 if payload == "zoom-lens" else 16.0)
         write_log(log, tmp_path / f"{payload}.csv")
     tagged = [f"{tmp_path}/{payload}.csv@{payload}" for payload in ("mirrorless", "cinema", "zoom-lens")]
-    model, exact = tmp_path / "model.yaml", ("--alignment", "0")
+    model = tmp_path / "model.yaml"
+    exact = ("--alignment", "0")
     both = result(run, "identify", "turret", *tagged[:2], *exact, "-o", model)
     cinema = both["payloads"]["cinema"]
     assert set(both["payloads"]) == {"mirrorless", "cinema"} and cinema["held_out"]["how"] == "last third"
@@ -208,7 +217,8 @@ def test_the_command_line_takes_tagged_logs_and_a_known_gimbal(run: Run, tmp_pat
     again = result(run, "identify", "turret", tagged[2], *exact, "--known", model, "--urdf", urdf, "--refit")
     assert again["held_out"]["how"] == "last third" and again["samples"] == third["samples"]
     assert again["base_parameters"] == third["base_parameters"] and any("all data" in note for note in again["notes"])
-    written, true = Rig.load(urdf), Rig.load("turret", "zoom-lens")
+    written = Rig.load(urdf)
+    true = Rig.load("turret", "zoom-lens")
     reduction = reduce_parameters(true)
     scale = np.abs(given_beta(true, reduction)) + 1e-2
     assert np.all(np.abs(given_beta(written, reduction) - given_beta(true, reduction)) < 0.05 * scale)
@@ -257,8 +267,11 @@ def toothed() -> Several:
 
 def test_deviations_of_several_cameras_hold_what_the_model_lacks() -> None:
     """Parameters of the gimbal, its friction and the second camera: rms of their errors in deviations."""
-    name, found = "turret", toothed()
-    rig, first, camera = Rig.load(name, "mirrorless"), found.first, found.cameras["cinema"]
+    name = "turret"
+    found = toothed()
+    rig = Rig.load(name, "mirrorless")
+    first = found.first
+    camera = found.cameras["cinema"]
     true = np.concatenate([given_beta(rig, first.reduction), rig.friction.ravel()])
     own = own_of(found).shown(get_stated_payload(Rig.load(name, "cinema")))
     z = np.concatenate([(first.estimate.theta - true) / first.estimate.std, (camera.value - own) / camera.std])
@@ -290,8 +303,10 @@ def test_a_page_of_a_new_camera_says_when_torques_act() -> None:
 @pytest.mark.parametrize("off", ["nothing", "friction", "parameters"])
 def test_what_is_known_is_no_truth_where_the_log_contradicts_it(off: str) -> None:
     """Friction that has grown, or a model off by a hundred of its deviations: said, and the deviations hold it."""
-    name, grown = "turret", 1.3 if off == "friction" else 1.0
-    reference, rig = Rig.load(name, "mirrorless"), Rig.load(name, "zoom-lens")
+    name = "turret"
+    grown = 1.3 if off == "friction" else 1.0
+    reference = Rig.load(name, "mirrorless")
+    rig = Rig.load(name, "zoom-lens")
     now = replace(rig, friction=grown * rig.friction)
     known = identify(reference, [log_of(reference, 0)], filtering=ALIGNED, holdout="none").model
     before = known.estimated
@@ -300,7 +315,8 @@ def test_what_is_known_is_no_truth_where_the_log_contradicts_it(off: str) -> Non
         away = 100 * before.std * np.random.default_rng(0).standard_normal(len(before.std))
         known = replace(known, estimated=replace(before, theta=before.theta + away))
     found = identify_new(rig, [log_of(now, 1, 10.0)], known, filtering=ALIGNED)
-    one, camera = found.first, found.cameras["zoom-lens"]
+    one = found.first
+    camera = found.cameras["zoom-lens"]
     true = np.concatenate([given_beta(rig, one.reduction), now.friction.ravel()])
     z = np.concatenate(
         [
@@ -315,7 +331,8 @@ def test_what_is_known_is_no_truth_where_the_log_contradicts_it(off: str) -> Non
 @pytest.mark.parametrize("whole", [True, False])
 def test_a_camera_is_no_surer_than_the_one_that_it_is_measured_against(whole: bool) -> None:
     """The first camera is millimetres off its URDF: its error is in all that stand on it, and in their deviations."""
-    reference, rig = Rig.load("turret", "mirrorless"), Rig.load("turret", "zoom-lens")
+    reference = Rig.load("turret", "mirrorless")
+    rig = Rig.load("turret", "zoom-lens")
     logs = [log_of(PayloadShift(0.004, -0.003, 0.002).apply(reference), 1)], [log_of(rig, 2)]
     if whole:
         pairs = dict(zip(("mirrorless", "zoom-lens"), (reference, rig))), dict(zip(("mirrorless", "zoom-lens"), logs))
@@ -340,7 +357,8 @@ def test_a_swap_keeps_the_causes_that_were_found_with_the_first_camera(run: Run,
         plant = plant_with(nominal(rig := Rig.load("turret", payload)), [parse_effect(teeth, rig)]).plant
         write_log(prescribed(plant, k, seconds, torque_noise=0.01, dt=4e-3), tmp_path / f"{payload}.csv")
     first, second = (f"{tmp_path}/{payload}.csv@{payload}" for payload in ("mirrorless", "cinema"))
-    extended, exact = tmp_path / "extended.yaml", ("--alignment", "0")
+    extended = tmp_path / "extended.yaml"
+    exact = ("--alignment", "0")
     rig = Rig.load("turret", "mirrorless")
     log = read_log(tmp_path / "mirrorless.csv", rig)
     write_extended(identify(rig, [log], [Cogging("tilt", (7.0,))], filtering=ALIGNED).model, extended)
@@ -367,7 +385,9 @@ def test_auto_with_a_known_gimbal_says_what_identify_says(
     for k, payload in enumerate(("mirrorless", "cinema")):
         plant = plant_with(nominal(rig := Rig.load("turret", payload)), [parse_effect(teeth, rig)]).plant
         write_log(prescribed(plant, k, 12.0, torque_noise=0.01, dt=4e-3), tmp_path / f"{payload}.csv")
-    rig, known, out = Rig.load("turret", "mirrorless"), tmp_path / "known.yaml", tmp_path / "out"
+    rig = Rig.load("turret", "mirrorless")
+    known = tmp_path / "known.yaml"
+    out = tmp_path / "out"
     log = read_log(tmp_path / "mirrorless.csv", rig)
     write_extended(identify(rig, [log], [Cogging("tilt", (7.0,))], filtering=ALIGNED).model, known)
     call = ("turret", f"{tmp_path}/cinema.csv@cinema", "--known", known, "--mass", "8.5", "--alignment", "0")
@@ -387,7 +407,8 @@ def test_an_inertia_under_zero_is_known_all_the_same(tmp_path: Path) -> None:
     """The log's noise may leave a sum of inertias under zero: no plant, but known to its deviation."""
     from gimbal_pin.identification import read_known, read_model, write_model
 
-    found, rig = several("turret", ("mirrorless", "cinema")).first, Rig.load("turret", "mirrorless")
+    found = several("turret", ("mirrorless", "cinema")).first
+    rig = Rig.load("turret", "mirrorless")
     phi = found.model.rig.phi.copy()
     phi[9] -= 1.0
     write_model(replace(found, model=replace(found.model, rig=rig.with_phi(phi))), tmp_path / "model.yaml")

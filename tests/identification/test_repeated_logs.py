@@ -44,7 +44,8 @@ def test_a_known_model_of_the_same_log_is_refused(logs: list[Log], tmp_path: Pat
     for name, log in zip(("a.csv", "copy.csv", "other.csv"), (logs[0], logs[0], logs[1])):
         write_log(log, tmp_path / name)
     call = ("identify", "turret", "--payload", "cinema")
-    model, next_model = tmp_path / "model.yaml", tmp_path / "next.yaml"
+    model = tmp_path / "model.yaml"
+    next_model = tmp_path / "next.yaml"
     assert run(*call, tmp_path / "a.csv", "-o", model)[0] == 0
     refused(run(*call, tmp_path / "copy.csv", "--known", model), 2, "copy.csv", "--known")
     code, _, err = run(*call, tmp_path / "other.csv", "--known", model, "-o", next_model)

@@ -35,15 +35,20 @@ def found() -> Identified:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_figures_are_pinocchios(name: str) -> None:
     for phi in Rig.load(name, "cinema").phi.reshape(-1, 10):
-        own, body = compute_figures(phi), pin.Inertia.FromDynamicParameters(phi)
+        own = compute_figures(phi)
+        body = pin.Inertia.FromDynamicParameters(phi)
         assert own[0] == pytest.approx(body.mass) and np.allclose(own[1:4], body.lever)
         assert np.allclose(own[4:], body.inertia[np.tril_indices(3)], atol=1e-12)
 
 
 def test_intervals_of_bodies_hold_the_truth() -> None:
     """Bodies drawn as far from the URDF's as the trust says, base parameters with noise: 95 % are inside."""
-    rig, trust, rng = Rig.load("turret", "cinema"), 0.1, np.random.default_rng(3)
-    mixing, root, hits = map_phi_to_base(rig, reduce_parameters(rig)), trust * compute_deformation_root(rig.phi), []
+    rig = Rig.load("turret", "cinema")
+    trust = 0.1
+    rng = np.random.default_rng(3)
+    mixing = map_phi_to_base(rig, reduce_parameters(rig))
+    root = trust * compute_deformation_root(rig.phi)
+    hits = []
     std = 1e-3 * np.abs(mixing @ rig.phi) + 1e-5
     for _ in range(12):
         true = rig.phi + root @ rng.standard_normal(root.shape[1])
@@ -63,7 +68,8 @@ def test_what_the_log_shows_is_said_and_what_the_urdf_says_too(found: Identified
     assert set(by_link) == set(found.model.rig.links)
     written = found.to_dict()["bodies"]
     assert [body["link"] for body in written] == list(found.model.rig.links)
-    first, last = found.bodies[0], found.bodies[-1]
+    first = found.bodies[0]
+    last = found.bodies[-1]
     # Nothing that turns about one axis alone shows its mass; the camera's balance about its own axis shows.
     assert not first.mass.shown and any(figure.shown for figure in (*last.com, *last.inertia))
     assert first.mass.std == pytest.approx(found.trust * first.mass.value, rel=0.3)
@@ -90,7 +96,8 @@ def test_the_controller_draws_from_the_estimates_own_covariance(found: Identifie
 
 def test_slow_noise_makes_the_controllers_bound_larger_than_fast_noise_of_its_size() -> None:
     rig = Rig.load("turret")
-    log, rng = prescribed(nominal(rig), 0, 15.0), np.random.default_rng(0)
+    log = prescribed(nominal(rig), 0, 15.0)
+    rng = np.random.default_rng(0)
     told = []
     for pole in (0.0, 0.999):
         noise = lfilter([np.sqrt(1 - pole**2)], [1.0, -pole], rng.standard_normal((len(log) + 5000, rig.n)), axis=0)

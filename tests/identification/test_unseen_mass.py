@@ -19,7 +19,8 @@ from tests.bench_logs import fourier
 from tests.command_line import Run, result
 
 ALIGNED = Filtering(alignment=0.0)
-SHIFT, MASS = np.array([0.002, -0.0015, 0.001]), 0.29
+SHIFT = np.array([0.002, -0.0015, 0.001])
+MASS = 0.29
 """Place of the second camera's centre of mass beside its URDF's, m, and its mass, kg, of which the URDF states .26."""
 TILT = 0.3
 GIMBALS = {
@@ -35,7 +36,8 @@ GIMBALS = {
 
 def write_gimbal(folder: Path, name: str) -> Path:
     """Write a gimbal's YAML and URDF, and two cameras."""
-    parts, parent = ['<robot name="gimbal"><link name="base"/>'], "base"
+    parts = ['<robot name="gimbal"><link name="base"/>']
+    parent = "base"
     for k, (axis, origin) in enumerate(zip(*GIMBALS[name])):
         parts.append(
             f'<link name="arm{k}"><inertial><origin xyz="0.02 -0.02 0.01"/><mass value="{0.09 - 0.02 * k}"/>'
@@ -67,7 +69,8 @@ def change_second(rig: Rig) -> Rig:
 
 def record(rig: Rig, seed: int, seconds: float = 10.0, still: int | None = None) -> Log:
     """Return a log with 2 % of torque noise, in which one joint may stand still."""
-    motion, model = fourier(rig, seed, seconds, 0.004), nominal(rig)
+    motion = fourier(rig, seed, seconds, 0.004)
+    model = nominal(rig)
     q, v, a = (x.copy() for x in (motion.q, motion.v, motion.a))
     if still is not None:
         q[:, still], v[:, still], a[:, still] = 0.1, 0.0, 0.0
@@ -93,7 +96,9 @@ def compute_deviations(found: Several, mass: float | None) -> Array:
     payloads = replace(found, mass=mass).payloads
     apart = payloads["second"].apart
     assert apart is not None
-    shown, std, change = np.array(apart.shift.axes), apart.shift.std, apart.shift.change
+    shown = np.array(apart.shift.axes)
+    std = apart.shift.std
+    change = apart.shift.change
     assert shown[0]
     if mass is None:  # the first moment is that of the stated mass: m c = m_0 c_0 + (m - m_0) a, see `per_mass`
         assert not apart.found_mass and np.abs(apart.per_mass).max() > 1e-3
@@ -138,7 +143,8 @@ def test_a_log_without_motion_shows_nothing(tmp_path: Path) -> None:
 
 
 def test_the_command_line_takes_the_weighed_mass(run: Run, tmp_path: Path) -> None:
-    rig, model = write_gimbal(tmp_path, "concentric at a fixed tilt"), tmp_path / "model.yaml"
+    rig = write_gimbal(tmp_path, "concentric at a fixed tilt")
+    model = tmp_path / "model.yaml"
     for k, camera in enumerate(("first", "second")):
         loaded = Rig.load(rig, tmp_path / f"{camera}.urdf")
         write_log(record(change_second(loaded) if k else loaded, k), tmp_path / f"{camera}.csv")

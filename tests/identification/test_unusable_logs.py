@@ -35,7 +35,8 @@ PAYLOADS = {"turret": ("infrared", "none"), "thesis": ("cinema", "zoom-lens")}
 
 def recorded(rig: Rig, seed: int, seconds: float = 14.0) -> Log:
     """A held torque, taken half a sample after the angles, with the noise of a bench."""
-    motion, rng = fourier(rig, seed, seconds, DT / 2), np.random.default_rng(seed)
+    motion = fourier(rig, seed, seconds, DT / 2)
+    rng = np.random.default_rng(seed)
     tau = nominal(rig).inverse(motion.q, motion.v, motion.a)[1::2]
     q, v, t = (x[::2][: len(tau)] for x in (motion.q, motion.v, motion.t))
     tau = tau + 0.01 * np.sqrt(np.mean(tau**2, axis=0)) * rng.standard_normal(tau.shape)
@@ -49,7 +50,8 @@ def noise(like: Array, size: float) -> Array:
 
 def held(log: Log, joints: slice) -> Log:
     """Some joints stand still, their sensors' noise goes on."""
-    q, v = np.array(log.q), np.zeros(log.q.shape) + np.asarray(log.v)
+    q = np.array(log.q)
+    v = np.zeros(log.q.shape) + np.asarray(log.v)
     q[:, joints], v[:, joints] = q[0, joints], 0.0
     return replace(log, q=q + noise(q, 1e-5), v=v + noise(v, 1e-4))
 
@@ -119,7 +121,8 @@ def test_torques_that_were_mixed_up_are_told(kind: str) -> None:
 def test_a_wrong_sign_is_told_of_a_log_that_was_followed_too(kind: str) -> None:
     """Its rows are gone, and the moments that are left of them tell."""
     name, mix, words = MIXED[kind]
-    log, online = recorded(Rig.load(name), 1), Online.of(Rig.load(name))
+    log = recorded(Rig.load(name), 1)
+    online = Online.of(Rig.load(name))
     mixed = replace(log, tau=mix(np.asarray(log.tau)))
     right, wrong = (online.advance(online.start("it"), one) for one in (log, mixed))
     assert online.identified(right).names == online.design.names
@@ -150,7 +153,8 @@ def test_a_value_of_any_size_is_answered_or_refused_in_one_line(
     run: Run, tmp_path: Path, channel: str, exponent: float, sign: int, rows: slice
 ) -> None:
     """Beyond what any machine has it is named by its line and column; what is not must be borne by the numbers."""
-    file, value = tmp_path / "x.csv", sign * 10.0**exponent
+    file = tmp_path / "x.csv"
+    value = sign * 10.0**exponent
     file.write_text(spoilt(recorded(Rig.load("turret"), 1, 8.0), channel, value, rows))
     code, _, err = run("identify", "turret", file)
     told = [line for line in err.splitlines() if "note:" not in line]
@@ -284,7 +288,8 @@ def test_where_a_motion_does_not_say_when_its_torque_acts_nothing_is_refused(kin
     t = DT * np.arange(5000)
     size, rate = (0.3, 2.0) if kind == "one tone" else (0.8, 0.05)
     q = size * np.sin(np.outer(t, rate * np.array([1.0, 1.4])) + 0.3)
-    v, a = np.gradient(q, DT, axis=0), np.gradient(np.gradient(q, DT, axis=0), DT, axis=0)
+    v = np.gradient(q, DT, axis=0)
+    a = np.gradient(np.gradient(q, DT, axis=0), DT, axis=0)
     tau = nominal(rig).inverse(q, v, a)
     tau += 0.03 * np.std(tau, axis=0) * np.random.default_rng(0).standard_normal(tau.shape)
     log = delayed(Log(kind, rig.joints, t, q + noise(q, 1e-5), v + noise(v, 1e-3), tau), 0.06)
@@ -316,7 +321,8 @@ MISREAD: dict[str, tuple[str, Callable[[dict[str, Array]], dict[str, Array]]]] =
 
 def turned_round(columns: dict[str, Array], joints: list[str]) -> dict[str, Array]:
     """Each joint has the columns of the next."""
-    kinds, pairs = ("q", "dq", "tau"), list(zip(joints, joints[1:] + joints[:1]))
+    kinds = ("q", "dq", "tau")
+    pairs = list(zip(joints, joints[1:] + joints[:1]))
     return {**columns, **{f"{kind}_{to}": columns[f"{kind}_{of}"] for kind in kinds for to, of in pairs}}
 
 
@@ -396,8 +402,10 @@ def test_a_joint_that_its_reference_holds_still_is_no_error(run: Run, verb: str,
     """The others are answered for; a joint that was asked to move, and did not, shows nothing of itself."""
     rig = Rig.load("turret")
     log = held(recorded(rig, 1), slice(1, None))
-    inside, out = nominal(rig), tmp_path / "said.json"
-    q, v = log.q * [1, 0] + log.q[0] * [0, 1], np.asarray(log.v) * [1, 0]
+    inside = nominal(rig)
+    out = tmp_path / "said.json"
+    q = log.q * [1, 0] + log.q[0] * [0, 1]
+    v = np.asarray(log.v) * [1, 0]
     tau = inside.inverse(q, v, np.gradient(v, log.t, axis=0))
     still = replace(log, tau=tau + noise(tau, 1e-3), q_ref=q)
     write_log(still, tmp_path / "held.csv")

@@ -29,7 +29,8 @@ def gz() -> bytes:
 
 def npz(stated: int) -> bytes:
     """An archive of one array that states a size, true or not."""
-    content, name = deflated(BLOCKS), b"t.npy"
+    content = deflated(BLOCKS)
+    name = b"t.npy"
     sizes = struct.pack("<HHHHHIIIHH", 20, 0, 8, 0, 0, 0, len(content), stated, len(name), 0)
     local = b"PK\x03\x04" + sizes + name + content
     central = b"PK\x01\x02" + struct.pack("<H", 20) + sizes + struct.pack("<HHHII", 0, 0, 0, 0, 0) + name
@@ -61,7 +62,8 @@ def parquet(groups: int) -> bytes:
     import pyarrow
     import pyarrow.parquet
 
-    sink, table = io.BytesIO(), pyarrow.table({"t": pyarrow.nulls(BLOCK, pyarrow.float64())})
+    sink = io.BytesIO()
+    table = pyarrow.table({"t": pyarrow.nulls(BLOCK, pyarrow.float64())})
     with pyarrow.parquet.ParquetWriter(sink, table.schema, write_statistics=False) as file:
         for _ in range(groups):
             file.write_table(table)

@@ -67,7 +67,8 @@ def test_an_angle_that_starts_over_in_another_unit_is_refused_with_the_map(
 
 @pytest.mark.parametrize("spoiled", ["many turns", "a spike", "samples lost", "a motor's shaft"])
 def test_what_does_not_start_over_is_left_alone(free: Rig, log: Log, tmp_path: Path, spoiled: str) -> None:
-    pan, kept = np.array(log.q[:, 0]), np.arange(len(log))
+    pan = np.array(log.q[:, 0])
+    kept = np.arange(len(log))
     if spoiled == "a spike":
         pan[300] += 5.0
     if spoiled == "samples lost":

@@ -34,7 +34,8 @@ def test_whole_lines_lose_nothing_but_an_open_end(data: bytes, cuts: list[int]) 
 
 def test_a_growing_file_is_followed(tmp_path: Path) -> None:
     """The header comes first, a line in two halves; flaws are named by their line in the file."""
-    rig, path = Rig.load("turret"), tmp_path / "log.csv"
+    rig = Rig.load("turret")
+    path = tmp_path / "log.csv"
     write_log(short().part(slice(0, 300)), path)
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(lines[:100]) + lines[100][:9])
@@ -55,7 +56,9 @@ def test_a_growing_file_is_followed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("row", [1, 500, 799])
 def test_all_samples_before_a_flaw_are_used(row: int, tmp_path: Path) -> None:
-    rig, path, log = Rig.load("turret"), tmp_path / "log.csv", short().part(slice(0, 800))
+    rig = Rig.load("turret")
+    path = tmp_path / "log.csv"
+    log = short().part(slice(0, 800))
     write_log(log, path)
     lines = path.read_text().splitlines(keepends=True)
     for flaw, words in (

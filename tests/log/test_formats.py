@@ -100,9 +100,11 @@ def test_every_writer_gives_the_same_log(writer: str, tmp_path: Path) -> None:
 
 def drive_bag(path: Path) -> None:
     """Write a bag of joints, and 5 ms later a drive's message of a type of its own: no stamps, recorded in 2026."""
-    store, start = get_typestore(Stores.ROS2_HUMBLE), 1_790_000_000_123_456_789
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    start = 1_790_000_000_123_456_789
     store.register(get_types_from_msg("float64 current\nfloat32[3] heat\nbool on\nstring name", "drive_msgs/msg/Drive"))
-    drive, joints = store.types["drive_msgs/msg/Drive"], store.types["sensor_msgs/msg/JointState"]
+    drive = store.types["drive_msgs/msg/Drive"]
+    joints = store.types["sensor_msgs/msg/JointState"]
     header = store.types["std_msgs/msg/Header"](store.types["builtin_interfaces/msg/Time"](0, 0), "")
     with Writer2(path, version=9) as bag:
         one = bag.add_connection("/drive", drive.__msgtype__, typestore=store)
@@ -225,7 +227,8 @@ def test_a_missing_library_is_one_line(
 @pytest.mark.parametrize("separator", ["\t", ","])
 def test_a_line_of_units_below_the_names_ends_them(separator: str, tmp_path: Path) -> None:
     """As STorM32's NTLoggerTool saves a log; the lines of errors count it."""
-    names, units = ["Time", "State", "Imu1Pitch", "EncYaw*", "DPitch"], ["ms", "uint", "deg", "deg", "deg/s"]
+    names = ["Time", "State", "Imu1Pitch", "EncYaw*", "DPitch"]
+    units = ["ms", "uint", "deg", "deg", "deg/s"]
     lines = [names, [f"[{unit}]" for unit in units], ["0", "6", "10.5", "-3", "1"], ["1.5", "6", "11", "-3.5", "2"]]
     path = tmp_path / "log.dat"
     path.write_text("\n".join(map(separator.join, lines)) + "\n")
@@ -306,8 +309,10 @@ def test_a_lerobot_data_set_is_one_log_with_pauses(names: object, ends: list[str
 
 def test_a_damaged_lerobot_data_set_is_refused_in_one_line(tmp_path: Path, run: Run) -> None:
     write_lerobot(tmp_path / "set", motion(), (slice(0, 60),), None)
-    info, data = tmp_path / "set/meta/info.json", tmp_path / "set/data/chunk-000/file-000.parquet"
-    whole, stated = data.read_bytes(), info.read_text()
+    info = tmp_path / "set/meta/info.json"
+    data = tmp_path / "set/data/chunk-000/file-000.parquet"
+    whole = data.read_bytes()
+    stated = info.read_text()
     table = parquet.read_table(data)
     uneven = pyarrow.array([[0.0] * (1 + row % 2) for row in range(60)], pyarrow.list_(pyarrow.float32()))
     place = table.schema.get_field_index("observation.state")
@@ -333,9 +338,11 @@ def write_tlog(path: Path, t: np.ndarray, imu: Imu, q: np.ndarray) -> None:
     """Write a telemetry log as ground stations do: the vehicle's IMU, a slower one of another device, its gimbal."""
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-    vehicle, camera = mavlink.MAVLink(None, 1, 1), mavlink.MAVLink(None, 1, 154)
+    vehicle = mavlink.MAVLink(None, 1, 1)
+    camera = mavlink.MAVLink(None, 1, 154)
     flip = np.array([1.0, -1.0, -1.0])  # forward, left, up to forward, right, down
-    gyro, accel = imu.gyro * flip, imu.accel * flip
+    gyro = imu.gyro * flip
+    accel = imu.accel * flip
     with path.open("wb") as file:
 
         def write(link: object, message: object, at: float, old: bool = False) -> None:
@@ -355,9 +362,11 @@ def write_tlog(path: Path, t: np.ndarray, imu: Imu, q: np.ndarray) -> None:
 
 def test_a_telemetry_log_of_mavlink_carries_the_platform(tmp_path: Path) -> None:
     """The vehicle's IMU as the base's, in single precision; angles in radians; the gimbal's own attitude."""
-    rng, t = np.random.default_rng(2), np.arange(200) / 250
+    rng = np.random.default_rng(2)
+    t = np.arange(200) / 250
     gyro, accel = rng.normal(size=(2, 200, 3))
-    imu, q = Imu(gyro, accel, None), rng.normal(size=(200, 4))
+    imu = Imu(gyro, accel, None)
+    q = rng.normal(size=(200, 4))
     write_tlog(tmp_path / "flight.tlog", t, imu, q)
     signs = {"x": "", "y": "*-1", "z": "*-1"}
     own = [f"{kind}_{TURRET.base}_{axis}=HIGHRES_IMU.{axis}{of}{sign}"
@@ -383,7 +392,8 @@ def test_a_telemetry_log_of_mavlink_carries_the_platform(tmp_path: Path) -> None
 
 def test_what_is_whole_of_a_damaged_telemetry_log_is_read(tmp_path: Path) -> None:
     """Bytes between packets, and one within a packet that is another: the others are all there, and that is said."""
-    t, imu = np.arange(40) / 250, Imu(np.ones((40, 3)), np.ones((40, 3)), None)
+    t = np.arange(40) / 250
+    imu = Imu(np.ones((40, 3)), np.ones((40, 3)), None)
     write_tlog(tmp_path / "whole.tlog", t, imu, np.ones((40, 4)))
     whole = (tmp_path / "whole.tlog").read_bytes()
     broken = bytearray(whole)
@@ -413,8 +423,10 @@ def swing(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def two_files(folder: Path, unit: float = 1.0, rate: float = 730.0) -> Path:
     """Write angles and torques in one file, rates at another rate and with times in another unit in a second one."""
-    t, u = np.arange(0, 20, 0.002), np.arange(3, 16, 1 / rate)
-    (q, _), (_, w) = swing(t), swing(u)
+    t = np.arange(0, 20, 0.002)
+    u = np.arange(3, 16, 1 / rate)
+    (q, _) = swing(t)
+    (_, w) = swing(u)
     one = {"t": t, **{f"q_{j}": q[:, k] for k, j in enumerate(TURRET.joints)}}
     one |= {f"tau_{j}": np.cos(t) for j in TURRET.joints}
     other = {"t_ms" if unit < 1 else "time": u / unit, **{f"dq_{j}": w[:, k] for k, j in enumerate(TURRET.joints)}}
@@ -445,7 +457,9 @@ def test_files_of_one_clock_are_joined_exactly_and_holes_stay(tmp_path: Path) ->
 
 def test_topics_of_several_rates_are_joined_at_the_joints_times(tmp_path: Path) -> None:
     """The first column that is asked for says whose times they are; no topic is shifted."""
-    t, u, lead = np.arange(0, 10, 0.01), np.arange(0, 10, 0.0037), 0.06
+    t = np.arange(0, 10, 0.01)
+    u = np.arange(0, 10, 0.0037)
+    lead = 0.06
     arrays = {"t": t, "q": swing(t)[0], "imu": {"time": u, "gyro": swing(u)[1][:, [0, 1, 1]]}}
     arrays |= {"asked": {"time": u[:-1:2], "q_setpoint": swing(u[:-1:2] + lead)[0]}}
     arrays |= {"drive": {"time": u[1:-1:2], "torque": swing(u[1:-1:2] - lead)[1]}}

@@ -100,7 +100,8 @@ def test_a_current_without_a_unit_is_in_milliamperes_where_no_motor_holds_the_am
 
 @pytest.mark.parametrize("name", ["imu_gyro_{a} [deg/s]", "gyro_{a} (deg/s)", "imu gyro {a} [°/s]"])
 def test_a_unit_behind_the_axis_of_a_gyro_is_read(name: str) -> None:
-    t, rng = np.arange(0, 10, 0.004), np.random.default_rng(0)
+    t = np.arange(0, 10, 0.004)
+    rng = np.random.default_rng(0)
     data = {"t": t, **{name.format(a=a): rng.normal(size=len(t)) for a in "xyz"}}
     mapping = recognise("t", data, TURRET).mapping
     assert [mapping[f"gyro_{TURRET.base}_{a}"][:2] for a in "xyz"] == [(name.format(a=a), "pi/180") for a in "xyz"]
@@ -164,13 +165,15 @@ def test_joints_without_columns_are_held_and_that_is_said(tmp_path: Path, run: R
 def test_a_step_that_parts_a_turn_tells_degrees_from_radians() -> None:
     t = np.arange(0, 10, 0.002)
     for turn, unit in ((2 * pi, "rad"), (360.0, "deg")):
-        step, q = turn / 2**14, 0.2 * swing(t)[0] * turn / (2 * pi)
+        step = turn / 2**14
+        q = 0.2 * swing(t)[0] * turn / (2 * pi)
         data = {"t": t, **{f"pos{k}": step * np.round(q[:, k] / step) for k in (0, 1)}}
         assert [channel.unit for channel in recognise("t", data, TURRET).channels[1:]] == [unit, unit]
 
 
 def test_an_imus_axes_are_of_the_link_that_is_named_or_of_the_base() -> None:
-    t, rng = np.arange(0, 10, 0.004), np.random.default_rng(0)
+    t = np.arange(0, 10, 0.004)
+    rng = np.random.default_rng(0)
     flown = {f"sensor_combined.gyro_rad[{k}]": rng.normal(size=len(t)) for k in range(3)}
     head = {f"acc_head_mount_{a}": rng.normal(scale=0.1, size=len(t)) + (a == "z") for a in "xyz"}
     turned = {f"head_mount.orientation.{a}": np.full(len(t), 0.5) for a in "xyzw"}
@@ -200,7 +203,8 @@ FRAME = {
 def test_odrives_on_a_bus_are_the_rigs_joints(style: str, tmp_path: Path) -> None:
     """Estimates of two nodes, currents 0.3 ms later, an axis that says nan at first, requests and other devices."""
     t = 1.7e9 + np.arange(0, 4, 0.002)
-    (q, v), (later, _) = swing(t - t[0]), swing(t + 3e-4 - t[0])
+    (q, v) = swing(t - t[0])
+    (later, _) = swing(t + 3e-4 - t[0])
     lines = []
     for k, at in enumerate(t):
         for node in (0, 1):

@@ -658,10 +658,13 @@ def test_a_motor_that_is_at_its_limit_most_of_the_time_is_mentioned(rig: Rig, tm
 @given(st.integers(0, 10**6), st.sampled_from([1e-3, 1e-2, 0.1]))
 def test_angles_and_rates_of_one_unit_are_let_pass(rig: Rig, seed: int, step: float) -> None:
     """However coarse or noisy; in two units, or with t in ms, they are refused, standing joints never."""
-    rng, t = np.random.default_rng(seed), np.linspace(0, 20, 4001)
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 20, 4001)
     w = rng.uniform(0.5, 6, rig.n)
-    q, v = 0.5 * np.sin(np.outer(t, w)), 0.5 * w * np.cos(np.outer(t, w))
-    seen, noisy = step * np.round(q / step), v + 0.1 * rng.standard_normal(v.shape)
+    q = 0.5 * np.sin(np.outer(t, w))
+    v = 0.5 * w * np.cos(np.outer(t, w))
+    seen = step * np.round(q / step)
+    noisy = v + 0.1 * rng.standard_normal(v.shape)
     units.check_units("x", rig, t, seen, noisy)
     units.check_units("x", rig, t, 1e-4 * rng.standard_normal(q.shape), 0.1 * rng.standard_normal(v.shape))
     with pytest.raises(LogError, match=r"moves 0\.01.* times as far as dq_yaw says"):

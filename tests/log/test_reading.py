@@ -68,7 +68,8 @@ STAMPS: Mapping[str, tuple[str, Callable[[datetime], str]]] = {
 
 @pytest.mark.parametrize("kind", STAMPS)
 def test_dates_and_times_of_day_are_read_as_seconds(kind: str, tmp_path: Path, run: Run) -> None:
-    planted, (names, spell) = moved(), STAMPS[kind]
+    planted = moved()
+    (names, spell) = STAMPS[kind]
     columns = {name: values for name, values in log_columns(planted).items() if name != "t"}
     rows = [[spell(at), *values] for at, values in zip(instants(), np.column_stack(list(columns.values())).tolist())]
     path = write_rows(tmp_path / "log.csv", [",".join([names, *columns])], rows)
@@ -143,9 +144,11 @@ def orders(count: int, change: bool) -> list[tuple[int, int]]:
 @pytest.mark.parametrize("change", [False, True])
 @pytest.mark.parametrize("tool", ["rostopic echo -p", "ros2 topic echo --csv", "ros2 without efforts"])
 def test_printed_joint_states_are_read_by_the_names_in_each_row(tool: str, change: bool, tmp_path: Path) -> None:
-    planted, start = moved(), 1_700_000_000
+    planted = moved()
+    start = 1_700_000_000
     assert planted.v is not None and planted.tau is not None
-    rows, head = [], []
+    rows = []
+    head = []
     for k, order in enumerate(orders(len(planted), change)):
         at = round(planted.t[k] * 1e9)
         names = [TURRET.joints[j] for j in order]
@@ -178,7 +181,8 @@ def write_joint_bag(path: Path, topics: Mapping[str, tuple[Log, bool]], effort: 
     """
     store = get_typestore(Stores.ROS2_HUMBLE)
     kind = store.types["sensor_msgs/msg/JointState"]
-    header, stamp = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    header = store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"]
     with BagWriter(path, version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
         for topic, (log, command) in topics.items():
             connection = bag.add_connection(topic, kind.__msgtype__, typestore=store)
@@ -202,7 +206,8 @@ def test_a_bags_joint_states_are_read_by_the_names_in_each_message(tmp_path: Pat
 
 @pytest.mark.parametrize("topics", [("/joint_states", "/joint_commands"), ("/a/target_joints", "/joint_states")])
 def test_measured_joint_states_come_before_commanded_ones(topics: tuple[str, str], tmp_path: Path) -> None:
-    planted, asked = moved(T[:100]), moved(T[:100] + 0.1)
+    planted = moved(T[:100])
+    asked = moved(T[:100] + 0.1)
     asked = Log("asked", asked.joints, planted.t, asked.q, asked.v, asked.tau)
     command = {topic: "states" not in topic for topic in topics}
     write_joint_bag(tmp_path / "bag", {t: (asked if is_one else planted, is_one) for t, is_one in command.items()})
@@ -266,7 +271,8 @@ def complete(text: str, values: Mapping[str, str]) -> list[str]:
 
 @pytest.mark.parametrize("kind", FOREIGN)
 def test_the_correction_of_an_error_reads_the_log_once_completed(kind: str, tmp_path: Path) -> None:
-    planted, (columns, values) = moved(), FOREIGN[kind]
+    planted = moved()
+    (columns, values) = FOREIGN[kind]
     written = {
         name.format(joint): np.broadcast_to(made.T, (2, len(T)))[k]
         for name, of in columns.items()

@@ -33,7 +33,9 @@ def inside(signal: np.ndarray, cutoff: float, times: float = 2.0) -> np.ndarray:
 
 @given(SEED, CUTOFF, st.floats(-5, 5), st.floats(-5, 5))
 def test_filter_is_linear(seed: int, cutoff: float, a: float, b: float) -> None:
-    x, y, sections = wander(seed), wander(seed + 1), lowpass(cutoff, RATE)
+    x = wander(seed)
+    y = wander(seed + 1)
+    sections = lowpass(cutoff, RATE)
     mixed = zero_phase(a * x + b * y, sections)
     parts = a * zero_phase(x, sections) + b * zero_phase(y, sections)
     np.testing.assert_allclose(mixed, parts, rtol=0, atol=1e-9 * (1 + np.abs(x).max() + np.abs(y).max()))
@@ -41,15 +43,18 @@ def test_filter_is_linear(seed: int, cutoff: float, a: float, b: float) -> None:
 
 @given(SEED, CUTOFF)
 def test_filter_takes_each_column_by_itself(seed: int, cutoff: float) -> None:
-    x, sections = wander(seed), lowpass(cutoff, RATE)
+    x = wander(seed)
+    sections = lowpass(cutoff, RATE)
     for j in range(3):
         np.testing.assert_array_equal(zero_phase(x, sections)[:, j], zero_phase(x[:, [j]], sections)[:, 0])
 
 
 @given(SEED, st.floats(10, 80))
 def test_filter_does_not_know_which_way_time_runs(seed: int, cutoff: float) -> None:
-    x, sections = wander(seed), lowpass(cutoff, RATE)
-    there, back = zero_phase(x, sections), zero_phase(x[::-1], sections)[::-1]
+    x = wander(seed)
+    sections = lowpass(cutoff, RATE)
+    there = zero_phase(x, sections)
+    back = zero_phase(x[::-1], sections)[::-1]
     np.testing.assert_allclose(inside(there, cutoff), inside(back, cutoff), rtol=0, atol=1e-7 * np.abs(x).max())
 
 
@@ -88,7 +93,8 @@ def test_gain_of_a_sine_is_butterworths_twice_and_its_phase_none(cutoff: float, 
 @pytest.mark.parametrize(("cutoff", "rate"), [(5.0, 200.0), (15.0, 200.0), (5.0, 1e3), (15.0, 1e3), (90.0, 1e3)])
 def test_an_edge_is_forgotten_after_the_settling_time(cutoff: float, rate: float) -> None:
     """To 1e-4 of its size, on both sides of it, and not much sooner, for cutoffs up to a tenth of the rate."""
-    away, half = compute_lowpass_settling(cutoff) * rate, int(3 * compute_lowpass_settling(cutoff) * rate)
+    away = compute_lowpass_settling(cutoff) * rate
+    half = int(3 * compute_lowpass_settling(cutoff) * rate)
     edge = (np.arange(2 * half) >= half).astype(float)[:, None]
     error = np.abs(zero_phase(edge, lowpass(cutoff, rate)) - edge)[:, 0]
     distance = np.abs(np.arange(2 * half) - half + 0.5)
@@ -126,7 +132,8 @@ def test_derivative_next_to_the_ends(coefficients: np.ndarray, dt: float, sample
 @given(st.floats(1, 40))
 def test_derivative_of_a_sine_errs_as_stated(frequency: float) -> None:
     """By (ω dt)⁴/30 of itself, to leading order."""
-    dt, omega = 1e-3, 2 * np.pi * frequency
+    dt = 1e-3
+    omega = 2 * np.pi * frequency
     t = np.arange(2000) * dt
     error = differentiate(np.sin(omega * t)[:, None], dt)[2:-2, 0] - omega * np.cos(omega * t)[2:-2]
     stated = (omega * dt) ** 4 / 30 * omega
@@ -169,13 +176,15 @@ def test_interpolation_of_a_cubic_errs_by_a_sixtieth_of_its_third_difference(thi
 
 
 def test_interpolation_holds_the_ends() -> None:
-    t, signal = np.arange(5.0), np.random.default_rng(1).normal(size=(5, 2))
+    t = np.arange(5.0)
+    signal = np.random.default_rng(1).normal(size=(5, 2))
     ends = resample(t, signal, np.array([-3.0, -1e-9, 4.0 + 1e-9, 99.0]))
     np.testing.assert_allclose(ends, signal[[0, 0, -1, -1]], atol=1e-14)
 
 
 def test_times_that_are_the_grid_change_nothing() -> None:
-    t, signal = np.arange(5.0), np.random.default_rng(2).normal(size=(5, 2))
+    t = np.arange(5.0)
+    signal = np.random.default_rng(2).normal(size=(5, 2))
     np.testing.assert_array_equal(resample(t, signal, t + 1e-12), signal)
 
 
@@ -186,7 +195,8 @@ def smooth(seed: int, samples: int = 20_000) -> np.ndarray:
     """A few sines of up to 3 Hz, sampled at 1 kHz."""
     rng = np.random.default_rng(seed)
     t = np.arange(samples)[:, None] * 1e-3
-    frequency, phase = rng.uniform(0.2, 3, (2, 5)), rng.uniform(0, 6, (2, 5))
+    frequency = rng.uniform(0.2, 3, (2, 5))
+    phase = rng.uniform(0, 6, (2, 5))
     return np.stack([np.sin(2 * np.pi * f * t + p).sum(axis=1) for f, p in zip(frequency, phase)], axis=1)
 
 

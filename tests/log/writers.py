@@ -58,8 +58,10 @@ def as_bag(kind: str) -> Callable[[Columns, Path], None]:
         links = [name[5:-2] for name in columns if name.startswith("gyro_") and name.endswith("_x")]
         store = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
         types = store.types
-        vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-        states, imu = types["sensor_msgs/msg/JointState"], types["sensor_msgs/msg/Imu"]
+        vector = types["geometry_msgs/msg/Vector3"]
+        quaternion = types["geometry_msgs/msg/Quaternion"]
+        states = types["sensor_msgs/msg/JointState"]
+        imu = types["sensor_msgs/msg/Imu"]
 
         def header(at: int, frame: str) -> object:
             stamp = types["builtin_interfaces/msg/Time"](*divmod(at, 10**9))
@@ -118,7 +120,8 @@ def as_tlog(columns: Columns, path: Path) -> None:
     """Write the IMU of the base as a ground station records a vehicle's: HIGHRES_IMU messages behind their times."""
     from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-    link, packets = mavlink.MAVLink(None, 1, 1), list[bytes]()
+    link = mavlink.MAVLink(None, 1, 1)
+    packets = list[bytes]()
     for k, t in enumerate(columns["t"]):
         imu = [float(columns[f"{of}_base_{axis}"][k]) for of in ("accel", "gyro") for axis in "xyz"]
         message = mavlink.MAVLink_highres_imu_message(round(1e6 * t), *imu, *([0.0] * 3), 1000.0, 0.0, 0.0, 25.0, 63)

@@ -40,7 +40,8 @@ from gimbal_pin.rig import Rig
 from tests.failing_sensors import FailingSensors
 from tests.rigs import bundled
 
-DT, URDF = 1e-3, Path(__file__).parents[2] / "urdf"
+DT = 1e-3
+URDF = Path(__file__).parents[2] / "urdf"
 
 
 @cache
@@ -57,7 +58,8 @@ def measured(seconds: float) -> list[Measurement]:
     """What the sensors say of a camera that is held exactly on profile S."""
     rig = bundled("thesis")
     ground = draw_profile(rig, seconds, 0)
-    held, t = holding(Sight(rig), WANTED, ground.part(slice(0, None, 2))), np.asarray(ground.t[::2])
+    held = holding(Sight(rig), WANTED, ground.part(slice(0, None, 2)))
+    t = np.asarray(ground.t[::2])
     sensed = Sensed(nominal(rig), ground, Station.of(rig), t, np.random.default_rng(0))
     states = zip(held.q, held.v)
     return [sensed.see(k, q, v) for k, (q, v) in enumerate(states)]
@@ -69,7 +71,9 @@ def torques(controller: Controller, stream: list[Measurement]) -> Array:
 
 def test_a_file_keeps_all_of_a_controller(tmp_path: Path) -> None:
     """The same torques before and after; and what a flight taught of the platform goes along."""
-    rig, path, stream = bundled("thesis"), tmp_path / "camera.json", measured(0.1)
+    rig = bundled("thesis")
+    path = tmp_path / "camera.json"
+    stream = measured(0.1)
     made().start(stream[0])
     made().save(path)
     loaded = Controller.load(path, rig)
@@ -85,7 +89,8 @@ def test_a_file_keeps_all_of_a_controller(tmp_path: Path) -> None:
 @pytest.mark.parametrize("robust", [False, True])
 def test_a_file_keeps_gains_that_were_tuned(tmp_path: Path, robust: bool) -> None:
     """A controller of `tune` holds the camera with its own gains, before and after its file."""
-    rig, stream = bundled("thesis"), measured(0.1)
+    rig = bundled("thesis")
+    stream = measured(0.1)
     recipe = made().recipe
     tuned = tune(recipe.model, bandwidth_hz=3.0, robust=robust).stored
     own = Controller(replace(recipe, law=tuned.law))
@@ -115,10 +120,12 @@ def test_a_tuned_controller_learns_the_platform_from_a_log() -> None:
 
 def test_the_loop_of_ones_own_is_the_simulations() -> None:
     """A simulated hardware that calls `step` moves as the benchmark's loop does."""
-    controller, rig = made(), bundled("thesis")
+    controller = made()
+    rig = bundled("thesis")
 
     class Stepped:
-        dt, navigator = controller.dt, controller.pointer.navigator
+        dt = controller.dt
+        navigator = controller.pointer.navigator
 
         def start(self, seen: Measurement, camera: Array, base: Array) -> Any:
             return controller.start(seen, base)
@@ -126,7 +133,8 @@ def test_the_loop_of_ones_own_is_the_simulations() -> None:
         def torque(self, seen: Measurement, memory: Any) -> tuple[Array, Any]:
             return controller.step(seen), controller.memory
 
-    plant, ground = nominal(unbalance_payload(rig)), draw_profile(rig, 0.3, 0)
+    plant = nominal(unbalance_payload(rig))
+    ground = draw_profile(rig, 0.3, 0)
     runs = [
         simulate_holding(plant, who, ground, rng=np.random.default_rng(1), seconds=0.3, station=Station.exact(rig))
         for who in (Stepped(), controller.pointer)
@@ -156,11 +164,17 @@ def test_gravity_says_where_up_is(roll: float, pitch: float) -> None:
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.integers(0, 100), st.booleans())
 def test_a_world_that_moves_is_leveled(roll: float, pitch: float, seed: int, sure: bool) -> None:
     """Sines of 1 m/s² at 0.2 to 2 Hz on top of gravity: one that is sure stays as it is, another becomes level."""
-    level, rng, dt = Level(0.01), np.random.default_rng(seed), 0.01
-    tilt, t = np.eye(3) if sure else attitude(0.0, pitch, roll), dt * np.arange(6000)
-    f, w, phase = np.geomspace(0.2, 2, 20), rng.standard_normal((20, 3)), rng.uniform(0, 2 * np.pi, 20)
+    level = Level(0.01)
+    rng = np.random.default_rng(seed)
+    dt = 0.01
+    tilt = np.eye(3) if sure else attitude(0.0, pitch, roll)
+    t = dt * np.arange(6000)
+    f = np.geomspace(0.2, 2, 20)
+    w = rng.standard_normal((20, 3))
+    phase = rng.uniform(0, 2 * np.pi, 20)
     forces = tilt.T @ [0, 0, 9.81] + np.cos(2 * np.pi * t[:, None] * f + phase) @ w / np.sqrt(10)
-    memory, off = level.start(sure), []
+    memory = level.start(sure)
+    off = []
     for force in forces:
         memory = level.step(memory, force)
         off.append(np.degrees(np.arccos(np.clip((memory.turn @ tilt.T)[2, 2], -1, 1))))
@@ -170,7 +184,8 @@ def test_a_world_that_moves_is_leveled(roll: float, pitch: float, seed: int, sur
 def test_a_camera_that_starts_on_one_sample_becomes_level() -> None:
     """The first sample has the base lean by 3°; it does not, and stands."""
     controller = exact("thesis")
-    bench, sight = Bench(controller, controller.recipe.looking, 3.0), controller.pointer.navigator.sight
+    bench = Bench(controller, controller.recipe.looking, 3.0)
+    sight = controller.pointer.navigator.sight
     lean = attitude(0.0, 0.0, np.radians(3.0)) @ [0, 0, 9.81]
     controller.start(Measurement(0.0, bench.state.q, np.zeros(3), np.zeros(3), lean, np.zeros(3)))
     bench.run(2.5)
@@ -216,7 +231,8 @@ def test_a_delay_is_a_number_of_samples(delay: Any) -> None:
 @pytest.mark.parametrize("value", [None, "0", [0.0] * 3, np.zeros(2), np.zeros((1, 3)), np.array(["a", "b", "c"])])
 def test_a_measurement_of_another_kind_is_refused(field: str, value: Any) -> None:
     """By the sentence that names it; what was remembered stays, and numbers of any size go through."""
-    controller, stream = made(), measured(0.003)
+    controller = made()
+    stream = measured(0.003)
     controller.start(stream[0])
     before = controller.memory
     with pytest.raises(UsageError, match="measurement"):
@@ -230,11 +246,16 @@ class Bench:
 
     def __init__(self, controller: Controller, q: Array, seconds: float) -> None:
         """Take the angles at which the joints rest at the start."""
-        self.controller, self.plant = controller, controller.recipe.model
-        t, rig = DT * np.arange(round(seconds / DT) + 1), self.plant.rig
+        self.controller = controller
+        self.plant = controller.recipe.model
+        t = DT * np.arange(round(seconds / DT) + 1)
+        rig = self.plant.rig
         ground = Platform.still(DT / 2 * np.arange(2 * len(t) - 1))
         self.sensed = Sensed(self.plant, ground, Station.exact(rig), t, np.random.default_rng(0))
-        self.system, self.state, self.command, self.k = Plant(self.plant, ground), State(q, 0 * q), 0 * q, 0
+        self.system = Plant(self.plant, ground)
+        self.state = State(q, 0 * q)
+        self.command = 0 * q
+        self.k = 0
         controller.memory = None
 
     def run(self, seconds: float) -> tuple[Array, Array, Array]:
@@ -259,7 +280,9 @@ def exact(name: str, keeps: bool = False) -> Controller:
 @pytest.mark.parametrize("name", ["thesis", "thesis", "handheld", "turret"])
 def test_from_anywhere_the_camera_turns_to_where_it_shall_look(name: str) -> None:
     """Within the rates, never long at a torque limit, without overshoot, and as soon as the slowest joint can."""
-    rig, controller, rng = bundled(name), exact(name), np.random.default_rng(len(name))
+    rig = bundled(name)
+    controller = exact(name)
+    rng = np.random.default_rng(len(name))
     lower, upper, fastest = (np.array([getattr(x, of) for x in rig.limits]) for of in ("lower", "upper", "velocity"))
     q = lower + (upper - lower) * rng.random(rig.n)
     way = controller.recipe.looking - q
@@ -273,7 +296,9 @@ def test_from_anywhere_the_camera_turns_to_where_it_shall_look(name: str) -> Non
 
 def test_the_camera_is_held_where_it_looks() -> None:
     """At the start, at an attitude of one's own, and at once while it turns there; its attitude is known."""
-    controller, sight, q = exact("thesis", True), Sight(bundled("thesis")), np.array([1.0, -0.3, 0.4])
+    controller = exact("thesis", True)
+    sight = Sight(bundled("thesis"))
+    q = np.array([1.0, -0.3, 0.4])
     with pytest.raises(UsageError, match="no measurement"):
         Controller(controller.recipe).attitude()
     bench = Bench(controller, q, 6.0)
@@ -283,7 +308,8 @@ def test_the_camera_is_held_where_it_looks() -> None:
     controller.hold(WANTED)
     bench.run(0.4)
     controller.hold()
-    stopped, after = controller.attitude(), bench.run(1.5)[0][-1]
+    stopped = controller.attitude()
+    after = bench.run(1.5)[0][-1]
     assert np.degrees(np.abs(sight.error(sight.attitude(after), stopped))).max() < 0.02
     controller.hold(WANTED)
     bench.run(2.0)
@@ -296,7 +322,9 @@ def test_the_camera_is_held_where_it_looks() -> None:
 @pytest.mark.parametrize("other", [None, attitude(-0.3, 0.1)])
 def test_in_the_midst_of_a_fast_turn_the_camera_comes_to_rest(seconds: float, other: Array | None) -> None:
     """Within rates and torques; then it turns to where it shall look, and is there for good."""
-    controller, rig, sight = exact("thesis"), bundled("thesis"), Sight(bundled("thesis"))
+    controller = exact("thesis")
+    rig = bundled("thesis")
+    sight = Sight(bundled("thesis"))
     bench = Bench(controller, controller.recipe.looking + np.array([1.2, -0.4, 0.4]), 4.0)
     before = bench.run(seconds)[1][-1]
     goal = controller.attitude() if other is None else other
@@ -311,8 +339,10 @@ def test_in_the_midst_of_a_fast_turn_the_camera_comes_to_rest(seconds: float, ot
 
 def test_an_attitude_out_of_reach_is_refused_and_at_the_start_said() -> None:
     """On a base that leans so far that the wanted attitude is beyond a limit; what is held stays as it is."""
-    controller, rig = made(), bundled("thesis")
-    far, still = max(x.upper for x in rig.limits[-1:]) + 0.2, measured(0.001)[0]
+    controller = made()
+    rig = bundled("thesis")
+    far = max(x.upper for x in rig.limits[-1:]) + 0.2
+    still = measured(0.001)[0]
     controller.start(still)
     before = controller.memory
     with pytest.raises(UsageError, match="wanted"):
@@ -367,7 +397,9 @@ READING = st.sampled_from([0.0, 1.0, np.nan, np.inf, -1e9])
 
 @given(st.lists(st.tuples(st.sampled_from([DT, -1.0, np.nan, 5.0]), *[READING] * 4), min_size=1, max_size=15))
 def test_whatever_is_measured_the_torque_is_finite_and_within_limits(stream: list[tuple[float, ...]]) -> None:
-    controller, limit, t = made(), bundled("thesis").tau_max, 0.0
+    controller = made()
+    limit = bundled("thesis").tau_max
+    t = 0.0
     controller.memory = None
     for step, *values in stream:
         t = t + step if np.isfinite(t) else step

@@ -34,9 +34,11 @@ def recipe(seconds: float) -> Recipe:
 
 def test_a_late_drive_slows_its_own_joint_and_no_other() -> None:
     """Of both controllers: yaw keeps the margin with its 5 ms, roll and tilt stay as they were without them."""
-    slow, fast = recipe(0.005), recipe(0.0)
+    slow = recipe(0.005)
+    fast = recipe(0.0)
     for name in slow.names:
-        own, without = slow.margins(name), fast.margins(name)
+        own = slow.margins(name)
+        without = fast.margins(name)
         assert [margins.disk_margin >= 1.07 for margins in own] == [True] * 3
         assert own[0].crossover_hz < 0.5 * without[0].crossover_hz and own[1:] == without[1:]
         gains = [own.pointer(name).law.gains for own in (slow, fast)]
@@ -45,14 +47,17 @@ def test_a_late_drive_slows_its_own_joint_and_no_other() -> None:
 
 def test_each_drives_forecast_is_weighted_by_its_own_loops() -> None:
     found = recipe(0.005)
-    forecast, alone = found.pointer().navigator.forecast, EqualMarginLoop()
+    forecast = found.pointer().navigator.forecast
+    alone = EqualMarginLoop()
     assert forecast.leads == (pytest.approx(0.0015), pytest.approx(0.0065))
     assert forecast.gains == (alone.pid, found.equals[0].pid)
 
 
 @given(st.lists(st.tuples(st.floats(0, 99), st.sampled_from(["yaw at its limit for 0.05 s", "3 samples never came"]))))
 def test_every_event_counts_once(events: list[tuple[float, str]]) -> None:
-    t, zero, level = DT * np.arange(9), np.zeros((9, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (9, 1))
+    t = DT * np.arange(9)
+    zero = np.zeros((9, 3))
+    level = np.tile([1.0, 0.0, 0.0, 0.0], (9, 1))
     run = Pointing("made", "S", 0, plant().rig.joints, t, zero, zero, zero, level, plant().rig.tau_max)
     told = Row("a", (replace(run, events=tuple(f"{t:.3f} s: {what}" for t, what in events)),)).happened
     assert len(told) == len({what for _, what in events})

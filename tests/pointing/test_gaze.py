@@ -48,11 +48,13 @@ SIZES = {"pid": 4e-4, "computed-torque": 4e-5}
 @cache
 def verified() -> Verified:
     """Runs of 4 s that were made up: every controller's error is the same motion at a size of its own."""
-    rng, t = np.random.default_rng(0), 1e-3 * np.arange(4001)
+    rng = np.random.default_rng(0)
+    t = 1e-3 * np.arange(4001)
     swing = 0.2 * np.sin(np.outer(t, [2.0, 3.0, 2.5]) + np.arange(3.0))
     base = np.array([pin.Quaternion(pin.exp3(turn)).coeffs()[[3, 0, 1, 2]] for turn in swing])
     shape = np.sin(np.outer(t, 2 * np.pi * np.array([3.0, 5.0, 7.0]))) + 0.2 * rng.standard_normal((len(t), 3))
-    q, tau = np.tile([0.3, 0.0, 0.4], (len(t), 1)), np.sin(np.outer(t, [1.0, 2.0, 3.0]))
+    q = np.tile([0.3, 0.0, 0.4], (len(t), 1))
+    tau = np.sin(np.outer(t, [1.0, 2.0, 3.0]))
     runs = [
         Pointing(name, "S", 0, bundled("thesis").joints, t, size * shape, q, tau, base, bundled("thesis").tau_max)
         for name, size in SIZES.items()
@@ -114,7 +116,8 @@ def test_the_outlook_is_the_runs_own_and_shows_the_largest_swing() -> None:
 
 
 def test_the_platform_turns_about_the_pivot_and_the_target_stands_where_the_camera_should_look() -> None:
-    run, pivot = verified().rows[1].runs[0], Sight(bundled("thesis")).centre
+    run = verified().rows[1].runs[0]
+    pivot = Sight(bundled("thesis")).centre
     base = run.base[::200][:, [1, 2, 3, 0]]
     shown = poses(bundled("thesis").model, run.q[::200], base, pivot)
     assert np.ptp(shown.world[:, 0, :3, 3], axis=0).max() > 0.01
@@ -164,7 +167,8 @@ def test_who_is_long_at_the_torque_limit_of_which_joints_is_told() -> None:
 @pytest.mark.parametrize(("share", "tone"), [(0.0, ""), (0.01, "fair"), (0.2, "poor")])
 def test_the_torque_card_says_for_how_long_the_limit_is_reached(share: float, tone: str) -> None:
     ours = next(row for row in verified().rows if row.controller == "computed-torque")
-    run, limit = ours.runs[0], bundled("thesis").tau_max
+    run = ours.runs[0]
+    limit = bundled("thesis").tau_max
     counted = np.linspace(0.0, 1.0, len(run.t) - run.counted.start, endpoint=False)
     tau = np.tile(0.5 * limit, (len(run.t), 1))
     tau[run.counted, 0] = np.where(counted < share, limit[0], 0.6 * limit[0])
@@ -241,7 +245,8 @@ def test_a_browser_draws_what_the_cameras_see_where_it_lies(tmp_path: Path) -> N
 
 @needs_browser
 def test_axe_has_nothing_against_what_the_cameras_see_light_or_dark(tmp_path: Path) -> None:
-    path, found = tmp_path / "report.html", list[object]()
+    path = tmp_path / "report.html"
+    found = list[object]()
     path.write_text(page(), encoding="utf-8")
     audits = [step for scheme in ("light", "dark") for step in (media("screen", scheme), pause(0.5), audit(found))]
     visit(path.as_uri(), OPEN, wide(1280), *audits)

@@ -77,7 +77,8 @@ def rig_of(name: str) -> Rig:
 def spectrum() -> Spectrum:
     """Profile S at half size, as an IMU with noise shows it."""
     t = DT * np.arange(8000)
-    moved, rng = profile_s(t, np.random.default_rng(9), 0.5), np.random.default_rng(10)
+    moved = profile_s(t, np.random.default_rng(9), 0.5)
+    rng = np.random.default_rng(10)
     size = 1 / np.sqrt(2 * DT)
     gyro = moved.w + GYRO * size * rng.standard_normal((8000, 3))
     accel = moved.f + ACCELEROMETER * size * rng.standard_normal((8000, 3))
@@ -94,12 +95,14 @@ def recipe(model: Model, wanted: Array = WANTED, noise: Noise = NOISE, **more: o
 @pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
 def test_the_cameras_rate_and_its_acceleration(name: str) -> None:
     """``ω_c = Rᵀ ω + J q̇``, as an IMU there reports it; the drift is its derivative without joint acceleration."""
-    rig, rng = rig_of(name), np.random.default_rng(3)
+    rig = rig_of(name)
+    rng = np.random.default_rng(3)
     sight = Sight(rig)
     q, v, w, dw = (rng.uniform(-0.5, 0.5, size) for size in (rig.n, rig.n, 3, 3))
     view = sight.view(q)
     np.testing.assert_allclose(sight.rate(q, v, w)[sight.rows], (view.R.T @ w)[sight.rows] + view.J @ v, atol=1e-12)
-    base, links = Platform(np.zeros(1), np.zeros((1, 3)), w[None], dw[None]), gyros_between(rig)
+    base = Platform(np.zeros(1), np.zeros((1, 3)), w[None], dw[None])
+    links = gyros_between(rig)
     told = compute_imu_readings(rig, [rig.camera_frame, *links], q[None], v[None], np.zeros((1, rig.n)), base)
     gyros = [np.asarray(told[link].gyro)[0] for link in (rig.camera_frame, *links)]
     np.testing.assert_allclose(np.concatenate(gyros), sight.rates(q, v, w), atol=1e-12)
@@ -112,7 +115,8 @@ def test_the_cameras_rate_and_its_acceleration(name: str) -> None:
 @pytest.mark.parametrize("name", ["thesis", "handheld"])
 def test_inverse_kinematics_reaches_and_holds_the_attitude(name: str) -> None:
     rig = rig_of(name)
-    sight, t = Sight(rig), DT * np.arange(6)
+    sight = Sight(rig)
+    t = DT * np.arange(6)
     ground = profile_s(t, np.random.default_rng(0)).about(sight.centre)
     held = holding(sight, WANTED, ground)
     base = Rotation.from_quat(np.asarray(ground.quat), scalar_first=True).as_matrix()
@@ -126,8 +130,10 @@ def test_inverse_kinematics_reaches_and_holds_the_attitude(name: str) -> None:
 @pytest.mark.parametrize("joints", [1, 2, 3, 7])
 def test_the_cameras_jacobian_is_the_slope_of_its_attitude(joints: int) -> None:
     """``Rᵀ dR/dq_k`` is the turn of joint k, however many there are: of one, too."""
-    sight, q = Sight(chain(joints)), np.linspace(0.3, 0.9, joints)
-    view, step = sight.view(q), 1e-6
+    sight = Sight(chain(joints))
+    q = np.linspace(0.3, 0.9, joints)
+    view = sight.view(q)
+    step = 1e-6
     assert view.inverse.shape == (joints, 3) and np.isfinite(view.inverse).all()
     for k, along in enumerate(step * np.eye(joints)):
         turn = view.R.T @ (sight.view(q + along).R - sight.view(q - along).R) / (2 * step)
@@ -164,7 +170,8 @@ def test_more_axes_than_needed_take_the_shortest_way() -> None:
 def test_the_axes_meet_in_the_centre(name: str) -> None:
     """A platform turned about it leaves it where it is, and an accelerometer there reads what was the origin's."""
     rig = rig_of(name)
-    sight, t = Sight(rig), DT * np.arange(4)
+    sight = Sight(rig)
+    t = DT * np.arange(4)
     assert sight.apart < 1e-9 < Sight(rig_of("handheld")).apart
     ground = profile_s(t, np.random.default_rng(1))
     moved = ground.about(sight.centre)
@@ -178,16 +185,21 @@ def test_the_axes_meet_in_the_centre(name: str) -> None:
 def test_the_forecast_sees_a_smooth_motion_ahead() -> None:
     """Rate, angular acceleration and force of another draw of the profile, 1.5 ms ahead; gravity passes as it is."""
     forecast = Forecast(spectrum(), (PID,), DT, (0.0015,))
-    weights, t = forecast.weights[0], DT / 2 * np.arange(4000)
-    rate, force = weights[:2], weights[2]
+    weights = forecast.weights[0]
+    t = DT / 2 * np.arange(4000)
+    rate = weights[:2]
+    force = weights[2]
     assert force.sum() == pytest.approx(1.0, abs=1e-3)
     ground = profile_s(t, np.random.default_rng(4))
     past = np.lib.stride_tricks.sliding_window_view(np.asarray(ground.w[::2]), TAPS, axis=0)[:, :, ::-1]
-    first, count = 2 * (TAPS - 1) + 3, len(past) - 2
-    now, ahead = ground.w[first - 3 :: 2][:count], ground.w[first::2][:count]
+    first = 2 * (TAPS - 1) + 3
+    count = len(past) - 2
+    now = ground.w[first - 3 :: 2][:count]
+    ahead = ground.w[first::2][:count]
     seen = (past[:count] @ rate.T)[..., 0]
     assert np.std(seen - ahead) < 0.3 * np.std(now - ahead)
-    foreseen, true = (past[:count] @ rate.T)[..., 1], ground.dw[first::2][:count]
+    foreseen = (past[:count] @ rate.T)[..., 1]
+    true = ground.dw[first::2][:count]
     assert np.std(foreseen - true) < 0.2 * np.std(true)
     coarse = Forecast(spectrum().until(200.0), (PID,), DT, (0.0015,)).weights[0]
     assert np.linalg.norm(coarse[1]) < 1.5 * np.linalg.norm(rate[1])  # what was not sampled is noise all the same
@@ -206,13 +218,15 @@ def flown(forecast: Forecast, w: Array, f: Array):  # type: ignore[no-untyped-de
 
 def test_a_forecast_is_used_while_it_errs_less_than_none() -> None:
     """Of profile S at once; of a propeller that it was not shown never, until the flight has shown it, in 4 s."""
-    rng, t = np.random.default_rng(5), DT / 2 * np.arange(9001)
+    rng = np.random.default_rng(5)
+    t = DT / 2 * np.arange(9001)
     ground = profile_s(t, rng)
     w, f = (x[::2] + size * rng.standard_normal((4501, 3)) for x, size in ((ground.w, 2e-3), (ground.f, 0.02)))
     known = Forecast(spectrum(), (PID,), DT, (0.0015,))
     assert (last := flown(known, w[:1200], f[:1200])[-1]).trust == 1.0 and not last.events
     wave = np.sin(2 * pi * 110.0 * DT * np.arange(len(w)))[:, None]
-    w, f = w + 0.05 * wave, f + 2.0 * wave
+    w = w + 0.05 * wave
+    f = f + 2.0 * wave
     memory = flown(known, w, f)
     assert max(past.trust for past in memory[:2048]) == 0.0 and memory[-1].trust == 1.0
     assert ["more" in event for event in memory[-1].events] == [True, False]
@@ -227,8 +241,10 @@ def test_a_forecast_is_used_while_it_errs_less_than_none() -> None:
 
 def test_filters_learned_in_flight_are_those_of_what_was_seen() -> None:
     """Those of the spectrum at once, some samples later, and all of them together."""
-    rng, forecast = np.random.default_rng(6), Forecast(spectrum(), (PID, PID), DT, (0.0015, 0.004))
-    w, f = 0.1 * rng.standard_normal((3100, 3)).cumsum(axis=0), 9.81 + rng.standard_normal((3100, 3))
+    rng = np.random.default_rng(6)
+    forecast = Forecast(spectrum(), (PID, PID), DT, (0.0015, 0.004))
+    w = 0.1 * rng.standard_normal((3100, 3)).cumsum(axis=0)
+    f = 9.81 + rng.standard_normal((3100, 3))
     memory = flown(forecast, w, f)
     changed = [k for k in range(1, 3100) if memory[k].weights is not memory[k - 1].weights]
     assert len(changed) == 2 and all(memory[k].weights is memory[k - 1].weights for k in (2048, 3072))
@@ -242,7 +258,8 @@ def test_none_has_one_gain_and_one_phase() -> None:
     """A line of any frequency as it was half a sample ago, of rate, acceleration and force: nothing is amplified."""
     forecast = Forecast(spectrum(), (PID,), DT, (0.0,))
     for hz in (1.0, 75.0, 180.0, 400.0):
-        s, t = 2j * pi * hz, DT * np.arange(3)
+        s = 2j * pi * hz
+        t = DT * np.arange(3)
         wave = np.exp(s * t)
         w, dw, f = [complex(*x) for x in np.array([seen(forecast, part) for part in (wave.real, wave.imag)]).T]
         before = np.exp(s * (t[2] - DT / 2))
@@ -270,12 +287,17 @@ def test_the_spectrum_parts_noise_from_motion() -> None:
 
 def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
     """The mean of two gyros' walks has half the variance of one; without noise nothing is corrected."""
-    rng, fusion = np.random.default_rng(0), Fusion(GYRO, 2 * pi / 2**16, DT)
-    camera, own, fused = np.eye(3), [], []
-    memory, last = Fused.begun([np.eye(3)], np.zeros((1, 3))), np.zeros(3)
+    rng = np.random.default_rng(0)
+    fusion = Fusion(GYRO, 2 * pi / 2**16, DT)
+    camera = np.eye(3)
+    own = []
+    fused = []
+    memory = Fused.begun([np.eye(3)], np.zeros((1, 3)))
+    last = np.zeros(3)
     for gyro, other in rng.standard_normal((8000, 2, 3)) * GYRO / np.sqrt(2 * DT):
         camera = camera @ pin.exp3((last + gyro) * DT / 2)
-        memory, last = fusion.compared(memory.on(other[None], DT), camera, [np.eye(3)]), gyro
+        memory = fusion.compared(memory.on(other[None], DT), camera, [np.eye(3)])
+        last = gyro
         own.append(pin.log3(camera)), fused.append(pin.log3(camera @ pin.exp3(memory.turn)))
     assert np.mean(np.diff(fused[::200], axis=0) ** 2) < 0.7 * np.mean(np.diff(own[::200], axis=0) ** 2)
     still = Fused.begun([np.eye(3)], np.ones((1, 3))).on(np.ones((1, 3)), DT)
@@ -286,13 +308,17 @@ def test_fusion_halves_the_walk_and_leaves_the_motion_alone() -> None:
 @pytest.mark.parametrize(("scale", "ended"), [(0.0, False), (0.01, True)])
 def test_gaps_beyond_the_gyros_noise_end_the_fusion(scale: float, ended: bool) -> None:
     """A platform that swings by 5° at half a hertz; with the end the camera's attitude keeps its turn for ever."""
-    rng, fusion, camera = np.random.default_rng(1), Fusion(GYRO, 2 * pi / 2**16, DT), np.eye(3)
-    memory, last = Fused.begun([np.eye(3)], np.zeros((1, 3))), np.zeros(3)
+    rng = np.random.default_rng(1)
+    fusion = Fusion(GYRO, 2 * pi / 2**16, DT)
+    camera = np.eye(3)
+    memory = Fused.begun([np.eye(3)], np.zeros((1, 3)))
+    last = np.zeros(3)
     for k in range(6000):
         angle, rate = np.array([[radians(5)], [radians(5) * pi]]) * [[np.sin(pi * k * DT)], [np.cos(pi * k * DT)]]
         noise = GYRO / np.sqrt(2 * DT) * rng.standard_normal((2, 3))
         other = noise[1] + [0, (1 + scale) * rate[0], 0]
-        camera, last = camera @ pin.exp3((last + noise[0]) * DT / 2), noise[0]
+        camera = camera @ pin.exp3((last + noise[0]) * DT / 2)
+        last = noise[0]
         q = np.rint(angle[0] / fusion.step) * fusion.step
         memory = fusion.compared(memory.on(other[None], DT), camera, [pin.exp3(np.array([0, -q, 0]))])
         if memory.ended:
@@ -306,17 +332,19 @@ def test_what_is_fast_is_the_plain_formula() -> None:
     rng = np.random.default_rng(5)
     J = np.eye(3) + 0.3 * rng.standard_normal((3, 3))
     np.testing.assert_allclose(inverted(J)[0], np.linalg.inv(J), rtol=1e-12, atol=1e-13)
-    forecast, taps = Forecast(spectrum(), (PID, PID), DT, (0.0, 0.0015)), rng.standard_normal((TAPS + 1, 6))
+    forecast = Forecast(spectrum(), (PID, PID), DT, (0.0, 0.0015))
+    taps = rng.standard_normal((TAPS + 1, 6))
     past = forecast.start(np.zeros(3), np.zeros(3))._replace(taps=taps[1:], trust=1.0)
-    past, taps = (
-        forecast.step(past._replace(scores=np.array([[0.0] * 4, [1.0] * 4])), 0.0, *np.split(taps[0], 2)),
-        taps[:-1],
-    )
+    past = forecast.step(past._replace(scores=np.array([[0.0] * 4, [1.0] * 4])), 0.0, *np.split(taps[0], 2))
+    taps = taps[:-1]
     for weights, ahead in zip(forecast.weights, forecast.ahead(past)):
         plain = [weights[2] @ taps[:, 3:], weights[0] @ taps[:, :3], weights[1] @ taps[:, :3]]
         np.testing.assert_allclose(ahead, plain, rtol=1e-12, atol=1e-13)
-    fusion, others, between = Fusion(GYRO, 2 * pi / 2**16, DT), rng.standard_normal((2, 3)), rng.standard_normal((2, 3))
-    camera, to = pin.exp3(rng.standard_normal(3)), [pin.exp3(turn) for turn in between]
+    fusion = Fusion(GYRO, 2 * pi / 2**16, DT)
+    others = rng.standard_normal((2, 3))
+    between = rng.standard_normal((2, 3))
+    camera = pin.exp3(rng.standard_normal(3))
+    to = [pin.exp3(turn) for turn in between]
     memory = Fused.begun([camera @ R.T for R in to], others).on(others, DT)
     after = fusion.compared(memory, camera, to)
     moved = [pin.log3(camera.T @ camera @ R.T @ pin.exp3(DT * w) @ R) for R, w in zip(to, others)]
@@ -327,14 +355,16 @@ def test_what_is_fast_is_the_plain_formula() -> None:
 @pytest.mark.parametrize("name", ["thesis", "handheld", "turret"])
 def test_the_aim_is_the_plain_formula(name: str) -> None:
     """``q̇ = J⁻¹(ω_c - Rᵀ ω)``, ``e = J⁻¹ log(Rᵀ R_d)``, ``ė = -J⁻¹ ω_c``, ``q̇_d = q̇ + ė`` to rounding."""
-    rig, rng = rig_of(name), np.random.default_rng(6)
+    rig = rig_of(name)
+    rng = np.random.default_rng(6)
     navigator = recipe(nominal(rig)).pointer("pid").navigator
     q, gyro, w = (rng.uniform(-0.4, 0.4, size) for size in (rig.n, 3, 3))
     seen = Measurement(0.0, q, gyro, w, rng.standard_normal(3), np.zeros(0))
     camera = pin.exp3(rng.standard_normal(3) / 4) @ WANTED
     known = navigator.start(seen, camera, np.eye(3))
     fix, _ = navigator.fix(seen, known._replace(turns=()))
-    view, rows = navigator.sight.view(q), navigator.sight.rows
+    view = navigator.sight.view(q)
+    rows = navigator.sight.rows
     inverse = np.linalg.inv(view.J)
     v = inverse @ (gyro - view.R.T @ w)[rows]
     np.testing.assert_allclose(fix.v, v, rtol=1e-12, atol=1e-14)
@@ -347,7 +377,10 @@ def test_the_aim_is_the_plain_formula(name: str) -> None:
 @given(st.integers(0, 100), st.integers(0, 2))
 def test_a_wrong_reading_costs_no_right_one(channel: int, times: float, seed: int, axis: int) -> None:
     """One so many times as large as changes: the next is used as it is; held angles go on with the joints' rates."""
-    rng, guard, v, size = np.random.default_rng(seed), Guard(DT), np.array([0.5, -0.3, 1e-3]), [0, 0.04, 0.04, 3, 0.04]
+    rng = np.random.default_rng(seed)
+    guard = Guard(DT)
+    v = np.array([0.5, -0.3, 1e-3])
+    size = [0, 0.04, 0.04, 3, 0.04]
     watch = None
     for k in range(60):
         noise = [x * rng.uniform(-1, 1, 3) for x in size]
@@ -365,7 +398,8 @@ def test_a_wrong_reading_costs_no_right_one(channel: int, times: float, seed: in
 
 @given(st.lists(st.floats(-120, 120), min_size=9, max_size=9), st.lists(st.floats(-3e-3, 3e-3), min_size=3, max_size=3))
 def test_the_guards_quick_way_passes_nothing_that_sifting_stops(rates: list[float], moved: list[float]) -> None:
-    guard, (gyro, w, links) = Guard(DT), np.array(rates).reshape(3, 3)
+    guard = Guard(DT)
+    (gyro, w, links) = np.array(rates).reshape(3, 3)
     seen = Measurement(0.0, np.zeros(3), gyro, w, np.ones(3), links)
     before = Measurement(0.0, np.zeros(3), gyro + 1, w + 1, np.zeros(3), links + 1)
     if guard.sound(seen, before, np.array(moved)):
@@ -379,7 +413,8 @@ def test_near_a_singular_pose_gyros_tell_that_joints_move_and_not_which(stuck: i
     """There one joint may stand though the damped inverse moves it; encoders that all stand while it moves failed."""
     guard = Guard(DT, noisy=False)
     first = Measurement(0.0, np.zeros(3), *(np.zeros(3) for _ in range(4)))
-    watch, rates = guard.start(first), np.full(3, 5.0)
+    watch = guard.start(first)
+    rates = np.full(3, 5.0)
     for k in range(1, 4):
         moved = np.where(np.arange(3) < stuck, 0.0, k * DT * rates)
         _, watch = guard.step(first._replace(t=k * DT, q=moved), watch, rates, steep)
@@ -390,7 +425,8 @@ def test_near_a_singular_pose_gyros_tell_that_joints_move_and_not_which(stuck: i
 
 
 def test_without_error_the_law_is_the_models_inverse() -> None:
-    model, rng = nominal(rig_of("handheld")), np.random.default_rng(2)
+    model = nominal(rig_of("handheld"))
+    rng = np.random.default_rng(2)
     q, v, a, f, w, dw = rng.uniform(-0.4, 0.4, (6, 3))
     aim = Aim(q, v, a, (Ahead(q, v, a, BaseState(f, w, dw)),))
     law = CarriedTorque(model, (PID,) * 3, DT)
@@ -406,9 +442,11 @@ def test_the_controller_of_its_kind_has_the_gains_of_a_given_law(kind: str) -> N
     """Whatever their margins; the other one keeps its own, and so does the PID that is fallen back to."""
     model = nominal(rig_of("handheld"))
     law = tune(model, kind=kind, bandwidth_hz={"pan": 5.0, "roll": 6.0, "tilt": 7.0}, robust=kind != "pid").controller
-    given, plain = recipe(model, law=law), recipe(model)
+    given = recipe(model, law=law)
+    plain = recipe(model)
     (other,) = {"computed-torque", "pid"} - {kind}
-    own, beside = given.pointer(kind), given.pointer(other)
+    own = given.pointer(kind)
+    beside = given.pointer(other)
     assert given.kind == kind and own.law.gains == law.gains != plain.pointer(kind).law.gains == beside.law.gains
     assert isinstance(own.law, JointPid if kind == "pid" else CarriedTorque)
     assert kind == "pid" or (own.law.robust == law.robust is not None and own.navigator.fusion is not None)
@@ -418,10 +456,13 @@ def test_the_controller_of_its_kind_has_the_gains_of_a_given_law(kind: str) -> N
 
 def test_noise_on_a_torque_near_its_limit_does_not_lower_the_limit() -> None:
     """What is cut off one sample is given in the next: the mean stays, but for what is forgotten within a sample."""
-    model, zero = nominal(rig_of("handheld")), np.zeros(3)
-    limit, law = float(model.tau_max[0]), CarriedTorque(replace(model, terms=()), (PID,) * 3, DT)
+    model = nominal(rig_of("handheld"))
+    zero = np.zeros(3)
+    limit = float(model.tau_max[0])
+    law = CarriedTorque(replace(model, terms=()), (PID,) * 3, DT)
     weight = float(compute_rnea(model.rig, zero[None], zero[None], np.eye(3)[:1])[0, 0])
-    memory, given_by_yaw = law.start(), []
+    memory = law.start()
+    given_by_yaw = []
     for part in [1.2, 0.6] * 20:
         a = np.array([part * limit / weight, 0.0, 0.0])
         aim = Aim(zero, zero, a, (Ahead(zero, zero, a, BaseState([0.0, 0.0, 9.81], zero, zero)),))
@@ -483,9 +524,11 @@ def test_jitter_is_what_is_fast_and_drift_what_is_slow() -> None:
 def test_knowing_more_holds_the_camera_stiller() -> None:
     """PID, moving base, friction, prediction: each less than the one before. One seed is one run."""
     rig = rig_of("handheld")
-    plant, ground = nominal(unbalance_payload(rig)), draw_profile(rig, 0.9, 0)
+    plant = nominal(unbalance_payload(rig))
+    ground = draw_profile(rig, 0.9, 0)
     known = recipe(plant)
-    pid, ours = known.pointer("pid"), known.pointer()
+    pid = known.pointer("pid")
+    ours = known.pointer()
     blind = replace(ours, navigator=replace(pid.navigator, accelerates=True))
     bare = replace(blind, law=replace(blind.law, model=replace(plant, terms=())))  # type: ignore[type-var]
 
@@ -499,7 +542,8 @@ def test_knowing_more_holds_the_camera_stiller() -> None:
 
 def test_both_controllers_meet_the_same_motions() -> None:
     rig = rig_of("turret")
-    plant, station = nominal(rig), Station.of(rig)
+    plant = nominal(rig)
+    station = Station.of(rig)
     rows = run_controllers(Course(plant, 0.2, station), recipe(plant), 2)
     assert [row.controller for row in rows] == ["pid", "computed-torque"]
     for runs in zip(*(row.runs for row in rows)):
@@ -545,7 +589,8 @@ def test_failing_sensors_leave_bounded_torque_and_an_event(case: str) -> None:
 
 def test_near_roll_90_and_at_the_torque_limit_there_are_events_and_bounded_torque() -> None:
     rig = rig_of("thesis")
-    plant, wanted = nominal(rig), attitude(0.2, 0.1, radians(88))
+    plant = nominal(rig)
+    wanted = attitude(0.2, 0.1, radians(88))
     course = Course(plant, 0.4, Station.of(rig))
     run = course.run(recipe(plant, wanted), "computed-torque", 0)
     assert np.isfinite(run.tau).all() and (np.abs(run.tau) <= rig.tau_max * (1 + 1e-12)).all()
@@ -579,7 +624,9 @@ READING = st.sampled_from([0.0, 1.0, -3.0, np.nan, np.inf, 1e9])
 
 @given(st.lists(st.tuples(*[READING] * 5, st.sampled_from([DT, 2 * DT, -1.0, 5.0, np.nan])), min_size=1, max_size=60))
 def test_whatever_the_sensors_say_the_guard_passes_numbers_on(stream: list[tuple[float, ...]]) -> None:
-    guard, stamp, last = Guard(DT), 0.0, -1.0
+    guard = Guard(DT)
+    stamp = 0.0
+    last = -1.0
     first = Measurement(0.0, *(np.zeros(3) for _ in range(5)))
     watch = guard.start(first)
     for *values, step in stream:

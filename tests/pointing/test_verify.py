@@ -47,12 +47,11 @@ def test_a_shaken_log_shows_what_a_base_at_rest_hides(shaken: tuple[Rig, Model, 
     """
     rig, plant, log = shaken
     model = identify(rig, [log], holdout="none").model
-    shows, fixed, (_, places) = (
-        reduce_parameters(rig, base="rotating"),
-        reduce_parameters(rig, base="fixed").mixing,
-        name_columns(rig),
-    )
-    true, found = shows.mixing @ plant.rig.phi[places], shows.mixing @ model.rig.phi[places]
+    shows = reduce_parameters(rig, base="rotating")
+    fixed = reduce_parameters(rig, base="fixed").mixing
+    (_, places) = name_columns(rig)
+    true = shows.mixing @ plant.rig.phi[places]
+    found = shows.mixing @ model.rig.phi[places]
     seen = np.linalg.pinv(fixed) @ fixed
     new = [k for k, row in enumerate(shows.mixing) if np.linalg.norm(row - row @ seen) > 1e-6]
     assert len(new) == 6

@@ -11,17 +11,20 @@ from gimbal_pin.regression import Block, bound_deviations, compute_coloured_cova
 
 def test_coloured_covariance_is_that_of_many_estimates() -> None:
     """Slow noise on slow columns: white deviations are far too small, the coloured ones are those of repetition."""
-    rng, count = np.random.default_rng(1), 100
+    rng = np.random.default_rng(1)
+    count = 100
     t = np.arange(3000.0)
     A = np.stack([np.ones_like(t), np.sin(0.05 * t), np.sin(0.9 * t)], axis=1)[:, None, :]
-    thetas, stated = [], []
+    thetas = []
+    stated = []
     gain = np.linalg.inv(A[:, 0].T @ A[:, 0])
     for _ in range(count):
         b = lfilter([1.0], [1.0, -0.9], rng.standard_normal(3100))[100:, None]
         block = Block(t, A, b, b, b, np.ones_like(b), b, np.zeros_like(b))
         thetas.append(gain @ A[:, 0].T @ b[:, 0])
         stated.append(np.diag(compute_coloured_covariance([block], [A], thetas[-1], gain, np.ones(1))))
-    true, white = np.var(thetas, axis=0), np.diag(gain) * 1.0 / (1 - 0.81)
+    true = np.var(thetas, axis=0)
+    white = np.diag(gain) * 1.0 / (1 - 0.81)
     assert np.allclose(np.mean(stated, axis=0), true, rtol=0.25)
     assert true[0] > 5 * white[0] and true[2] < 0.5 * white[2]
 
@@ -29,10 +32,12 @@ def test_coloured_covariance_is_that_of_many_estimates() -> None:
 @pytest.mark.parametrize("memory", [0.0, 0.8])
 def test_the_bound_is_the_one_of_the_noises_own_covariance(memory: float) -> None:
     """``(Aᵀ Γ⁻¹ A)⁻¹`` written out for a process of one pole, and no least squares of these rows is below it."""
-    rng, m = np.random.default_rng(4), 1500
+    rng = np.random.default_rng(4)
+    m = 1500
     A = lfilter([1.0], [1.0, -0.9], rng.standard_normal((m, 1, 3)), axis=0)
     noise = lfilter([1.0], [1.0, -memory], rng.standard_normal((m, 1)), axis=0)
-    theta, ones = np.array([1.0, -2.0, 0.5]), np.ones((m, 1))
+    theta = np.array([1.0, -2.0, 0.5])
+    ones = np.ones((m, 1))
     block = Block(0.1 * np.arange(m), A, (A @ theta) + noise, ones, ones, ones, ones, 0 * ones)
     gamma = memory ** np.abs(np.subtract.outer(np.arange(m), np.arange(m))) / (1 - memory**2)
     flat = A[:, 0]

@@ -37,7 +37,8 @@ def clean(turret: Rig) -> Log:
 
 def test_effects_on_joints_that_stick_are_masked_and_the_equation_stays_exact(turret: Rig) -> None:
     """Any mask before the filter keeps A θ = b: with the true state the planted parameters leave no residual."""
-    model, motion = nominal(turret), fourier(turret, 3, 10.0)
+    model = nominal(turret)
+    motion = fourier(turret, 3, 10.0)
     tau = model.inverse(motion.q, motion.v, motion.a)
     smooth = signals.zero_phase(tau, signals.lowpass(EXACT.cutoff * EXACT.smoothing, 1000.0))
     channels = Samples(motion.t, motion.q, motion.v, motion.a, smooth, motion.v, np.full(turret.n, 0.02))
@@ -88,7 +89,8 @@ def test_decimation_does_not_show(name: str, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("gimbal_pin.regression.design.compute_decimation", lambda *_: 1)
     full = list(rows)
     assert np.array_equal(*(np.concatenate([block.t for block in some]) for some in (thin, full)))
-    few, all_ = fit_weighted(thin), fit_weighted(full)
+    few = fit_weighted(thin)
+    all_ = fit_weighted(full)
     assert 0 < np.max(np.abs(few.theta - all_.theta) / all_.std) < 0.05
 
 

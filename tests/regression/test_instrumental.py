@@ -23,9 +23,11 @@ from gimbal_pin.regression import (
 
 def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) -> tuple[Block, Block, Array]:
     """One block twice with independent noise in A, and theta."""
-    theta, A = rng.uniform(0.5, 2.0, 4), rng.standard_normal((rows, 2, 4))
+    theta = rng.uniform(0.5, 2.0, 4)
+    A = rng.standard_normal((rows, 2, 4))
     b = A @ theta + 0.05 * rng.standard_normal((rows, 2))
-    t, share = np.arange(rows) / 8.0, np.ones((rows, 2))
+    t = np.arange(rows) / 8.0
+    share = np.ones((rows, 2))
     ones = np.ones((rows, 2))
     twins = [Block(t, A + noise * rng.standard_normal(A.shape), b, ones, ones, share, ones, 0 * ones) for _ in range(2)]
     return twins[0], twins[1], theta
@@ -34,7 +36,8 @@ def regression(rng: np.random.Generator, rows: int = 400, noise: float = 0.0) ->
 @given(st.integers(0, 2**32 - 1))
 def test_repeated_readings_do_not_care_which_comes_first(seed: int) -> None:
     first, second, _ = regression(np.random.default_rng(seed), noise=0.3)
-    one, other = fit_repeated([first], [second]), fit_repeated([second], [first])
+    one = fit_repeated([first], [second])
+    other = fit_repeated([second], [first])
     assert np.allclose(one.theta, other.theta) and np.allclose(one.covariance, other.covariance)
 
 
@@ -59,7 +62,8 @@ def test_the_error_falls_with_the_rows_where_that_of_least_squares_stays() -> No
     errors: dict[int, tuple[float, float]] = {}
     for rows in (400, 40_000):
         first, second, theta = regression(np.random.default_rng(3), rows, noise=0.5)
-        plain, found = fit_weighted([first]).theta, fit_instrumental([first], [second.A]).theta
+        plain = fit_weighted([first]).theta
+        found = fit_instrumental([first], [second.A]).theta
         errors[rows] = float(np.abs(plain / theta - 1).max()), float(np.abs(found / theta - 1).max())
     assert errors[40_000][0] == pytest.approx(1 - 1 / 1.25, abs=0.01)
     assert errors[40_000][1] < 0.2 * errors[400][1] and errors[40_000][1] < 0.02
@@ -119,8 +123,10 @@ def test_a_direction_without_instrument_has_infinite_deviation() -> None:
 
 def compare_shaken(seed: int, noise: float, answer: float = 0.0) -> MotionNoise:
     """Compare where a column that multiplies 2 has noise, of which `answer` times as much stands in the torque."""
-    rng, block = np.random.default_rng(seed), np.repeat(np.arange(40), 500)
-    slow, shaken = rng.standard_normal((20_000, 2)), noise * rng.standard_normal(20_000)
+    rng = np.random.default_rng(seed)
+    block = np.repeat(np.arange(40), 500)
+    slow = rng.standard_normal((20_000, 2))
+    shaken = noise * rng.standard_normal(20_000)
     A = slow + shaken[:, None] * [1.0, 0.0]
     b = slow @ [2.0, 1.0] + answer * shaken + 0.1 * rng.standard_normal(20_000)
     return compare_instruments(A, slow, b, block, np.array([[1.0, 0.0], [0.0, 1.0]]))

@@ -47,7 +47,8 @@ def test_each_joints_lag_is_found_and_takes_nothing_for_friction(rig: str) -> No
     """Left out, the same lags put a parameter off by several of the deviations that it has with them."""
     late = np.array([6e-3, -3e-3, 4e-3])[: Rig.load(rig).n]
     log = logged(rig, late)
-    found, blind = fitted(rig, log), fitted(rig, log, log.dt / 2)
+    found = fitted(rig, log)
+    blind = fitted(rig, log, log.dt / 2)
     known = found.model.estimated
     assert known is not None and np.all(np.abs(np.array(known.lags) - late) < 4 * np.array(known.lag_std))
     assert np.all(np.array(known.lag_std) < 5e-4)
@@ -57,7 +58,8 @@ def test_each_joints_lag_is_found_and_takes_nothing_for_friction(rig: str) -> No
 
 @RIGS
 def test_a_later_stamp_is_a_shorter_lag_and_nothing_else(rig: str) -> None:
-    some, more = fitted(rig, logged(rig, 1e-3, 0.0)), fitted(rig, logged(rig, 3e-3, 0.0))
+    some = fitted(rig, logged(rig, 1e-3, 0.0))
+    more = fitted(rig, logged(rig, 3e-3, 0.0))
     np.testing.assert_allclose(np.subtract(more.filtering.lags, some.filtering.lags), 2e-3, atol=2e-5)
     moved = np.abs(more.estimate.theta - some.estimate.theta)
     assert np.all(moved < 0.02 * np.abs(true_theta(Rig.load(rig))).max())
@@ -91,7 +93,8 @@ def test_a_torque_that_never_changes_does_not_say_when_it_acts(rig: str) -> None
 @RIGS
 def test_a_joint_that_does_not_say_is_as_late_as_the_others(rig: str) -> None:
     """Its lag is theirs, shrunk by what one drive may differ; it is known less well, and better than beforehand."""
-    log, silent = logged(rig, 4e-3), 1.0 * (np.arange(Rig.load(rig).n) > 0)
+    log = logged(rig, 4e-3)
+    silent = 1.0 * (np.arange(Rig.load(rig).n) > 0)
     (blocks,), _ = align_rows([compute_blocks(rows_of(Rig.load(rig), log, Filtering()))])
     still = [block._replace(slope=block.slope * silent) for block in blocks]
     lags, spread = fit_lags(still, np.array(blocks.design.filtering.lags))

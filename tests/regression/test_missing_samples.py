@@ -133,7 +133,8 @@ def test_a_log_without_noise_and_one_without_holes_are_left_alone() -> None:
 
 def test_a_log_in_shreds_is_judged_by_its_samples() -> None:
     """Bursts of samples with holes that no motion closes: no stretch to fit, and yet true samples."""
-    log, band = recorded(), Filtering(cutoff=12.0, smoothing=2.5, alignment=0.0)
+    log = recorded()
+    band = Filtering(cutoff=12.0, smoothing=2.5, alignment=0.0)
     shreds = log.part(np.flatnonzero(np.arange(len(log)) % 60 < 35))
     with pytest.raises(DataError):
         gather(RIG, [shreds], band)

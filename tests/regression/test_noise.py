@@ -10,7 +10,8 @@ from gimbal_pin.regression import Autoregression, count_independent_rows, fit_au
 
 
 def test_an_autoregressive_colour_is_found() -> None:
-    rng, polynomial = np.random.default_rng(0), np.array([1.0, -1.2, 0.5])
+    rng = np.random.default_rng(0)
+    polynomial = np.array([1.0, -1.2, 0.5])
     noise = lfilter([1.0], polynomial, rng.standard_normal(100_000))[500:]
     gamma = np.array([np.mean(noise[: len(noise) - k] * noise[k:]) for k in range(9)])
     found = fit_autoregression(gamma, len(noise))
@@ -25,7 +26,8 @@ def test_whitening_undoes_colouring() -> None:
 
 
 def test_white_rows_are_independent_and_slow_ones_fewer() -> None:
-    rows, pole = np.array([100.0, 100.0]), 0.8
+    rows = np.array([100.0, 100.0])
+    pole = 0.8
     gamma = np.stack([np.eye(1, 200)[0], pole ** np.arange(200)], axis=1)
     white, slow = count_independent_rows(gamma, rows)
     assert white == 100.0 and slow == pytest.approx(100 * (1 - pole**2) / (1 + pole**2))

@@ -21,7 +21,8 @@ def turret() -> Rig:
 
 def test_the_rate_fuses_angle_and_gyro(turret: Rig) -> None:
     """Angle and rate together give a better rate than either alone, and a gyro's bias does not get through."""
-    motion, rng = fourier(turret, 0, 8.0), np.random.default_rng(0)
+    motion = fourier(turret, 0, 8.0)
+    rng = np.random.default_rng(0)
     q = motion.q + 3e-5 * rng.standard_normal(motion.q.shape)
     v = motion.v + 2e-3 * rng.standard_normal(motion.v.shape) + 0.01
     tau = np.zeros_like(q)

@@ -64,14 +64,16 @@ def test_a_stream_of_blocks_is_the_batch(seed: int) -> None:
     kept = next(each := factor_each_block(blocks))
     for newer in each:
         kept = merge_factors([kept, newer])
-    stream, batch = solve_factors(kept, ONE), solve_factors(factor_rows(blocks), ONE)
+    stream = solve_factors(kept, ONE)
+    batch = solve_factors(factor_rows(blocks), ONE)
     assert np.allclose(stream.theta, batch.theta, rtol=1e-9)
     assert np.allclose(stream.information, batch.information, rtol=1e-9)
 
 
 @given(SEEDS)
 def test_groups_of_columns_are_chosen_without_the_rows(seed: int) -> None:
-    block, places = draw_block(np.random.default_rng(seed)), [3, 0, 4]
+    block = draw_block(np.random.default_rng(seed))
+    places = [3, 0, 4]
     chosen = solve_factors(choose_columns(factor_rows([block]), places), ONE)
     again = solve_factors(factor_rows([block._replace(A=block.A[:, :, places])]), ONE)
     assert np.allclose(chosen.theta, again.theta, rtol=1e-9)
@@ -101,7 +103,8 @@ def test_units_of_parameters_and_the_order_of_joints_do_not_matter(seed: int, un
     rng = np.random.default_rng(seed)
     block = draw_block(rng, 200, theta=np.ones(5))
     scale = unit ** np.arange(5)
-    found, scaled = fit_weighted([block]), fit_weighted([block._replace(A=block.A * scale)])
+    found = fit_weighted([block])
+    scaled = fit_weighted([block._replace(A=block.A * scale)])
     assert np.allclose(scaled.theta * scale, found.theta, rtol=1e-6)
     assert np.allclose(scaled.std * scale, found.std, rtol=1e-6)
     turned = fit_weighted([Block(block.t, *(x[:, ::-1] for x in block[1:]))])
@@ -132,7 +135,8 @@ def test_a_prior_counts_as_rows_do() -> None:
     """Rows of unit noise in the prior, or as data of unit weight: the same estimate; a sure one decides."""
     rng = np.random.default_rng(3)
     block = draw_block(rng)
-    U, z = rng.standard_normal((6, 5)), rng.standard_normal(6)
+    U = rng.standard_normal((6, 5))
+    z = rng.standard_normal(6)
     stacked = solve_factors(factor_rows([block]), ONE, np.column_stack([U, z]))
     rows = np.vstack([block.A.reshape(-1, 5), U])
     assert np.allclose(stacked.theta, np.linalg.lstsq(rows, np.append(block.b.ravel(), z), rcond=None)[0])
@@ -160,7 +164,8 @@ def test_noise_added_never_narrows_an_interval() -> None:
 def test_what_is_projected_off_is_orthogonal_whatever_the_columns_scales(seed: int, power: float) -> None:
     """Columns that depend on each other, and one of nothing, take off no more than their span."""
     rng = np.random.default_rng(seed)
-    rows, columns = rng.standard_normal((30, 4)), rng.standard_normal((30, 3))
+    rows = rng.standard_normal((30, 4))
+    columns = rng.standard_normal((30, 3))
     dependent = np.column_stack([columns * 10.0 ** np.array([power, 0.0, -power]), columns.sum(axis=1), np.zeros(30)])
     left = project_rows(rows, dependent)
     np.testing.assert_allclose(columns.T @ left, 0.0, atol=1e-9)

@@ -26,8 +26,10 @@ JOINTS = ("pan", "tilt")
 
 def chart(seed: int, count: int = 400, name: str = "pan", colour: str = "#1a75f2", start: float = 5.0) -> Chart:
     """Return a chart of two curves, one with a gap, over time, angle and rate."""
-    rng, t = np.random.default_rng(seed), start + 0.02 * np.arange(count)
-    first, second = np.sin(t + seed), np.sin(t + seed) + 0.1 * rng.standard_normal(count)
+    rng = np.random.default_rng(seed)
+    t = start + 0.02 * np.arange(count)
+    first = np.sin(t + seed)
+    second = np.sin(t + seed) + 0.1 * rng.standard_normal(count)
     second[count // 3 : count // 3 + 5] = np.nan
     curves = [Trace("measured", first, plots.PLAIN, 4.0), Trace("model", second, colour, 2.0, half=0.1 + np.abs(first))]
     return Chart(name, colour, "torque, N m", t, curves, {"angle, °": 50 * np.cos(t), "rate, °/s": 30 * np.sin(2 * t)})
@@ -271,7 +273,8 @@ def test_two_fingers_zoom_all_of_a_run_and_one_moves_the_cursor(address: str) ->
     steps = (*pinch, *lifted, RANGES, *one, *lifted, TIMES, *apart, *lifted, RANGES, WIDER)
     seen = visit(address, wide(390), pause(0.5), *steps)
     zoomed, times, whole, wider = seen.values
-    full, length = np.array([5.0, 5.0 + 0.02 * 399]), 0.02 * 399
+    full = np.array([5.0, 5.0 + 0.02 * 399])
+    length = 0.02 * 399
     assert zoomed[:5] == pytest.approx(np.tile(5.0 + length * np.array([1, 2]) / 3, (5, 1)), abs=0.05)
     assert zoomed[5] == pytest.approx(full, abs=1e-3)
     assert times[:5] == pytest.approx([5.0 + length * (1 + 0.75) / 3] * 5, abs=0.05) and times[5] is None
@@ -328,7 +331,8 @@ def test_a_spectrum_has_a_cursor_of_its_own_and_logarithmic_axes(grid: list[list
     path.write_text(Document("page", "", [Section("Charts", parts)]).to_html(), encoding="utf-8")
     drawn = Charts("run", [[grid[0][0], spectrum]]).draw().axes
     assert [axes.get_xscale() for axes in drawn] == ["linear", "log"] and drawn[1].get_xlabel() == "frequency, Hz"
-    middle, zoom = mouse("Moved", 1, 0.5), (press("+"), pause(0.2))
+    middle = mouse("Moved", 1, 0.5)
+    zoom = (press("+"), pause(0.2))
     focus = "document.querySelectorAll('.frame-of-curves')[1].focus()"
     seen = visit(path.as_uri(), wide(1280), pause(0.5), middle, TIMES, READ, focus, *zoom, RANGES)
     times, values, _, ranges = seen.values

@@ -82,7 +82,8 @@ CLEAR = """[window, ...[...document.querySelectorAll('iframe')].map(one => one.c
 @needs_browser
 @pytest.mark.parametrize("name", PAGES)
 def test_a_browser_shows_every_page_without_complaint_or_network(name: str, tmp_path: Path) -> None:
-    path, page = tmp_path / "page.html", PAGES[name](Rig.load("turret"), tmp_path)
+    path = tmp_path / "page.html"
+    page = PAGES[name](Rig.load("turret"), tmp_path)
     path.write_text(page, encoding="utf-8")
     looks = (EMPTY, OUTSIDE, WIDER, "document.querySelectorAll('.chart canvas').length", PLAYING)
     seen = visit(

@@ -97,7 +97,8 @@ def ended(pid: int) -> bool:
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of the thesis rig."""
-    rig, path = Rig.load("thesis"), tmp_path_factory.mktemp("live") / "log.csv"
+    rig = Rig.load("thesis")
+    path = tmp_path_factory.mktemp("live") / "log.csv"
     moved = sweep(rig)
     names = ",".join(("t", *(f"q_{joint}" for joint in rig.joints)))
     np.savetxt(path, np.column_stack([moved.t, moved.q]), delimiter=",", header=names, comments="")
@@ -156,7 +157,8 @@ def test_only_who_has_the_address_and_is_no_other_page_gets_the_scene(viewers: V
 
 def test_what_is_no_request_harms_nothing(viewers: Viewers) -> None:
     process, url = viewers[signal.SIGTERM]
-    port, rng = urlsplit(url).port or 0, np.random.default_rng(1)
+    port = urlsplit(url).port or 0
+    rng = np.random.default_rng(1)
     good = f"GET {urlsplit(url).path} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
     broken = [
         good.replace(b"HTTP/1.1", b""),

@@ -120,7 +120,8 @@ def test_the_table_holds_what_the_dict_holds(record: Record) -> None:
 
 
 def test_a_notebook_and_a_page_show_every_number_of_the_terminal(record: Record, tmp_path: Path) -> None:
-    said, shown = describe_record(record).to_text(), lxml.html.fromstring(record._repr_html_())
+    said = describe_record(record).to_text()
+    shown = lxml.html.fromstring(record._repr_html_())
     assert numbers(said) and numbers(said) <= numbers(shown.text_content())
     record.report(tmp_path / "page.html")
     page = lxml.html.parse(tmp_path / "page.html").getroot()

@@ -144,7 +144,8 @@ def whole(walk: Walk, **more: str) -> str:
 
 def gather(walk: Walk, why: str = "", **more: str) -> Auto:
     """Return the results of a walk as `auto` returns them."""
-    payload, tuned = compare_payload(walk.found), walk.tunings["computed-torque"]
+    payload = compare_payload(walk.found)
+    tuned = walk.tunings["computed-torque"]
     head = summary(walk.rig, walk.found, tuned, walk.result, walk.logs, payload=payload, not_held=why, **more)
     files = {what: Path("out") / name for what, name in FILES.items()}
     tuning = walk.tunings["computed-torque"]
@@ -260,7 +261,8 @@ def test_every_section_has_an_address_of_its_own(titles: list[str]) -> None:
 @given(st.integers(3, 3000), st.integers(0, 2**32 - 1), st.integers(0, 5))
 def test_a_thinned_curve_keeps_its_peaks_and_its_gaps(count: int, seed: int, holes: int) -> None:
     rng = np.random.default_rng(seed)
-    t, values = np.arange(float(count)), rng.standard_normal(count)
+    t = np.arange(float(count))
+    values = rng.standard_normal(count)
     values[rng.integers(0, count, holes)] = np.nan
     if np.isnan(values).all():
         return
@@ -341,7 +343,8 @@ def test_the_rows_shown_are_the_rows_judged(holdout: str) -> None:
     rig = Rig.load("turret")
     logs = [bench(rig, seed=1, name="a.csv"), bench(rig, seed=2, name="b.csv")]
     found = identify(rig, logs, holdout=holdout)
-    judged, shown = found.held_out or found.train, evaluate(found, logs)
+    judged = found.held_out or found.train
+    shown = evaluate(found, logs)
     error_rms = weighted_rms(shown.stacked("error"), shown.stacked("share"))
     assert error_rms == pytest.approx(list(judged.torque_rmse.values()), rel=1e-9)
     moving = shown.stacked("share") > 0.999
@@ -354,7 +357,8 @@ def test_the_rows_shown_are_the_rows_judged(holdout: str) -> None:
 def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk) -> None:
     section = show_parameters(walk.found, compare_payload(walk.found), evaluate(walk.found, walk.logs))
     rows = cells(section, "Base parameters") + cells(section, "Friction and other effects")
-    theta, std = walk.found.estimate.theta, walk.found.estimate.std
+    theta = walk.found.estimate.theta
+    std = walk.found.estimate.std
     assert len(rows) == len(theta)
     for row, value, deviation in zip(rows, theta, std):
         half = value_of(row[3])
@@ -367,7 +371,8 @@ def test_the_parameters_table_holds_every_parameter_with_its_interval(walk: Walk
 def test_a_table_of_torque_is_a_line_and_folded_on_the_page(walk: Walk) -> None:
     """However many values it has, what is printed has a line for it, with its largest value and the place of that."""
     (log,) = walk.logs
-    pan, still = log.q[:, 0], np.zeros(len(log))
+    pan = log.q[:, 0]
+    still = np.zeros(len(log))
     knots = np.linspace(*np.quantile(pan, (0.1, 0.9)), 31)
     table = TorqueTable("pan", "angle", tuple(knots.tolist()))
     torque = np.array(table.basis(Sample(pan, still, still, still, still, still))).T @ (0.5 * np.cos(5 * knots))
@@ -477,7 +482,8 @@ def test_torques_of_one_table_are_in_one_unit() -> None:
 
 def test_page_and_terminal_claim_median_and_worst_of_the_perturbed_plants(walk: Walk, page: str) -> None:
     """The same figures as JSON: the errors of controller and PID, and their ratio."""
-    found, table = walk.judged.to_dict(), str(tables.judgement(walk.judged, list_shown_joints(walk.rig)))
+    found = walk.judged.to_dict()
+    table = str(tables.judgement(walk.judged, list_shown_joints(walk.rig)))
     ratio = found["ratios"]["computed-torque"]
     claimed = "{} ({})".format(*(numbers.figures(ratio[of]["pan"], 2) for of in ("median", "worst")))
     assert claimed in table and claimed in parsed(page).text_content() and "on 2 plants" in page
@@ -559,7 +565,8 @@ def test_sliding_joints_are_shown_in_millimetres(slid: Walk) -> None:
 
 def test_the_terminal_and_json_have_the_units_of_joints_that_slide(slid: Walk) -> None:
     """N, m and kg where a joint that turns has N m, rad and kg m²: in findings, tables, reasons, `check` and files."""
-    rig, (log,) = slid.rig, slid.logs
+    rig = slid.rig
+    (log,) = slid.logs
     log = replace(log, tau=log.tau + 20.0 * (log.q - 0.02) + 0.05)
     wrong = diagnose(rig, [log], rng=0)
     (spring,) = wrong.findings
@@ -681,7 +688,8 @@ def test_a_diagnosis_plays_the_log_and_the_stretch_that_the_model_explains_least
 def test_auto_says_its_outcome_in_a_screen_and_all_of_it_when_asked(walk: Walk) -> None:
     """First what was found, what to do, and what to take care of, as the page's head has it."""
     found = gather(walk, why="no IMU")
-    head, page = found.summary, parsed(str(found.summary.section.html)).text_content()
+    head = found.summary
+    page = parsed(str(found.summary.section.html)).text_content()
     brief, everything = (describe_outcome(found, verbose).splitlines() for verbose in (False, True))
     assert brief[:3] == [head.found, "What to do", f"  {head.to_do[0]}"]
     why = "No camera was held on a platform that moves: no IMU."
@@ -772,7 +780,8 @@ def test_axe_has_nothing_against_the_report_light_or_dark(page: str, animation: 
     head = Document("page", "what it is", [Section("x", [elements.paragraph("y")])], origin).to_html()
     assert "2026-01-02 03:04 UTC" in head and "auto &lt;rig&gt;" in head and 'href="model.yaml"' in head
     for text in (head, page, animation):
-        path, found = tmp_path / "page.html", list[Any]()
+        path = tmp_path / "page.html"
+        found = list[Any]()
         path.write_text(text, encoding="utf-8")
         audits = [step for scheme in ("light", "dark") for step in (media("screen", scheme), pause(0.5), audit(found))]
         visit(path.as_uri(), OPEN, wide(1280), *audits)

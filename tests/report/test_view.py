@@ -275,7 +275,8 @@ def test_the_base_turns_with_the_attitude_that_its_imu_reports(lumped: Rig) -> N
     tilted = replace(log, imus={lumped.base: Imu(quat=quat)})
     pose = np.eye(4)
     pose[:3, :3] = turn.matrix()
-    page, plain = view.record(lumped, tilted), view.record(lumped, log)
+    page = view.record(lumped, tilted)
+    plain = view.record(lumped, log)
     for a, b in zip(parts(page, frame=20), parts(plain, frame=20), strict=True):
         assert np.allclose(a, pose @ b, atol=1e-6)
     attitude = base_attitude(lumped, tilted, log.t)
@@ -286,7 +287,8 @@ def test_the_base_turns_with_the_attitude_that_its_imu_reports(lumped: Rig) -> N
 
 def test_poses_are_pinocchio_s_forward_kinematics(lumped: Rig) -> None:
     q = 4 * np.random.default_rng(0).normal(size=(30, lumped.n))
-    shown, data = poses(lumped.model, q), lumped.model.createData()
+    shown = poses(lumped.model, q)
+    data = lumped.model.createData()
     for k, row in enumerate(q):
         pin.forwardKinematics(lumped.model, data, row)
         for i in range(1, lumped.n + 1):
@@ -467,7 +469,8 @@ def test_the_map_of_shadows_holds_all_that_casts_them_and_spends_few_texels_on_t
     shot = scene(rig, shown)
     drawn = {c["path"]: c for c in shot.commands if c["type"] in ("set_object", "set_transform")}
     key = drawn["/Studio/key"]["object"]["object"]
-    eye, lamp = key["shadow"]["camera"], square(key["matrix"])[:3, 3]
+    eye = key["shadow"]["camera"]
+    lamp = square(key["matrix"])[:3, 3]
     back = lamp / np.linalg.norm(lamp)  # a lamp looks at the origin, its right is level
     right = np.cross([0, 0, 1.0], back) / np.linalg.norm(np.cross([0, 0, 1.0], back))
     moves = [square(view[0]["matrix"])[:3, 3] for view in shot.views.values()]  # what is looked at is at the origin
@@ -557,7 +560,8 @@ def pixels(uri: str) -> np.ndarray:
 
 @needs_browser
 def test_a_browser_without_webgl_says_so(tmp_path: Path) -> None:
-    blind, path = "<head><script>HTMLCanvasElement.prototype.getContext = () => null</script>", tmp_path / "out.html"
+    blind = "<head><script>HTMLCanvasElement.prototype.getContext = () => null</script>"
+    path = tmp_path / "out.html"
     rig = Rig.load("turret")
     path.write_text(view.record(rig, sweep(rig)).replace("<head>", blind, 1), encoding="utf-8")
     assert "it has no WebGL" in visit(path.as_uri(), "document.getElementById('meshcat-pane').textContent").values[0]
@@ -574,7 +578,8 @@ COUNTED = """<head><script>{
 @needs_browser
 def test_a_scene_runs_only_while_it_is_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Folded, scrolled away or folded again it draws no frame, and a folded one says nothing on the console."""
-    rig, said = Rig.load("thesis"), list[str]()
+    rig = Rig.load("thesis")
+    said = list[str]()
 
     async def hear(seen: object, event: Any) -> None:
         said.append(str(event["params"])[:200])
@@ -584,7 +589,8 @@ def test_a_scene_runs_only_while_it_is_seen(tmp_path: Path, monkeypatch: pytest.
     path = tmp_path / "page.html"
     path.write_text(f"<!DOCTYPE html><details><summary>scene</summary>{frame}</details><p style='height: 3000px'></p>")
     frames = "document.querySelector('iframe').contentWindow.frames"
-    still, fold = (frames, pause(0.7), frames), "document.querySelector('details').open = {}, 0"
+    still = (frames, pause(0.7), frames)
+    fold = "document.querySelector('details').open = {}, 0"
     seen = visit(
         path.as_uri(), pause(1.0), *still, lambda _: note(said), fold.format("true"), pause(1.0), *still,
         "scrollTo(0, 2500), 0", pause(0.5), *still, "scrollTo(0, 0), 0", pause(0.7), frames,
@@ -657,7 +663,8 @@ def test_a_browser_plays_the_page_offline_and_shows_the_rig_move(tmp_path: Path)
     (_, playing, loop, repetitions), later, first, at_first, second, at_second = values[:6]
     assert (seen.complaints, seen.requests) == ([], [url])
     assert playing and later > 0 and loop == 2201 and repetitions > 1e6  # three.js: LoopRepeat
-    one, two = pixels(first), pixels(second)
+    one = pixels(first)
+    two = pixels(second)
     assert one.shape == (180, 320, 3)
     assert len(np.unique(one.reshape(-1, 3), axis=0)) > 500  # not blank
     moved = np.abs(one - two).max(axis=2) > 24

@@ -19,7 +19,8 @@ from tests.rigs import VARIETY, taken_by_all
 def body(seed: int) -> np.ndarray:
     """A random cloud of ten point masses."""
     rng = np.random.default_rng(seed)
-    mass, at = rng.uniform(0.1, 1.0, 10), 0.2 * rng.standard_normal((10, 3))
+    mass = rng.uniform(0.1, 1.0, 10)
+    at = 0.2 * rng.standard_normal((10, 3))
     whole = sum((pin.Inertia(m, x, np.zeros((3, 3))).toDynamicParameters() for m, x in zip(mass, at)), np.zeros(10))
     return np.array(whole)
 
@@ -46,7 +47,8 @@ def test_a_flat_plate_is_thickened_and_nonsense_refused() -> None:
 @pytest.mark.parametrize("name", bundled_rigs())
 def test_what_is_physical_stays(name: str) -> None:
     """The true base parameters of another physical rig are reached to a billionth of their deviations."""
-    rig, mixing = Rig.load(name), map_phi_to_base(Rig.load(name), reduce_parameters(Rig.load(name)))
+    rig = Rig.load(name)
+    mixing = map_phi_to_base(Rig.load(name), reduce_parameters(Rig.load(name)))
     other = perturbed(rig, 0.1, np.random.default_rng(1)).rig.phi
     beta = mixing @ other
     found = find_nearest_bodies(rig.phi, mixing, beta, np.diag((1e-3 * np.abs(beta) + 1e-6) ** 2))

@@ -35,7 +35,8 @@ def test_what_it_writes_is_the_rig_and_what_it_suggests_is_understood(tmp_path: 
     source = tmp_path / f"{name}.xml" if name in FILES else name
     if name in FILES:
         (tmp_path / f"{name}.xml").write_text(FILES[name], encoding="utf-8")
-    path, rig = tmp_path / "mine.yaml", Rig.load(source)
+    path = tmp_path / "mine.yaml"
+    rig = Rig.load(source)
     code, out, err = run("new-rig", source, "-o", path)
     assert code == 0 and "mine.yaml" in out, err
     again = Rig.load(path)

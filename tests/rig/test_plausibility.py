@@ -105,7 +105,8 @@ def write_frames(folder: Path, inertial: str) -> tuple[Path, Path]:
     plain = bundled("turret", "cinema")
     places = {"tool": plain.links[-1], "ground": plain.base}
     added = "".join(frame.format(name) + joint.format(name, place) for name, place in places.items())
-    path, payload = folder / "rig.urdf", folder / "cinema.urdf"
+    path = folder / "rig.urdf"
+    payload = folder / "cinema.urdf"
     path.write_text((data_folder() / "turret.urdf").read_text().replace("</robot>", f"{added}</robot>"))
     added = frame.format("plate") + joint.format(plain.payload_link, "plate")
     text = (data_folder() / "payloads" / "cinema.urdf").read_text()
@@ -117,7 +118,8 @@ def write_frames(folder: Path, inertial: str) -> tuple[Path, Path]:
 def test_a_fixed_frame_without_mass_changes_nothing(inertial: str, tmp_path: Path, run: Run) -> None:
     """On the base, on a link, and as the root of a payload; --mend writes a file without it, and a note names it."""
     path, payload = write_frames(tmp_path, inertial)
-    rig, plain = Rig.load(path, payload), bundled("turret", "cinema")
+    rig = Rig.load(path, payload)
+    plain = bundled("turret", "cinema")
     assert np.array_equal(rig.phi, plain.phi) and any("plate" in note for note in rig.notes)
     code, _, err = run("check", path, "--payload", payload, "--mend", tmp_path / "mended.urdf")
     assert code == 0, err

@@ -23,7 +23,8 @@ from tests.rigs import spelled, states
 def gimbal(name: str, parts: list[tuple[str, str, str, str, float, float]], sensors: str) -> str:
     """An SDF: the base, then per link its name, its joint's place and axis in it, its centre, mass and inertia."""
     solid = "<inertia><ixx>{0}</ixx><iyy>{0}</iyy><izz>{0}</izz></inertia>"
-    out, before = [], "base"
+    out = []
+    before = "base"
     for link, place, axis, com, mass, inertia in parts:
         last = sensors if link == parts[-1][0] else ""
         joint = (
@@ -126,7 +127,8 @@ def test_other_bodies_with_the_same_base_parameters_ask_for_the_same_torques(nam
     null = np.linalg.svd(mixing)[2][np.linalg.matrix_rank(mixing) :]
     phi = own.phi + null.T @ np.random.default_rng(2).normal(size=len(null)) * np.abs(own.phi).max()
     q, v, a = spread_states(own, 50)
-    ours, other = compute_rnea(own, q, v, a), compute_rnea(own.with_phi(phi), q, v, a)
+    ours = compute_rnea(own, q, v, a)
+    other = compute_rnea(own.with_phi(phi), q, v, a)
     np.testing.assert_allclose(other, ours, rtol=0, atol=1e-9 * np.abs(ours).max())
 
 

@@ -138,7 +138,8 @@ def test_the_motors_hold_the_payload_anywhere(name: str, payload: str) -> None:
 def test_a_payload_weighs_the_same_on_every_rig_and_moves_with_the_last_link(payload: str) -> None:
     added = []
     for name in bundled_rigs():
-        bare, rig = bundled(name, "none"), bundled(name, payload)
+        bare = bundled(name, "none")
+        rig = bundled(name, payload)
         assert (rig.joints, rig.links, rig.base) == (bare.joints, bare.links, bare.base)
         np.testing.assert_array_equal(rig.phi[:-10], bare.phi[:-10])
         added.append(rig.model.inertias[rig.n].mass - bare.model.inertias[rig.n].mass)
@@ -330,12 +331,14 @@ def test_a_yaml_overlays_a_bundled_rig_and_keeps_the_rest(tmp_path: Path) -> Non
     motors: {roll: {tau_max: 2.5}}
     limits: {tilt: {upper: 0.9}, yaw: {velocity: 1.1}}
     """
-    rig, base = Rig.load(write(tmp_path, text, "mine.yaml")), bundled("thesis", "zoom-lens")
+    rig = Rig.load(write(tmp_path, text, "mine.yaml"))
+    base = bundled("thesis", "zoom-lens")
     assert rig.payload == "zoom-lens" and rig.config.inertia == "trusted"
     assert (rig.config.imus, rig.config.noise) == (base.config.imus, base.config.noise)
     assert rig.camera_frame == base.camera_frame
     np.testing.assert_array_equal(rig.phi, base.phi)
-    ours, theirs = rig.motors[1], base.motors[1]
+    ours = rig.motors[1]
+    theirs = base.motors[1]
     assert ours.tau_max == 2.5 != theirs.tau_max
     assert (ours.torque_constant, ours.slots, ours.poles, ours.encoder_bits) == (
         theirs.torque_constant,
@@ -350,7 +353,8 @@ def test_a_yaml_overlays_a_bundled_rig_and_keeps_the_rest(tmp_path: Path) -> Non
 
 
 def test_an_empty_overlay_changes_nothing(tmp_path: Path) -> None:
-    rig, base = Rig.load(write(tmp_path, "urdf: handheld", "mine.yaml")), bundled("handheld")
+    rig = Rig.load(write(tmp_path, "urdf: handheld", "mine.yaml"))
+    base = bundled("handheld")
     for field in ("joints", "links", "motors", "limits", "base", "camera_frame", "payload", "urdf"):
         assert getattr(rig, field) == getattr(base, field)
     assert rig.config.urdf == "handheld"
@@ -359,7 +363,8 @@ def test_an_empty_overlay_changes_nothing(tmp_path: Path) -> None:
 def test_overlays_stack(tmp_path: Path) -> None:
     write(tmp_path, "urdf: turret\nmotors: {pan: {tau_max: 1}}\nlimits: {pan: {velocity: 1}}", "one.yaml")
     path = write(tmp_path, "urdf: one.yaml\nmotors: {pan: {slots: 12}}\nlimits: {pan: {upper: 1}}", "two.yaml")
-    rig, base = Rig.load(path), bundled("turret")
+    rig = Rig.load(path)
+    base = bundled("turret")
     assert (rig.motors[0].tau_max, rig.motors[0].slots, rig.motors[0].poles) == (1, 12, base.motors[0].poles)
     assert (rig.limits[0].velocity, rig.limits[0].upper, rig.limits[0].lower) == (1, 1, base.limits[0].lower)
 
@@ -542,7 +547,8 @@ def test_what_no_torque_shows_is_said_and_changes_none(tmp_path: Path) -> None:
 
 
 def test_a_mended_rig_is_sound_and_another_mends_to_itself(tmp_path: Path, run: Run) -> None:
-    path, out = write(tmp_path, TWO.replace(INERTIA, NO_BODY)), tmp_path / "out.urdf"
+    path = write(tmp_path, TWO.replace(INERTIA, NO_BODY))
+    out = tmp_path / "out.urdf"
     refused(lambda: Rig.load(path), "head", "--mend")
     assert run("check", path, "--mend", out)[0] == 0
     rig = Rig.load(out)
@@ -560,7 +566,8 @@ def test_the_nearest_inertia_is_some_bodys_and_none_is_nearer(entries: list[floa
     inertia = np.zeros((3, 3))
     inertia[np.tril_indices(3)] = entries
     inertia = inertia + np.tril(inertia, -1).T
-    found, moments = find_nearest_inertia(1.0, inertia), lambda x: np.trace(x) / 2 * np.eye(3) - x
+    found = find_nearest_inertia(1.0, inertia)
+    moments = lambda x: np.trace(x) / 2 * np.eye(3) - x
     small, middle, large = np.linalg.eigvalsh(found)
     assert small > 0 and small + middle > large
     if describe_broken_rule(inertia) is None and np.linalg.eigvalsh(moments(inertia))[0] > 1e-5 * np.trace(
@@ -585,10 +592,8 @@ def test_the_root_world_need_not_be_declared(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
 def test_a_joint_that_mimics_is_held_at_its_offset(tmp_path: Path, kind: str) -> None:
     mimics = in_head('type="revolute">', f'type="{kind}"><mimic joint="yaw" multiplier="2" offset="0.3"/>')
-    rig, free = (
-        Rig.load(write(tmp_path, mimics)),
-        Rig.load(write(tmp_path, mimics.replace("<mimic", "<x"), "free.urdf")),
-    )
+    rig = Rig.load(write(tmp_path, mimics))
+    free = Rig.load(write(tmp_path, mimics.replace("<mimic", "<x"), "free.urdf"))
     q, v, a = (np.random.default_rng(4).normal(size=(10, 2)) * [1, 0] + [0, c] for c in (0.3, 0, 0))
     np.testing.assert_allclose(
         compute_rnea(rig, q[:, :1], v[:, :1], a[:, :1])[:, 0], compute_rnea(free, q, v, a)[:, 0], atol=1e-12
@@ -685,7 +690,8 @@ TAGGED = TAGGED.replace('iyy="1" izz="1" ixy="0"', 'iyy="1.2" izz="1.4" ixy="0.1
 def bodies(draw: st.DrawFn) -> tuple[float, np.ndarray, np.ndarray]:
     """A body that can exist: a cloud of six points."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    masses, points = rng.uniform(0.01, 2, 6), rng.normal(size=(6, 3))
+    masses = rng.uniform(0.01, 2, 6)
+    points = rng.normal(size=(6, 3))
     com = masses @ points / masses.sum()
     arms = points - com
     inertia = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, arms))

@@ -44,13 +44,15 @@ def pose(rng: np.random.Generator) -> pin.SE3:
 
 def parts(seed: int) -> list[Part]:
     """A tree of five links: each hangs on one before it, and its joint sits beside its frame."""
-    rng, out = np.random.default_rng(seed), list[Part]()
+    rng = np.random.default_rng(seed)
+    out = list[Part]()
     for k in range(5):
         points = 0.1 * rng.normal(size=(6, 3))
         inertia = sum(0.1 * (r @ r * np.eye(3) - np.outer(r, r)) for r in points)
         axis = rng.normal(size=3)
         kind = str(rng.choice(["revolute", "continuous", "prismatic"]))
-        place, at = pose(rng), 0.1 * rng.normal(size=3)
+        place = pose(rng)
+        at = 0.1 * rng.normal(size=3)
         mass = rng.uniform(0.1, 2)
         out.append(Part(int(rng.integers(-1, k)) if k else -1, kind, place, at, axis, mass, pose(rng), inertia))
     return out
@@ -94,9 +96,11 @@ def as_sdf(tree: list[Part], version: str = "1.9") -> str:
     massless = "<inertial><mass>0</mass><inertia><ixx>0</ixx><iyy>0</iyy><izz>0</izz></inertia></inertial>"
     out = [f'<sdf version="{version}"><model name="tree"><pose>1 2 3 0 0 1</pose><link name="base">{massless}</link>']
     for k, part in enumerate(tree):
-        by, at = "", part.pose
+        by = ""
+        at = part.pose
         if part.parent >= 0 and k % 2:
-            by, at = f'relative_to="l{part.parent}"', tree[part.parent].pose.actInv(part.pose)
+            by = f'relative_to="l{part.parent}"'
+            at = tree[part.parent].pose.actInv(part.pose)
         rpy = pin.rpy.matrixToRpy(at.rotation)
         where = f"<pose {by}>{numbers(at.translation)} {numbers(rpy)}</pose>"
         if k == 1:
@@ -131,7 +135,8 @@ def as_mjcf(tree: list[Part], free: bool = False) -> str:
     def body(k: int) -> str:
         part = tree[k]
         before = tree[part.parent].pose if part.parent >= 0 else pin.SE3.Identity()
-        at, R = before.actInv(part.pose), part.own.rotation
+        at = before.actInv(part.pose)
+        R = part.own.rotation
         w = np.roll(pin.Quaternion(at.rotation).coeffs(), 1)
         full = (R @ part.inertia @ R.T)[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
         kind = "slide" if part.kind == "prismatic" else "hinge"
@@ -177,7 +182,8 @@ def written(folder: Path, name: str, text: str) -> Path:
 @pytest.mark.parametrize("seed", range(6))
 def test_one_rig_in_every_format_asks_for_the_same_torques(tmp_path: Path, seed: int) -> None:
     tree = parts(seed)
-    plain, peer = spelled(as_urdf(tree)), mujoco.MjModel.from_xml_string(as_mjcf(tree))
+    plain = spelled(as_urdf(tree))
+    peer = mujoco.MjModel.from_xml_string(as_mjcf(tree))
     sdf = Rig.load(written(tmp_path, "tree.sdf", as_sdf(tree, ("1.4", "1.9", "1.11")[seed % 3])))
     twin = spelled(mjcf.convert_mujoco_model(peer, "tree.xml")[0])
     peer.opt.gravity[:] = 0, 0, -GRAVITY
@@ -247,7 +253,8 @@ def test_what_mujoco_knows_of_motors_and_sensors_is_the_rigs() -> None:
     assert rig.motors[0].armature == pytest.approx(0.02, rel=1e-14)
     np.testing.assert_allclose(rig.friction, [[0.2, 0.3]])
     np.testing.assert_allclose(rig.tau_max, [6.0])
-    data, other = rig.model.createData(), mujoco.MjData(model)
+    data = rig.model.createData()
+    other = mujoco.MjData(model)
     for q in (0.4, -0.9):
         pin.framesForwardKinematics(rig.model, data, np.array([q]))
         other.qpos[:] = q
@@ -284,7 +291,9 @@ def test_gears_and_rotors_come_from_transmissions_and_the_yaml_beats_them(tmp_pa
     written(tmp_path, "r.yaml", "motors: {tilt: {rotor_inertia: 1e-4, encoder_bits: 12}}")
     motor = Rig.load(path).motors[0]
     assert (motor.gear_ratio, motor.rotor_inertia, motor.encoder_bits) == (50, 1e-4, 12)
-    q, v, a = np.zeros((1, 1)), np.zeros((1, 1)), np.ones((1, 1))
+    q = np.zeros((1, 1))
+    v = np.zeros((1, 1))
+    a = np.ones((1, 1))
     rig = Rig.load(path)
     assert nominal(rig).inverse(q, v, a) - compute_regressor(rig, q, v, a) @ rig.phi == pytest.approx(0.25)
 
@@ -307,7 +316,8 @@ def test_a_joint_that_the_yaml_fixes_is_none(tmp_path: Path) -> None:
     path = written(tmp_path, "r.urdf", as_urdf(tree))
     full = Rig.load(path)
     written(tmp_path, "r.yaml", "fixed: {j1: 0.4, j3: -0.2}")
-    rig, at = Rig.load(path), {"j1": 0.4, "j3": -0.2}
+    rig = Rig.load(path)
+    at = {"j1": 0.4, "j3": -0.2}
     assert sorted(rig.joints) == ["j0", "j2", "j4"]
     draw = np.random.default_rng(1).normal(size=(3, 8, 3))
     kept = [full.joints.index(joint) for joint in rig.joints]

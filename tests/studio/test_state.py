@@ -124,7 +124,8 @@ def test_a_state_is_tuned_as_tune_does(
 ) -> None:
     own = subject()
     state = replace(StudioState(), bandwidth_hz=hz, disk_margin=margin, delay=delay)
-    found, asked = tune_state(own, state), tune(own.model, bandwidth_hz=hz, disk_margin=margin, delay=delay)
+    found = tune_state(own, state)
+    asked = tune(own.model, bandwidth_hz=hz, disk_margin=margin, delay=delay)
     assert to_plain(found.to_dict()) == to_plain(asked.to_dict())
 
 
@@ -157,9 +158,11 @@ def test_the_residual_is_noise_until_a_cause_is_off_or_the_payload_moves() -> No
 
 
 def test_a_cause_that_is_off_is_in_the_gimbal_and_not_in_the_controller() -> None:
-    subject, off = identified(), list_causes(identified().model)[:1]
+    subject = identified()
+    off = list_causes(identified().model)[:1]
     state = StudioState(off=off)
-    known, plant = build_model(subject, state), build_plant(subject, state)
+    known = build_model(subject, state)
+    plant = build_plant(subject, state)
     assert list_causes(known) == list_causes(subject.model)[1:] and plant is subject.model
     assert known.estimated is not None and subject.model.estimated is not None
     assert len(known.estimated.names) == len(subject.model.estimated.names) - 1
@@ -175,7 +178,8 @@ def test_a_payload_that_weighs_what_it_does_and_sits_where_it_does_is_the_same()
 
 def test_untouched_it_saves_what_tune_writes(tmp_path: Path, run: Run) -> None:
     """Of two logs whose torque was stamped 2.4 samples before it acted: the delay that both take is no whole one."""
-    rig, files = bundled(RIG), [tmp_path / "one.csv", tmp_path / "two.csv"]
+    rig = bundled(RIG)
+    files = [tmp_path / "one.csv", tmp_path / "two.csv"]
     for seed, file in enumerate(files):
         log = bench_run(nominal(rig), rng=np.random.default_rng(seed), seconds=20.0)
         early = np.column_stack([np.interp(log.t + 0.0024, log.t, column) for column in np.transpose(log.tau)])
@@ -190,7 +194,8 @@ def test_untouched_it_saves_what_tune_writes(tmp_path: Path, run: Run) -> None:
 
 def test_other_wishes_work_out_nothing_of_the_model_again(tmp_path: Path) -> None:
     """And they get what `tune` gives."""
-    subject, desk = identified(), Desk(StudioSource(bundled(RIG)), tmp_path, {})
+    subject = identified()
+    desk = Desk(StudioSource(bundled(RIG)), tmp_path, {})
     desk.subjects[None, None] = subject
     (_, _, one), (_, tuning, other), (_, _, moved) = (
         desk.tune_loops(state)
@@ -203,7 +208,8 @@ def test_other_wishes_work_out_nothing_of_the_model_again(tmp_path: Path) -> Non
 
 def test_a_saved_controller_is_tuned_again_from_its_own_model(tmp_path: Path) -> None:
     """With the payload moved and a cause off, too: the file holds the model that it was made for."""
-    subject, state = identified(), StudioState(bandwidth_hz=6.0, x=0.01, mass=1.5, off=("viscous at tilt",))
+    subject = identified()
+    state = StudioState(bandwidth_hz=6.0, x=0.01, mass=1.5, off=("viscous at tilt",))
     keep_controller(tune_state(subject, state), tmp_path)(tmp_path / "saved.yaml")
     filed = yaml.safe_load((tmp_path / "saved.yaml").read_text())
     found = stored(filed, subject.rig)
@@ -217,7 +223,8 @@ def test_a_saved_controller_is_tuned_again_from_its_own_model(tmp_path: Path) ->
 
 def test_what_an_earlier_session_saved_stays(tmp_path: Path) -> None:
     """A report of a second session in the same folder leaves the controller of the first as it was."""
-    source, plant = StudioSource(bundled(RIG)), nominal(bundled(RIG))
+    source = StudioSource(bundled(RIG))
+    plant = nominal(bundled(RIG))
     first = Desk(source, tmp_path / "out", {})
     first.save_file("controller.yaml", keep_controller(tune(plant, bandwidth_hz=4.0), first.folder))
     before = (tmp_path / "out" / "controller.yaml").read_bytes()

@@ -38,13 +38,16 @@ class ActuatorLag(Effect):
         return self._first(world.dt) if self.form == "first-order" else self._second(world.dt)
 
     def _first(self, dt: float) -> Law:
-        joint, x = self.own, dt / self.time_constant
-        keep, y = exp(-x), 0.0
+        joint = self.own
+        x = dt / self.time_constant
+        keep = exp(-x)
+        y = 0.0
         mean = (1.0 - keep) / x
 
         def law(state: State) -> None:
             nonlocal y
-            u, before = state.u[joint], y
+            u = state.u[joint]
+            before = y
             y = u + (before - u) * keep
             state.u[joint] = u + (before - u) * mean
 
@@ -52,7 +55,9 @@ class ActuatorLag(Effect):
 
     def _second(self, dt: float) -> Law:
         """ÿ = ω²(u - y) - 2 ζ ω ẏ, ω = 2 / time constant; substeps keep the implicit rule accurate."""
-        joint, omega, zeta = self.own, 2.0 / self.time_constant, self.damping
+        joint = self.own
+        omega = 2.0 / self.time_constant
+        zeta = self.damping
         pieces = max(1, int(4.0 * omega * dt) + 1)
         h = dt / pieces
         scale = 1.0 + zeta * omega * h + 0.25 * (omega * h) ** 2
@@ -60,12 +65,14 @@ class ActuatorLag(Effect):
 
         def law(state: State) -> None:
             nonlocal y, rate
-            u, total = state.u[joint], 0.0
+            u = state.u[joint]
+            total = 0.0
             for _ in range(pieces):
                 push = omega * omega * (u - y) - 2.0 * zeta * omega * rate
                 step = h * (push - 0.5 * h * omega * omega * rate) / scale
                 middle = y + 0.5 * h * (rate + 0.5 * step)
-                y, rate = y + h * (rate + 0.5 * step), rate + step
+                y = y + h * (rate + 0.5 * step)
+                rate = rate + step
                 total += middle
             state.u[joint] = total / pieces
 
@@ -91,7 +98,10 @@ class Delay(Effect):
         return cls(context.joint, form, 0.05 * context.share + 1e-4, 0.35 if form == "wandering" else 0.0)
 
     def drive(self, world: World) -> Law:
-        joint, delay, wander, dt = self.own, self.delay, self.wander, world.dt
+        joint = self.own
+        delay = self.delay
+        wander = self.wander
+        dt = world.dt
         past: deque[float] = deque(
             [0.0] * (int(delay * (1.0 + wander) / dt) + 3), maxlen=int(delay * (1 + wander) / dt) + 3
         )
@@ -125,7 +135,8 @@ class Saturation(Effect):
         return replace(self, limit=self.limit / k**0.3)
 
     def drive(self, world: World) -> Law:
-        joint, limit = self.own, self.limit
+        joint = self.own
+        limit = self.limit
         shapes: dict[str, Callable[[float], float]] = {
             "hard": lambda u: min(max(u, -limit), limit),
             "smooth": lambda u: limit * tanh(u / limit),
@@ -158,7 +169,8 @@ class DeadZone(Effect):
         return replace(self, width=k * self.width if self.form == "gap" else k**0.6 * self.width)
 
     def drive(self, world: World) -> Law:
-        joint, width = self.own, self.width
+        joint = self.own
+        width = self.width
         shapes: dict[str, Callable[[float], float]] = {
             "gap": lambda u: copysign(max(abs(u) - width, 0.0), u),
             "threshold": lambda u: u if abs(u) > width else 0.0,

@@ -51,7 +51,10 @@ class Stribeck(Effect):
         return cls(context.joint, form, 1.5 * context.target, context.speed * float(rng.uniform(0.08, 0.35)))
 
     def grip(self, world: World) -> Law:
-        dof, shape, extra, speed = world.dof[self.own], self.shapes[self.form], self.extra, self.speed
+        dof = world.dof[self.own]
+        shape = self.shapes[self.form]
+        extra = self.extra
+        speed = self.speed
         return both_ways(self.own, lambda state: extra * shape(abs(state.v[dof]) / speed))
 
 
@@ -84,7 +87,8 @@ class AsymmetricFriction(Effect):
     def force(self, world: World) -> Law | None:
         if self.form != "viscous":
             return None
-        dof, half = world.dof[self.own], 0.5 * self.difference
+        dof = world.dof[self.own]
+        half = 0.5 * self.difference
 
         def law(state: State) -> None:
             state.force[dof] -= half * abs(state.v[dof])
@@ -94,7 +98,10 @@ class AsymmetricFriction(Effect):
     def grip(self, world: World) -> Law | None:
         if self.form == "viscous":
             return None
-        joint, dof, half, knee = self.own, world.dof[self.own], 0.5 * self.difference, 0.5
+        joint = self.own
+        dof = world.dof[self.own]
+        half = 0.5 * self.difference
+        knee = 0.5
         steady = self.form == "coulomb"
 
         def law(state: State) -> None:
@@ -125,7 +132,10 @@ class LoadFriction(Effect):
         world.needs_gravity = world.needs_gravity or self.form != "total"
 
     def grip(self, world: World) -> Law:
-        joint, dof, ratio, offset = self.own, world.link_dof[self.own], self.ratio, self.offset
+        joint = self.own
+        dof = world.link_dof[self.own]
+        ratio = self.ratio
+        offset = self.offset
         loads: dict[str, Callable[[State], float]] = {
             "total": lambda state: abs(state.u[joint]),
             "gravity": lambda state: abs(state.gravity[dof]),

@@ -42,7 +42,8 @@ class PlaceFriction(Effect):
         return self.plant(rig)
 
     def _shape(self) -> Shape:
-        k, phase = self.harmonic, self.phase
+        k = self.harmonic
+        phase = self.phase
         shapes: dict[str, Shape] = {
             "harmonic": lambda q: cos(k * q + phase),
             "two-harmonics": lambda q: 0.8 * cos(k * q + phase) + 0.4 * cos(2 * k * q - phase),
@@ -51,7 +52,9 @@ class PlaceFriction(Effect):
         return shapes[self.form]
 
     def grip(self, world: World) -> Law:
-        dof, shape, amplitude = world.dof[self.own], self._shape(), self.amplitude
+        dof = world.dof[self.own]
+        shape = self._shape()
+        amplitude = self.amplitude
         return both_ways(self.own, lambda state: amplitude * shape(state.q[dof]))
 
 
@@ -81,12 +84,15 @@ class FrictionDrift(Effect):
         return self.plant(rig)
 
     def grip(self, world: World) -> Law:
-        joint, change, tau = self.own, self.change, self.time_constant
+        joint = self.own
+        change = self.change
+        tau = self.time_constant
         if self.form == "linear":
             return both_ways(joint, lambda state: change * state.t / tau)
         if self.form == "warm-up":
             return both_ways(joint, lambda state: change * (1.0 - exp(-state.t / tau)))
-        heat, power = 0.0, self.reference_power
+        heat = 0.0
+        power = self.reference_power
 
         def warmth(state: State) -> float:
             nonlocal heat
@@ -114,7 +120,9 @@ class Drag(Effect):
         return cls(context.joint, form, 0.6 * context.target / context.speed**power, power)
 
     def force(self, world: World) -> Law:
-        dof, coefficient, power = world.dof[self.own], self.coefficient, self.power - 1.0
+        dof = world.dof[self.own]
+        coefficient = self.coefficient
+        power = self.power - 1.0
 
         def law(state: State) -> None:
             v = state.v[dof]

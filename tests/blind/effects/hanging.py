@@ -84,7 +84,8 @@ class Slosh(Hanging):
         omega = (9.81 / self.length) ** 0.5
         inertia = self.mass * (self.length**2 if self.form == "pendulum" else 1.0)
         spring = 0.0 if self.form == "pendulum" else inertia * omega**2
-        damper, dofs = 2.0 * self.damping_ratio * omega * inertia, [world.named(f"slosh_{i}") for i in range(2)]
+        damper = 2.0 * self.damping_ratio * omega * inertia
+        dofs = [world.named(f"slosh_{i}") for i in range(2)]
 
         def law(state: State) -> None:
             for dof in dofs:
@@ -120,13 +121,17 @@ class Rattle(Hanging):
         return (Appendage("rattle", len(rig.links) - 1, np.array(self.place), (hinge,), inertia),)
 
     def force(self, world: World) -> Law:
-        dof, half = world.named("rattle"), 0.5 * self.play
+        dof = world.named("rattle")
+        half = 0.5 * self.play
         size = self.mass if self.form == "slide" else self.mass * (0.3 * edge_of(world.rig)) ** 2
         omega = 2.0 * pi * 60.0
-        spring, damper, rub = size * omega**2, 0.5 * size * omega, 0.5 * size
+        spring = size * omega**2
+        damper = 0.5 * size * omega
+        rub = 0.5 * size
 
         def law(state: State) -> None:
-            x, v = state.q[dof], state.v[dof]
+            x = state.q[dof]
+            v = state.v[dof]
             state.force[dof] -= rub * v
             depth = abs(x) - half
             if depth > 0.0:
@@ -208,8 +213,11 @@ class MountResonance(Hanging):
         return (Appendage("mount", len(rig.links) - 1, np.array(self.place), (hinge,), inertia),)
 
     def force(self, world: World) -> Law:
-        dof, size, omega = world.named("mount"), self._size(world.rig), 2.0 * pi * self.hertz
-        spring, damper = size * omega**2, 2.0 * self.damping_ratio * size * omega
+        dof = world.named("mount")
+        size = self._size(world.rig)
+        omega = 2.0 * pi * self.hertz
+        spring = size * omega**2
+        damper = 2.0 * self.damping_ratio * size * omega
 
         def law(state: State) -> None:
             state.force[dof] -= spring * state.q[dof] + damper * state.v[dof]

@@ -43,8 +43,11 @@ class Cogging(Effect):
         return {"amplitude": self.amplitude, "harmonic": float(self.waves[0][1])}
 
     def force(self, world: World) -> Law:
-        dof, a, waves = world.dof[self.own], self.amplitude, self.waves
-        (_, k, phase), form = waves[0], self.form
+        dof = world.dof[self.own]
+        a = self.amplitude
+        waves = self.waves
+        (_, k, phase) = waves[0]
+        form = self.form
 
         def law(state: State) -> None:
             q = state.q[dof]
@@ -80,7 +83,11 @@ class TorqueRipple(Effect):
         return cls(context.joint, form, 1.4 * context.share, pairs * order, float(rng.uniform(-pi, pi)))
 
     def drive(self, world: World) -> Law:
-        joint, dof, depth, k, phase = self.own, world.dof[self.own], self.depth, self.harmonic, self.phase
+        joint = self.own
+        dof = world.dof[self.own]
+        depth = self.depth
+        k = self.harmonic
+        phase = self.phase
         form = self.form
 
         def law(state: State) -> None:
@@ -112,7 +119,10 @@ class TorqueGain(Effect):
         return cls(context.joint, form, float(rng.choice([-1.0, 1.0])) * context.share, context.lean)
 
     def drive(self, world: World) -> Law:
-        joint, gain, side, both = self.own, 1.0 + self.gain, self.side, self.form == "constant"
+        joint = self.own
+        gain = 1.0 + self.gain
+        side = self.side
+        both = self.form == "constant"
 
         def law(state: State) -> None:
             if both or side * state.u[joint] > 0.0:
@@ -136,7 +146,8 @@ class TorqueBias(Effect):
         return cls(context.joint, form, float(rng.choice([-1.0, 1.0])) * context.target)
 
     def drive(self, world: World) -> Law:
-        joint, bias = self.own, self.bias
+        joint = self.own
+        bias = self.bias
 
         def law(state: State) -> None:
             state.u[joint] += bias

@@ -35,15 +35,21 @@ class VoltageLimit(Effect):
         return replace(self, stall=self.stall / k**0.3, no_load_speed=self.no_load_speed / k**0.15)
 
     def drive(self, world: World) -> Law:
-        joint, dof, top, stall = self.own, world.dof[self.own], self.no_load_speed, self.stall
-        sagging, supply = self.form == "sagging-supply", 1.0
+        joint = self.own
+        dof = world.dof[self.own]
+        top = self.no_load_speed
+        stall = self.stall
+        sagging = self.form == "sagging-supply"
+        supply = 1.0
 
         def law(state: State) -> None:
             nonlocal supply
-            u, v = state.u[joint], state.v[dof]
+            u = state.u[joint]
+            v = state.v[dof]
             if sagging:
                 supply += state.dt / 0.5 * (1.15 - 0.3 * min(abs(u) / stall, 1.0) - supply)
-            high, low = stall * max(supply - v / top, 0.0), -stall * max(supply + v / top, 0.0)
+            high = stall * max(supply - v / top, 0.0)
+            low = -stall * max(supply + v / top, 0.0)
             state.u[joint] = min(max(u, low), high)
 
         return law
@@ -71,8 +77,11 @@ class HotMotor(Effect):
         )
 
     def drive(self, world: World) -> Law:
-        joint, loss, root = self.own, self.loss, self.form == "root"
-        rate, heat = world.dt / self.time_constant, 0.0
+        joint = self.own
+        loss = self.loss
+        root = self.form == "root"
+        rate = world.dt / self.time_constant
+        heat = 0.0
 
         def law(state: State) -> None:
             nonlocal heat
@@ -103,7 +112,11 @@ class CrossTalk(Effect):
         return cls(context.joint, form, 1.4 * context.share, int(rng.choice(others)), int(rng.integers(2, 8)))
 
     def drive(self, world: World) -> Law:
-        joint, dof, other, leak, k = self.own, world.dof[self.own], self.other, self.leak, self.harmonic
+        joint = self.own
+        dof = world.dof[self.own]
+        other = self.other
+        leak = self.leak
+        k = self.harmonic
         rectified = self.form == "rectified"
 
         def law(state: State) -> None:
@@ -129,7 +142,9 @@ class TorqueSteps(Effect):
         return cls(context.joint, form, 3.4 * context.target)
 
     def drive(self, world: World) -> Law:
-        joint, step, level = self.own, self.step, 0.0
+        joint = self.own
+        step = self.step
+        level = 0.0
         slack = 0.75 * step if self.form == "hysteresis" else 0.5 * step
 
         def law(state: State) -> None:
@@ -170,7 +185,8 @@ class Dropouts(Effect):
         return [(float(s), float(s + d)) for s, d in zip(starts, lengths, strict=True)]
 
     def drive(self, world: World) -> Law:
-        joint, left = self.own, 1.0 - self.loss
+        joint = self.own
+        left = 1.0 - self.loss
         windows = iter([*self._windows(world.seconds), (np.inf, np.inf)])
         start, end = next(windows)
 
@@ -203,7 +219,10 @@ class SupplyHum(Effect):
         return cls(context.joint, form, depth, float(rng.uniform(3.0, 15.0)))
 
     def drive(self, world: World) -> Law:
-        joint, depth, omega, added = self.own, self.depth, 2.0 * pi * self.hertz, self.form == "added"
+        joint = self.own
+        depth = self.depth
+        omega = 2.0 * pi * self.hertz
+        added = self.form == "added"
 
         def law(state: State) -> None:
             wave = depth * cos(omega * state.t)

@@ -78,8 +78,13 @@ class Flywheel(Effect):
 
     def force(self, world: World) -> Law:
         """Q_j = axis_j · (-ω × h), ω = Σ axis_j v_j, all in the world's frame."""
-        data, h, seconds, steady = world.data, self.direction, world.seconds, self.form == "steady"
-        body, dofs, momentum = world.model.body(world.rig.links[-1].name).id, world.link_dof, self.momentum
+        data = world.data
+        h = self.direction
+        seconds = world.seconds
+        steady = self.form == "steady"
+        body = world.model.body(world.rig.links[-1].name).id
+        dofs = world.link_dof
+        momentum = self.momentum
 
         def law(state: State) -> None:
             axes = data.xaxis[dofs].tolist()

@@ -36,7 +36,8 @@ class Wind(Effect):
     def _gusts(self, seconds: float) -> list[float]:
         """Two first-order filters in a row over white noise, unit rms, GUST_RATE a second."""
         rng = np.random.default_rng(self.seed)
-        count, keep = int(seconds * GUST_RATE) + 3, exp(-2.0 * pi * self.hertz / GUST_RATE)
+        count = int(seconds * GUST_RATE) + 3
+        keep = exp(-2.0 * pi * self.hertz / GUST_RATE)
         first = second = 0.0
         path = np.empty(count)
         for i, kick in enumerate(rng.normal(size=count)):
@@ -48,7 +49,8 @@ class Wind(Effect):
         return list(self.strength * path / np.sqrt(np.mean(path**2)))
 
     def force(self, world: World) -> Law:
-        dof, gusts = world.link_dof[self.own], self._gusts(world.seconds)
+        dof = world.link_dof[self.own]
+        gusts = self._gusts(world.seconds)
 
         def law(state: State) -> None:
             x = state.t * GUST_RATE
@@ -77,8 +79,10 @@ class Touch(Effect):
         rng = np.random.default_rng(self.seed)
         count = max(2, int(world.seconds / 6.0))
         starts = np.sort(rng.uniform(0.03, 0.95, count) * world.seconds).tolist()
-        lengths, sizes = rng.uniform(0.15, 0.9, count).tolist(), (self.push * rng.normal(size=count)).tolist()
-        dof, pushes = world.link_dof[self.own], list(zip(starts, lengths, sizes, strict=True))
+        lengths = rng.uniform(0.15, 0.9, count).tolist()
+        sizes = (self.push * rng.normal(size=count)).tolist()
+        dof = world.link_dof[self.own]
+        pushes = list(zip(starts, lengths, sizes, strict=True))
 
         def law(state: State) -> None:
             for start, length, size in pushes:
@@ -106,7 +110,11 @@ class BoucWen(Effect):
         return cls(context.joint, form, 1.5 * context.target, float(rng.uniform(0.1, 0.5)) * context.width, 0.6)
 
     def force(self, world: World) -> Law:
-        dof, size, stroke, beta, z = world.link_dof[self.own], self.size, self.stroke, self.beta, 0.0
+        dof = world.link_dof[self.own]
+        size = self.size
+        stroke = self.stroke
+        beta = self.beta
+        z = 0.0
         pinched = self.form == "pinched"
 
         def law(state: State) -> None:
@@ -134,12 +142,16 @@ class FrictionSpots(Effect):
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> FrictionSpots:
         low, high = context.span
         places = rng.uniform(low, high, 5)
-        widths, heights = rng.uniform(0.01, 0.05, 5) * (high - low), rng.uniform(0.3, 1.0, 5)
+        widths = rng.uniform(0.01, 0.05, 5) * (high - low)
+        heights = rng.uniform(0.3, 1.0, 5)
         spots = tuple((float(p), float(w), float(h)) for p, w, h in zip(places, widths, heights, strict=True))
         return cls(context.joint, form, 4.0 * context.target, spots)
 
     def grip(self, world: World) -> Law:
-        joint, dof, height, spots = self.own, world.dof[self.own], self.height, self.spots
+        joint = self.own
+        dof = world.dof[self.own]
+        height = self.height
+        spots = self.spots
 
         def law(state: State) -> None:
             q = state.q[dof]
@@ -169,11 +181,15 @@ class RubbingStop(Effect):
         return cls(context.joint, form, 3.0 * context.target, high - 0.25 * (high - low), 0.25 * (high - low))
 
     def _depth(self) -> Callable[[float], float]:
-        edge, width, power = self.edge, self.width, 2.0 if self.form == "soft" else 1.0
+        edge = self.edge
+        width = self.width
+        power = 2.0 if self.form == "soft" else 1.0
         return lambda q: (max(q - edge, 0.0) / width) ** power
 
     def force(self, world: World) -> Law:
-        dof, push, depth = world.link_dof[self.own], self.push, self._depth()
+        dof = world.link_dof[self.own]
+        push = self.push
+        depth = self._depth()
 
         def law(state: State) -> None:
             state.force[dof] -= push * depth(state.q[dof])
@@ -181,7 +197,10 @@ class RubbingStop(Effect):
         return law
 
     def grip(self, world: World) -> Law:
-        joint, dof, push, depth = self.own, world.dof[self.own], 0.5 * self.push, self._depth()
+        joint = self.own
+        dof = world.dof[self.own]
+        push = 0.5 * self.push
+        depth = self._depth()
 
         def law(state: State) -> None:
             more = push * depth(state.q[dof])
@@ -208,7 +227,10 @@ class StickyBrake(Effect):
         return cls(context.joint, form, 1.5 * context.target, float(rng.uniform(2.0, 7.0)))
 
     def grip(self, world: World) -> Law:
-        joint, drag, period, sharp = self.own, self.drag, self.period, self.form == "on-off"
+        joint = self.own
+        drag = self.drag
+        period = self.period
+        sharp = self.form == "on-off"
 
         def law(state: State) -> None:
             wave = cos(2.0 * pi * state.t / period)

@@ -23,14 +23,16 @@ def lugre(limit: float, stroke: float, damping: float, stribeck: float, speed: f
     """ż = v - |v| z / z_s(v); f = (limit/stroke) z + damping ż; z_s falls from 1 + stribeck to 1 strokes with |v|.
 
     z is advanced exactly for a constant v, and f is its mean over the step: no stiffness is too high."""
-    stiffness, z = limit / stroke, 0.0
+    stiffness = limit / stroke
+    z = 0.0
 
     def advance(v: float, dt: float) -> float:
         nonlocal z
         goal = stroke * (1.0 + stribeck * exp(-((v / speed) ** 2))) * (1.0 if v > 0.0 else -1.0)
         x = abs(v) * dt / abs(goal)
         shrink = (1.0 - exp(-x)) / x if x > 1e-9 else 1.0
-        before, z = z, goal + (z - goal) * (1.0 - x * shrink)
+        before = z
+        z = goal + (z - goal) * (1.0 - x * shrink)
         return stiffness * (goal + (before - goal) * shrink if x > 1e-9 else z) + damping * (z - before) / dt
 
     return advance
@@ -41,10 +43,12 @@ def maxwell_slip(limit: float, stroke: float, damping: float, elements: int) -> 
     `limit`."""
     reach = [stroke * (0.2 + 1.6 * i / max(elements - 1, 1)) for i in range(elements)]
     stiffness = [limit / elements / r for r in reach]
-    z, lag = [0.0] * elements, damping / sum(stiffness)
+    z = [0.0] * elements
+    lag = damping / sum(stiffness)
 
     def advance(v: float, dt: float) -> float:
-        pull, move = 0.0, v * dt
+        pull = 0.0
+        move = v * dt
         for i, r in enumerate(reach):
             before = z[i]
             moved = before + move
@@ -95,7 +99,9 @@ class Presliding(Effect):
 
     def grip(self, world: World) -> Law:
         """Whatever limit other causes have set is handed to the bristles, as a share of their own."""
-        joint, dof, limit = self.own, world.dof[self.own], self.limit
+        joint = self.own
+        dof = world.dof[self.own]
+        limit = self.limit
         advance = self._bristle(limit)
 
         def law(state: State) -> None:

@@ -73,7 +73,8 @@ class BaseTilt(Effect):
     def force(self, world: World) -> Law | None:
         if self.form == "static":
             return None
-        gravity, seconds = world.model.opt.gravity, world.seconds
+        gravity = world.model.opt.gravity
+        seconds = world.seconds
         path = [self._gravity(share).tolist() for share in np.linspace(0.0, 2.0, 4001)]
 
         def law(state: State) -> None:
@@ -108,7 +109,8 @@ class PlatformMotion(Effect):
 
     def force(self, world: World) -> Law:
         """The driven base's own weight and reaction vanish beside its armature; only its acceleration is wanted."""
-        dofs, path = world.base_dofs, world.base_path
+        dofs = world.base_dofs
+        path = world.base_path
         if path is None:
             raise ValueError("platform-motion: prepare() must come before force()")
 

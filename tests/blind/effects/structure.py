@@ -32,7 +32,8 @@ class CableSpring(Effect):
 
     @classmethod
     def draw(cls, rng: np.random.Generator, context: Context, form: str) -> CableSpring:
-        width, stiffness = context.width, 2.0 * context.target / context.width
+        width = context.width
+        stiffness = 2.0 * context.target / context.width
         cubic = 2.0 * context.target / width**3 if form == "cubic" else 0.0
         return cls(context.joint, form, 0.5 * stiffness if cubic else stiffness, cubic, context.place(rng), width)
 
@@ -44,8 +45,13 @@ class CableSpring(Effect):
         return {"stiffness": self.stiffness, "rest": self.rest, **more}
 
     def force(self, world: World) -> Law:
-        dof, k, cubic, rest, width = world.link_dof[self.own], self.stiffness, self.cubic, self.rest, self.width
-        slack, steep = 0.3 * width, 3.0 / width
+        dof = world.link_dof[self.own]
+        k = self.stiffness
+        cubic = self.cubic
+        rest = self.rest
+        width = self.width
+        slack = 0.3 * width
+        steep = 3.0 / width
         pulls: dict[str, Callable[[float], float]] = {
             "linear": lambda x: k * x,
             "cubic": lambda x: k * x + cubic * x**3,
@@ -96,7 +102,8 @@ class TwoMasses(Effect):
         return self.rotor * self.link / (self.rotor + self.link)
 
     def _coupling(self, world: World, pull: Callable[[float, float], float]) -> Law:
-        rotor, link = world.dof[self.own], world.link_dof[self.own]
+        rotor = world.dof[self.own]
+        link = world.link_dof[self.own]
 
         def law(state: State) -> None:
             torque = pull(state.q[rotor] - state.q[link], state.v[rotor] - state.v[link])
